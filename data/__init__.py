@@ -1,0 +1,1 @@
+"""Records, MCAP episodes, data sets and answers; knows no simulator and no torch."""

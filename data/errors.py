@@ -1,0 +1,38 @@
+"""Exceptions a caller reacts to; everything else is ValueError, TypeError or KeyError.
+
+GaitprefError            what went wrong lies in the user's input or files
+├── EpisodeError         an episode file cannot be used
+│   ├── UnsupportedSchema    written under a schema this code does not read
+│   ├── TruncatedEpisode     the writer died before closing the file
+│   └── CorruptEpisode       its bytes are not what was written
+├── DatasetError         a data set directory or its manifest cannot be used
+└── AnswerError          the answer store cannot be used
+"""
+
+
+class GaitprefError(Exception):
+    """Something the user can mend; its message is one line that says how."""
+
+
+class EpisodeError(GaitprefError):
+    """An episode file cannot be used."""
+
+
+class UnsupportedSchema(EpisodeError):
+    """The file was written under a schema this code does not read."""
+
+
+class TruncatedEpisode(EpisodeError):
+    """The writer died before closing the file; complete chunks are recoverable."""
+
+
+class CorruptEpisode(EpisodeError):
+    """The file's bytes are not what was written."""
+
+
+class DatasetError(GaitprefError):
+    """A data set directory or its manifest cannot be used."""
+
+
+class AnswerError(GaitprefError):
+    """The answer store cannot be used."""
