@@ -1,0 +1,112 @@
+"""Opens the SQLite file of answers: recognises it, brings it up to date, sets it up."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from importlib import resources
+from pathlib import Path
+
+from data.errors import AnswerError
+
+SCHEMA_VERSION = 1
+APPLICATION_ID = 0x50524546
+""""PREF" in ASCII."""
+_OLDEST_SQLITE = (3, 37, 0)
+BUSY_TIMEOUT_MS = 10_000
+
+
+def connect(path: Path) -> sqlite3.Connection:
+    """A connection in autocommit mode to an up-to-date store, made if it is missing.
+
+    Raises:
+        AnswerError: the file is no store of answers, or of a newer version, or SQLite
+            is too old.
+    """
+    if sqlite3.sqlite_version_info < _OLDEST_SQLITE:
+        raise AnswerError(
+            f"SQLite {sqlite3.sqlite_version} is too old for {path}, it takes 3.37 or "
+            "newer; use a newer Python build"
+        )
+    if not path.parent.is_dir():
+        raise AnswerError(f"{path} cannot be made, its directory is missing; make it")
+    try:
+        connection = sqlite3.connect(
+            path,
+            timeout=BUSY_TIMEOUT_MS / 1000,
+            isolation_level=None,
+            check_same_thread=False,
+        )
+        try:
+            _set_up(connection, path)
+        except BaseException:
+            connection.close()
+            raise
+    except sqlite3.Error as error:
+        raise AnswerError(
+            f"{path} cannot be used as a store of answers ({error}); restore it from a "
+            "copy, or move it away to start a new one"
+        ) from error
+    return connection
+
+
+def _set_up(connection: sqlite3.Connection, path: Path) -> None:
+    connection.execute("PRAGMA foreign_keys = ON")
+    version = _version(connection, path)
+    connection.execute("PRAGMA synchronous = FULL")
+    if version < SCHEMA_VERSION:
+        _migrate(connection, path)
+    # Readers then never wait for the writer. The mode stays with the file.
+    connection.execute("PRAGMA journal_mode = WAL")
+
+
+def _version(connection: sqlite3.Connection, path: Path) -> int:
+    """Schema version of the file, 0 if it is new; nothing in it is changed."""
+    application = _pragma(connection, "application_id")
+    version = _pragma(connection, "user_version")
+    with closing(connection.execute("SELECT count(*) FROM sqlite_master")) as cursor:
+        num_objects = cursor.fetchone()[0]
+    if application != APPLICATION_ID and (application or version or num_objects):
+        raise AnswerError(
+            f"{path} is another program's data base (application id {application:#x}, "
+            f"not {APPLICATION_ID:#x}); give another path"
+        )
+    if version > SCHEMA_VERSION:
+        raise AnswerError(
+            f"{path} has version {version}, this gaitpref reads up to "
+            f"{SCHEMA_VERSION}; install a newer gaitpref"
+        )
+    return version
+
+
+def _migrate(connection: sqlite3.Connection, path: Path) -> None:
+    """Apply the missing migrations in one transaction."""
+    connection.execute("BEGIN IMMEDIATE")
+    try:
+        # Asked again: another process may have been faster.
+        for number in range(_version(connection, path) + 1, SCHEMA_VERSION + 1):
+            for statement in _statements(number):
+                connection.execute(statement)
+        connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+        connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+        connection.execute("COMMIT")
+    except BaseException:
+        connection.execute("ROLLBACK")
+        raise
+
+
+def _statements(number: int) -> Iterator[str]:
+    """The statements of a migration, one by one: `executescript` would commit."""
+    file = resources.files("data") / "migrations" / f"{number:04d}.sql"
+    statement = ""
+    for line in file.read_text(encoding="utf-8").splitlines(keepends=True):
+        statement += line
+        if sqlite3.complete_statement(statement):
+            yield statement
+            statement = ""
+
+
+def _pragma(connection: sqlite3.Connection, name: str) -> int:
+    with closing(connection.execute(f"PRAGMA {name}")) as cursor:
+        return int(cursor.fetchone()[0])

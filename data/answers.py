@@ -1,0 +1,330 @@
+"""The store of pairs and answers; its records are re-exported from here.
+
+An answer is never changed or deleted: a correction is a new answer that names the old
+one. A write that returned is on the disk.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from data.answer_database import connect
+from data.answer_records import QUESTION as QUESTION
+from data.answer_records import Answer as Answer
+from data.answer_records import Choice as Choice
+from data.answer_records import Pair as Pair
+from data.answer_records import RaterKind as RaterKind
+from data.answer_records import to_json, utc_text
+from data.clips import Clip
+from data.errors import AnswerError
+
+_PAIR_COLUMNS = (
+    "pair_id, a_rollout, a_start, a_steps, b_rollout, b_start, b_steps, "
+    "strategy, round, info_json"
+)
+_ANSWER_COLUMNS = (
+    "answer_id, pair_id, rater_id, choice, p_a, shown_left, shown_ms, watched_ms, "
+    "response_ms, confidence, note, reason, supersedes, client_json, created_utc"
+)
+_CURRENT = (
+    f"SELECT {', '.join('p.' + name for name in _PAIR_COLUMNS.split(', '))}, "
+    f"{', '.join('c.' + name for name in _ANSWER_COLUMNS.split(', '))} "
+    "FROM answer_current AS c JOIN pair AS p USING (pair_id)"
+)
+_NUM_PAIR_COLUMNS = len(_PAIR_COLUMNS.split(", "))
+
+
+class AnswerStore:
+    """Pairs, raters, answers and leases in one SQLite file.
+
+    One store may be shared by the threads of a process; several processes may have the
+    same file open. Every method raises AnswerError if the data base fails.
+    """
+
+    def __init__(self, connection: sqlite3.Connection, path: Path) -> None:
+        self.path = path
+        self._connection = connection
+        self._lock = threading.RLock()
+
+    @staticmethod
+    def open(path: Path) -> AnswerStore:
+        """Open the store at `path`, made if it is missing.
+
+        Raises:
+            AnswerError: the file is something else, or of a newer version.
+        """
+        return AnswerStore(connect(path), path)
+
+    def close(self) -> None:
+        """Close the file; nothing is pending."""
+        with self._lock:
+            self._connection.close()
+
+    def __enter__(self) -> AnswerStore:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def add_rater(
+        self, rater_id: str, kind: RaterKind, info: dict[str, Any] | None = None
+    ) -> None:
+        """Make a rater known; one who is known already keeps the first `info`.
+
+        Raises:
+            AnswerError: the id belongs to a rater of another kind.
+        """
+        row = (rater_id, kind, to_json("info", info or {}))
+        with self._transaction():
+            self._rows("INSERT OR IGNORE INTO rater VALUES (?, ?, ?)", row)
+            query = "SELECT kind FROM rater WHERE rater_id = ?"
+            known = self._rows(query, (rater_id,))
+            if known != [(kind,)]:
+                found = known[0][0] if known else "unknown"
+                raise AnswerError(
+                    f"rater {rater_id!r} in {self.path} is {found}, not {kind}; "
+                    "choose another rater id, of kind human, scripted or model"
+                )
+
+    def add_pairs(self, pairs: Iterable[Pair]) -> int:
+        """Add all pairs or none; those known already stay as they are.
+
+        Returns:
+            How many were new.
+        """
+        rows = [_pair_row(pair) for pair in pairs]
+        marks = ", ".join("?" * _NUM_PAIR_COLUMNS)
+        with self._transaction() as connection:
+            before = connection.total_changes
+            connection.executemany(
+                f"INSERT INTO pair ({_PAIR_COLUMNS}) VALUES ({marks}) "
+                "ON CONFLICT (pair_id) DO NOTHING",
+                rows,
+            )
+            return connection.total_changes - before
+
+    def pairs(self, round: int | None = None) -> list[Pair]:
+        """All pairs, or those of one round, in the order they were added."""
+        rows = self._rows(
+            f"SELECT {_PAIR_COLUMNS} FROM pair "
+            "WHERE :round IS NULL OR round = :round ORDER BY position",
+            {"round": round},
+        )
+        return [_pair(row) for row in rows]
+
+    def pair(self, pair_id: str) -> Pair:
+        """The pair with this id.
+
+        Raises:
+            AnswerError: there is none.
+        """
+        query = f"SELECT {_PAIR_COLUMNS} FROM pair WHERE pair_id = ?"
+        rows = self._rows(query, (pair_id,))
+        if not rows:
+            raise AnswerError(f"{self.path} has no pair {pair_id!r}; add it first")
+        return _pair(rows[0])
+
+    def unanswered(
+        self, rater_id: str | None = None, round: int | None = None
+    ) -> list[Pair]:
+        """Pairs without an answer by this rater, or by anyone, in insertion order."""
+        rows = self._rows(
+            f"SELECT {_PAIR_COLUMNS} FROM pair AS p "
+            "WHERE (:round IS NULL OR round = :round) AND NOT EXISTS ("
+            "SELECT 1 FROM answer AS s WHERE s.pair_id = p.pair_id "
+            "AND (:rater IS NULL OR s.rater_id = :rater)) ORDER BY position",
+            {"rater": rater_id, "round": round},
+        )
+        return [_pair(row) for row in rows]
+
+    def add_answer(self, answer: Answer) -> bool:
+        """Record an answer.
+
+        Returns:
+            False if the same answer is there already, as after a retry.
+
+        Raises:
+            AnswerError: its id is taken by another answer, its pair or rater is not
+                known, or what it corrects is not a current answer of the same rater
+                to the same pair.
+        """
+        with self._transaction():
+            query = f"SELECT {_ANSWER_COLUMNS} FROM answer WHERE answer_id = ?"
+            known = self._rows(query, (answer.answer_id,))
+            if known:
+                if _answer(known[0]) == answer:
+                    return False
+                raise AnswerError(
+                    f"answer {answer.answer_id!r} is in {self.path} with another "
+                    "content; give a new answer a new id, and correct with supersedes"
+                )
+            self._require_known("pair", "pair_id", answer.pair_id)
+            self._require_known("rater", "rater_id", answer.rater_id)
+            self._require_correctable(answer)
+            marks = ", ".join("?" * len(_ANSWER_COLUMNS.split(", ")))
+            self._rows(
+                f"INSERT INTO answer ({_ANSWER_COLUMNS}) VALUES ({marks})",
+                _answer_row(answer),
+            )
+            return True
+
+    def current_answers(self, round: int | None = None) -> list[tuple[Pair, Answer]]:
+        """Answers nobody corrected, by pair and then as they came.
+
+        Args:
+            round: Only pairs of this round.
+        """
+        rows = self._rows(
+            f"{_CURRENT} WHERE :round IS NULL OR p.round = :round "
+            "ORDER BY p.position, c.position",
+            {"round": round},
+        )
+        return [_pair_and_answer(row) for row in rows]
+
+    def history(self, rater_id: str, limit: int = 20) -> list[tuple[Pair, Answer]]:
+        """The last current answers of a rater, newest first."""
+        rows = self._rows(
+            f"{_CURRENT} WHERE c.rater_id = ? ORDER BY c.position DESC LIMIT ?",
+            (rater_id, limit),
+        )
+        return [_pair_and_answer(row) for row in rows]
+
+    def count(
+        self,
+        *,
+        rater_id: str | None = None,
+        round: int | None = None,
+        choice: Choice | None = None,
+    ) -> int:
+        """How many current answers there are."""
+        rows = self._rows(
+            "SELECT count(*) FROM answer_current JOIN pair USING (pair_id) "
+            "WHERE (:rater IS NULL OR rater_id = :rater) "
+            "AND (:round IS NULL OR round = :round) "
+            "AND (:choice IS NULL OR choice = :choice)",
+            {"rater": rater_id, "round": round, "choice": choice},
+        )
+        return int(rows[0][0])
+
+    def lease(self, pair_id: str, rater_id: str, expires_utc: str) -> None:
+        """Note that a rater is looking at a pair until `expires_utc`.
+
+        Raises:
+            AnswerError: the pair or the rater is not known.
+        """
+        row = (pair_id, rater_id, utc_text(expires_utc))
+        with self._transaction():
+            self._require_known("pair", "pair_id", pair_id)
+            self._require_known("rater", "rater_id", rater_id)
+            self._rows("INSERT OR REPLACE INTO lease VALUES (?, ?, ?)", row)
+
+    def release(self, pair_id: str, rater_id: str) -> None:
+        """Forget a lease, if there is one."""
+        query = "DELETE FROM lease WHERE pair_id = ? AND rater_id = ?"
+        with self._transaction():
+            self._rows(query, (pair_id, rater_id))
+
+    def leased(
+        self, now_utc: str, *, except_rater: str | None = None
+    ) -> frozenset[str]:
+        """Pairs somebody is looking at; those of `except_rater` do not count."""
+        rows = self._rows(
+            "SELECT DISTINCT pair_id FROM lease WHERE expires_utc > :now "
+            "AND (:rater IS NULL OR rater_id <> :rater)",
+            {"now": utc_text(now_utc), "rater": except_rater},
+        )
+        return frozenset(row[0] for row in rows)
+
+    def _require_known(self, table: str, column: str, value: str) -> None:
+        if not self._rows(f"SELECT 1 FROM {table} WHERE {column} = ?", (value,)):
+            raise AnswerError(f"{self.path} has no {table} {value!r}; add it first")
+
+    def _require_correctable(self, answer: Answer) -> None:
+        if answer.supersedes is None:
+            return
+        query = "SELECT pair_id, rater_id FROM answer_current WHERE answer_id = ?"
+        found = self._rows(query, (answer.supersedes,))
+        if not found:
+            raise AnswerError(
+                f"{self.path} has no current answer {answer.supersedes!r}: it was "
+                "never given, or corrected already; reload and correct the newest one"
+            )
+        if found[0] != (answer.pair_id, answer.rater_id):
+            raise AnswerError(
+                f"answer {answer.supersedes!r} is by another rater or about another "
+                "pair; correct only your own answer to the same pair"
+            )
+
+    def _rows(self, query: str, values: Any = ()) -> list[Any]:
+        try:
+            with self._lock:
+                return self._connection.execute(query, values).fetchall()
+        except sqlite3.Error as error:
+            raise self._failure(error) from error
+
+    @contextmanager
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
+        """All of the block is on the disk when it ends, or nothing of it ever is."""
+        with self._lock:
+            try:
+                # Taking the write lock at once cannot fail half-way through.
+                self._connection.execute("BEGIN IMMEDIATE")
+                try:
+                    yield self._connection
+                    self._connection.execute("COMMIT")
+                except BaseException:
+                    if self._connection.in_transaction:
+                        self._connection.execute("ROLLBACK")
+                    raise
+            except sqlite3.Error as error:
+                raise self._failure(error) from error
+
+    def _failure(self, error: sqlite3.Error) -> AnswerError:
+        return AnswerError(
+            f"{self.path} failed: {error}; nothing of this was stored, check the disk "
+            "and try again"
+        )
+
+
+def _pair_row(pair: Pair) -> tuple[Any, ...]:
+    a, b = pair.a, pair.b
+    clips = (a.rollout, a.start, a.steps, b.rollout, b.start, b.steps)
+    info = to_json("info", pair.info)
+    return (pair.pair_id, *clips, pair.strategy, pair.round, info)
+
+
+def _pair(row: tuple[Any, ...]) -> Pair:
+    pair_id, *clips, strategy, round_, info = row
+    a, b = Clip(*clips[:3]), Clip(*clips[3:])
+    return Pair(pair_id, a, b, strategy, round_, json.loads(info))
+
+
+def _answer_row(answer: Answer) -> tuple[Any, ...]:
+    values = [getattr(answer, name) for name in _ANSWER_FIELDS]
+    values[_CLIENT_IDX] = to_json("client", answer.client)
+    return tuple(values)
+
+
+def _answer(row: tuple[Any, ...]) -> Answer:
+    values = dict(zip(_ANSWER_FIELDS, row, strict=True))
+    return Answer(**values | {"client": json.loads(values["client"])})
+
+
+_ANSWER_FIELDS = _ANSWER_COLUMNS.replace("client_json", "client").split(", ")
+_CLIENT_IDX = _ANSWER_FIELDS.index("client")
+
+
+def _pair_and_answer(row: tuple[Any, ...]) -> tuple[Pair, Answer]:
+    return _pair(row[:_NUM_PAIR_COLUMNS]), _answer(row[_NUM_PAIR_COLUMNS:])
