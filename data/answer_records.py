@@ -108,8 +108,11 @@ class Answer:
                 raise ValueError(f"{name} is one of {known}: {getattr(self, name)!r}")
         for name in ("p_a", "confidence"):
             value = getattr(self, name)
-            if value is not None and not 0.0 <= value <= 1.0:
+            if value is None:
+                continue
+            if not 0.0 <= value <= 1.0:
                 raise ValueError(f"{name} must lie in [0, 1], got {value}")
+            object.__setattr__(self, name, float(value))
         for name in ("shown_ms", "watched_ms", "response_ms"):
             value = getattr(self, name)
             if value is not None and not (isinstance(value, int) and value >= 0):

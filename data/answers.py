@@ -6,14 +6,13 @@ one. A write that returned is on the disk.
 
 from __future__ import annotations
 
-import json
 import sqlite3
 import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, get_args
 
 from data.answer_database import connect
 from data.answer_records import QUESTION as QUESTION
@@ -22,23 +21,17 @@ from data.answer_records import Choice as Choice
 from data.answer_records import Pair as Pair
 from data.answer_records import RaterKind as RaterKind
 from data.answer_records import to_json, utc_text
-from data.clips import Clip
+from data.answer_rows import (
+    ANSWER_COLUMNS,
+    PAIR_COLUMNS,
+    SELECT_CURRENT,
+    decode_answer,
+    decode_pair,
+    decode_pair_and_answer,
+    encode_answer,
+    encode_pair,
+)
 from data.errors import AnswerError
-
-_PAIR_COLUMNS = (
-    "pair_id, a_rollout, a_start, a_steps, b_rollout, b_start, b_steps, "
-    "strategy, round, info_json"
-)
-_ANSWER_COLUMNS = (
-    "answer_id, pair_id, rater_id, choice, p_a, shown_left, shown_ms, watched_ms, "
-    "response_ms, confidence, note, reason, supersedes, client_json, created_utc"
-)
-_CURRENT = (
-    f"SELECT {', '.join('p.' + name for name in _PAIR_COLUMNS.split(', '))}, "
-    f"{', '.join('c.' + name for name in _ANSWER_COLUMNS.split(', '))} "
-    "FROM answer_current AS c JOIN pair AS p USING (pair_id)"
-)
-_NUM_PAIR_COLUMNS = len(_PAIR_COLUMNS.split(", "))
 
 
 class AnswerStore:
@@ -85,17 +78,21 @@ class AnswerStore:
 
         Raises:
             AnswerError: the id belongs to a rater of another kind.
+            ValueError: there is no such kind, or `info` is not JSON.
         """
+        if kind not in get_args(RaterKind):
+            known = ", ".join(get_args(RaterKind))
+            raise ValueError(f"a rater is one of {known}, got {kind!r}")
         row = (rater_id, kind, to_json("info", info or {}))
+        query = "INSERT INTO rater VALUES (?, ?, ?) ON CONFLICT (rater_id) DO NOTHING"
         with self._transaction():
-            self._rows("INSERT OR IGNORE INTO rater VALUES (?, ?, ?)", row)
+            self._rows(query, row)
             query = "SELECT kind FROM rater WHERE rater_id = ?"
-            known = self._rows(query, (rater_id,))
-            if known != [(kind,)]:
-                found = known[0][0] if known else "unknown"
+            found = self._rows(query, (rater_id,))[0][0]
+            if found != kind:
                 raise AnswerError(
                     f"rater {rater_id!r} in {self.path} is {found}, not {kind}; "
-                    "choose another rater id, of kind human, scripted or model"
+                    "choose another rater id"
                 )
 
     def add_pairs(self, pairs: Iterable[Pair]) -> int:
@@ -104,12 +101,12 @@ class AnswerStore:
         Returns:
             How many were new.
         """
-        rows = [_pair_row(pair) for pair in pairs]
-        marks = ", ".join("?" * _NUM_PAIR_COLUMNS)
+        rows = [encode_pair(pair) for pair in pairs]
+        marks = ", ".join("?" * len(PAIR_COLUMNS.split(", ")))
         with self._transaction() as connection:
             before = connection.total_changes
             connection.executemany(
-                f"INSERT INTO pair ({_PAIR_COLUMNS}) VALUES ({marks}) "
+                f"INSERT INTO pair ({PAIR_COLUMNS}) VALUES ({marks}) "
                 "ON CONFLICT (pair_id) DO NOTHING",
                 rows,
             )
@@ -118,11 +115,11 @@ class AnswerStore:
     def pairs(self, round: int | None = None) -> list[Pair]:
         """All pairs, or those of one round, in the order they were added."""
         rows = self._rows(
-            f"SELECT {_PAIR_COLUMNS} FROM pair "
+            f"SELECT {PAIR_COLUMNS} FROM pair "
             "WHERE :round IS NULL OR round = :round ORDER BY position",
             {"round": round},
         )
-        return [_pair(row) for row in rows]
+        return [decode_pair(row) for row in rows]
 
     def pair(self, pair_id: str) -> Pair:
         """The pair with this id.
@@ -130,24 +127,24 @@ class AnswerStore:
         Raises:
             AnswerError: there is none.
         """
-        query = f"SELECT {_PAIR_COLUMNS} FROM pair WHERE pair_id = ?"
+        query = f"SELECT {PAIR_COLUMNS} FROM pair WHERE pair_id = ?"
         rows = self._rows(query, (pair_id,))
         if not rows:
             raise AnswerError(f"{self.path} has no pair {pair_id!r}; add it first")
-        return _pair(rows[0])
+        return decode_pair(rows[0])
 
     def unanswered(
         self, rater_id: str | None = None, round: int | None = None
     ) -> list[Pair]:
         """Pairs without an answer by this rater, or by anyone, in insertion order."""
         rows = self._rows(
-            f"SELECT {_PAIR_COLUMNS} FROM pair AS p "
+            f"SELECT {PAIR_COLUMNS} FROM pair AS p "
             "WHERE (:round IS NULL OR round = :round) AND NOT EXISTS ("
             "SELECT 1 FROM answer AS s WHERE s.pair_id = p.pair_id "
             "AND (:rater IS NULL OR s.rater_id = :rater)) ORDER BY position",
             {"rater": rater_id, "round": round},
         )
-        return [_pair(row) for row in rows]
+        return [decode_pair(row) for row in rows]
 
     def add_answer(self, answer: Answer) -> bool:
         """Record an answer.
@@ -161,10 +158,10 @@ class AnswerStore:
                 to the same pair.
         """
         with self._transaction():
-            query = f"SELECT {_ANSWER_COLUMNS} FROM answer WHERE answer_id = ?"
+            query = f"SELECT {ANSWER_COLUMNS} FROM answer WHERE answer_id = ?"
             known = self._rows(query, (answer.answer_id,))
             if known:
-                if _answer(known[0]) == answer:
+                if decode_answer(known[0]) == answer:
                     return False
                 raise AnswerError(
                     f"answer {answer.answer_id!r} is in {self.path} with another "
@@ -173,10 +170,10 @@ class AnswerStore:
             self._require_known("pair", "pair_id", answer.pair_id)
             self._require_known("rater", "rater_id", answer.rater_id)
             self._require_correctable(answer)
-            marks = ", ".join("?" * len(_ANSWER_COLUMNS.split(", ")))
+            marks = ", ".join("?" * len(ANSWER_COLUMNS.split(", ")))
             self._rows(
-                f"INSERT INTO answer ({_ANSWER_COLUMNS}) VALUES ({marks})",
-                _answer_row(answer),
+                f"INSERT INTO answer ({ANSWER_COLUMNS}) VALUES ({marks})",
+                encode_answer(answer),
             )
             return True
 
@@ -187,19 +184,19 @@ class AnswerStore:
             round: Only pairs of this round.
         """
         rows = self._rows(
-            f"{_CURRENT} WHERE :round IS NULL OR p.round = :round "
+            f"{SELECT_CURRENT} WHERE :round IS NULL OR p.round = :round "
             "ORDER BY p.position, c.position",
             {"round": round},
         )
-        return [_pair_and_answer(row) for row in rows]
+        return [decode_pair_and_answer(row) for row in rows]
 
     def history(self, rater_id: str, limit: int = 20) -> list[tuple[Pair, Answer]]:
         """The last current answers of a rater, newest first."""
         rows = self._rows(
-            f"{_CURRENT} WHERE c.rater_id = ? ORDER BY c.position DESC LIMIT ?",
+            f"{SELECT_CURRENT} WHERE c.rater_id = ? ORDER BY c.position DESC LIMIT ?",
             (rater_id, limit),
         )
-        return [_pair_and_answer(row) for row in rows]
+        return [decode_pair_and_answer(row) for row in rows]
 
     def count(
         self,
@@ -293,38 +290,6 @@ class AnswerStore:
 
     def _failure(self, error: sqlite3.Error) -> AnswerError:
         return AnswerError(
-            f"{self.path} failed: {error}; nothing of this was stored, check the disk "
-            "and try again"
+            f"{self.path} failed: {error}; nothing of this was stored, try again "
+            "when the cause is gone"
         )
-
-
-def _pair_row(pair: Pair) -> tuple[Any, ...]:
-    a, b = pair.a, pair.b
-    clips = (a.rollout, a.start, a.steps, b.rollout, b.start, b.steps)
-    info = to_json("info", pair.info)
-    return (pair.pair_id, *clips, pair.strategy, pair.round, info)
-
-
-def _pair(row: tuple[Any, ...]) -> Pair:
-    pair_id, *clips, strategy, round_, info = row
-    a, b = Clip(*clips[:3]), Clip(*clips[3:])
-    return Pair(pair_id, a, b, strategy, round_, json.loads(info))
-
-
-def _answer_row(answer: Answer) -> tuple[Any, ...]:
-    values = [getattr(answer, name) for name in _ANSWER_FIELDS]
-    values[_CLIENT_IDX] = to_json("client", answer.client)
-    return tuple(values)
-
-
-def _answer(row: tuple[Any, ...]) -> Answer:
-    values = dict(zip(_ANSWER_FIELDS, row, strict=True))
-    return Answer(**values | {"client": json.loads(values["client"])})
-
-
-_ANSWER_FIELDS = _ANSWER_COLUMNS.replace("client_json", "client").split(", ")
-_CLIENT_IDX = _ANSWER_FIELDS.index("client")
-
-
-def _pair_and_answer(row: tuple[Any, ...]) -> tuple[Pair, Answer]:
-    return _pair(row[:_NUM_PAIR_COLUMNS]), _answer(row[_NUM_PAIR_COLUMNS:])

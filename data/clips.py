@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol
@@ -25,6 +26,9 @@ class Clip:
     """Number of control steps."""
 
     def __post_init__(self) -> None:
+        # An index out of an array becomes a plain one, which SQLite and JSON can hold.
+        for name in ("start", "steps"):
+            object.__setattr__(self, name, operator.index(getattr(self, name)))
         if not self.rollout or self.start < 0 or self.steps < 1:
             raise ValueError(
                 "a clip needs the sha256 of its episode, start >= 0 and steps >= 1, "

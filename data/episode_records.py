@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+import operator
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal, get_args
 
@@ -28,6 +29,7 @@ class EpisodeMeta:
     """Where an episode comes from.
 
     Raises:
+        TypeError: a field is not what its annotation says.
         ValueError: a field cannot be true of an episode; the message names it.
     """
 
@@ -58,10 +60,11 @@ class EpisodeMeta:
     """Anything else worth knowing later, as text."""
 
     def __post_init__(self) -> None:
-        command = tuple(float(value) for value in self.command)
-        if len(command) != 3 or not all(map(math.isfinite, command)):
+        # Numbers out of an array become plain ones, which JSON can spell.
+        for name, kind in _META_FIELDS.items():
+            object.__setattr__(self, name, _CASTS[kind](getattr(self, name)))
+        if len(self.command) != 3 or not all(map(math.isfinite, self.command)):
             raise ValueError(f"command must be 3 finite numbers, got {self.command}")
-        object.__setattr__(self, "command", command)
         for name in ("control_dt_s", "physics_dt_s"):
             seconds = getattr(self, name)
             if not (math.isfinite(seconds) and seconds > 0):
@@ -103,6 +106,19 @@ class EpisodeMeta:
         return EpisodeMeta(**values)
 
 
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError(f"expected text, got {value!r}")
+    return value
+
+
+_CASTS: dict[str, Callable[[Any], Any]] = {
+    "str": _text,
+    "int": operator.index,
+    "float": float,
+    "bool": bool,
+    "tuple[float, float, float]": lambda values: tuple(float(v) for v in values),
+}
 _META_FIELDS = {f.name: str(f.type) for f in fields(EpisodeMeta) if f.name != "extra"}
 
 

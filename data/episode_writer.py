@@ -62,53 +62,60 @@ def encode_episode(episode: Episode) -> bytes:
     metadata = Metadata(METADATA_NAME, _metadata(episode))
     chunk, message_indexes = _chunk(episode, _join([*schemas, *channels]))
 
-    head = MCAP0_MAGIC + _join([Header(profile="", library="gaitpref")])
-    attachment_bytes, metadata_bytes = _join([attachment]), _join([metadata])
-    chunk_bytes = _join([chunk])
-    attachment_start = len(head)
-    metadata_start = attachment_start + len(attachment_bytes)
-    chunk_start = metadata_start + len(metadata_bytes)
-    index_start = chunk_start + len(chunk_bytes)
-
-    index_offsets: dict[int, int] = {}
-    index_bytes = b""
-    for channel_id, index in message_indexes.items():
-        index_offsets[channel_id] = index_start + len(index_bytes)
-        index_bytes += index
-
-    section = head + attachment_bytes + metadata_bytes + chunk_bytes + index_bytes
-    section += _join([DataEnd(zlib.crc32(section))])
+    section = _Section()
+    section.append(MCAP0_MAGIC + _join([Header(profile="", library="gaitpref")]))
+    attachment_index = AttachmentIndex(
+        *section.append(_join([attachment])),
+        log_time=0,
+        create_time=0,
+        data_size=len(attachment.data),
+        name=attachment.name,
+        media_type=attachment.media_type,
+    )
+    metadata_index = MetadataIndex(*section.append(_join([metadata])), METADATA_NAME)
+    chunk_start, chunk_length = section.append(_join([chunk]))
+    index_offsets = {
+        channel_id: section.append(index)[0]
+        for channel_id, index in message_indexes.items()
+    }
+    chunk_index = ChunkIndex(
+        chunk_length=chunk_length,
+        chunk_start_offset=chunk_start,
+        compression=chunk.compression,
+        compressed_size=len(chunk.data),
+        message_end_time=chunk.message_end_time,
+        message_index_length=section.size - chunk_start - chunk_length,
+        message_index_offsets=index_offsets,
+        message_start_time=chunk.message_start_time,
+        uncompressed_size=chunk.uncompressed_size,
+    )
+    section.append(_join([DataEnd(section.crc)]))
     groups: list[list[McapRecord]] = [
         [*schemas],
         [*channels],
         [_statistics(episode, chunk)],
-        [
-            ChunkIndex(
-                chunk_length=len(chunk_bytes),
-                chunk_start_offset=chunk_start,
-                compression=chunk.compression,
-                compressed_size=len(chunk.data),
-                message_end_time=chunk.message_end_time,
-                message_index_length=len(index_bytes),
-                message_index_offsets=index_offsets,
-                message_start_time=chunk.message_start_time,
-                uncompressed_size=chunk.uncompressed_size,
-            )
-        ],
-        [
-            AttachmentIndex(
-                offset=attachment_start,
-                length=len(attachment_bytes),
-                log_time=0,
-                create_time=0,
-                data_size=len(attachment.data),
-                name=attachment.name,
-                media_type=attachment.media_type,
-            )
-        ],
-        [MetadataIndex(metadata_start, len(metadata_bytes), metadata.name)],
+        [chunk_index],
+        [attachment_index],
+        [metadata_index],
     ]
-    return section + _summary(groups, len(section))
+    return b"".join([*section.parts, _summary(groups, section.size)])
+
+
+class _Section:
+    """The growing data section: its bytes, their number and their checksum."""
+
+    def __init__(self) -> None:
+        self.parts: list[bytes] = []
+        self.size = 0
+        self.crc = 0
+
+    def append(self, part: bytes) -> tuple[int, int]:
+        """Add bytes; gives their offset in the file and their number."""
+        start = self.size
+        self.parts.append(part)
+        self.size += len(part)
+        self.crc = zlib.crc32(part, self.crc)
+        return start, len(part)
 
 
 def _schemas() -> list[Schema]:
@@ -173,7 +180,7 @@ def _chunk(episode: Episode, preamble: bytes) -> tuple[Chunk, dict[int, bytes]]:
     if episode.end_reason != "aborted":
         steps["body"][episode.end_reason][-1] = 1
 
-    content = preamble + steps.tobytes() + final.tobytes()
+    content = b"".join([preamble, steps.tobytes(), final.tobytes()])
     chunk = Chunk(
         compression="",
         data=content,

@@ -13,7 +13,7 @@ from functools import cache
 
 import numpy as np
 
-from data.features import FEATURE_DIM, FEATURES, JOINTS
+from data.features import FEATURE_DIM, FEATURES, JOINTS, LEGS
 
 FORMAT_VERSION = 1
 """Version of the file layout around the messages."""
@@ -118,9 +118,10 @@ def schema_sha256() -> str:
 @cache
 def feature_columns() -> tuple[str, ...]:
     """A name for each column of the feature row, such as `joint_vel.FR_hip`."""
-    suffixes = {12: JOINTS, 4: ("FR", "FL", "RR", "RL"), 3: ("x", "y", "z")}
-    return tuple(
-        feature.name if feature.width == 1 else f"{feature.name}.{suffix}"
-        for feature in FEATURES
-        for suffix in suffixes.get(feature.width, map(str, range(feature.width)))
-    )
+    by_width = {1: ("",), 3: ("x", "y", "z"), len(LEGS): LEGS, len(JOINTS): JOINTS}
+    by_name = {"command": ("forward", "left", "yaw")}
+    names: list[str] = []
+    for feature in FEATURES:
+        suffixes = by_name.get(feature.name) or by_width[feature.width]
+        names += (f"{feature.name}.{suffix}".rstrip(".") for suffix in suffixes)
+    return tuple(names)

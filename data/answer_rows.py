@@ -1,0 +1,54 @@
+"""How pairs and answers are spelled as rows of the data base."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from data.answer_records import Answer, Pair, to_json
+from data.clips import Clip
+
+PAIR_COLUMNS = (
+    "pair_id, a_rollout, a_start, a_steps, b_rollout, b_start, b_steps, "
+    "strategy, round, info_json"
+)
+ANSWER_COLUMNS = (
+    "answer_id, pair_id, rater_id, choice, p_a, shown_left, shown_ms, watched_ms, "
+    "response_ms, confidence, note, reason, supersedes, client_json, created_utc"
+)
+SELECT_CURRENT = (
+    f"SELECT {', '.join('p.' + name for name in PAIR_COLUMNS.split(', '))}, "
+    f"{', '.join('c.' + name for name in ANSWER_COLUMNS.split(', '))} "
+    "FROM answer_current AS c JOIN pair AS p USING (pair_id)"
+)
+_NUM_PAIR_COLUMNS = len(PAIR_COLUMNS.split(", "))
+_ANSWER_FIELDS = ANSWER_COLUMNS.replace("client_json", "client").split(", ")
+_CLIENT_IDX = _ANSWER_FIELDS.index("client")
+
+
+def encode_pair(pair: Pair) -> tuple[Any, ...]:
+    a, b = pair.a, pair.b
+    clips = (a.rollout, a.start, a.steps, b.rollout, b.start, b.steps)
+    info = to_json("info", pair.info)
+    return (pair.pair_id, *clips, pair.strategy, pair.round, info)
+
+
+def decode_pair(row: tuple[Any, ...]) -> Pair:
+    pair_id, *clips, strategy, round_, info = row
+    a, b = Clip(*clips[:3]), Clip(*clips[3:])
+    return Pair(pair_id, a, b, strategy, round_, json.loads(info))
+
+
+def encode_answer(answer: Answer) -> tuple[Any, ...]:
+    values = [getattr(answer, name) for name in _ANSWER_FIELDS]
+    values[_CLIENT_IDX] = to_json("client", answer.client)
+    return tuple(values)
+
+
+def decode_answer(row: tuple[Any, ...]) -> Answer:
+    values = dict(zip(_ANSWER_FIELDS, row, strict=True))
+    return Answer(**values | {"client": json.loads(values["client"])})
+
+
+def decode_pair_and_answer(row: tuple[Any, ...]) -> tuple[Pair, Answer]:
+    return decode_pair(row[:_NUM_PAIR_COLUMNS]), decode_answer(row[_NUM_PAIR_COLUMNS:])
