@@ -1,0 +1,168 @@
+"""Finding the parts of a quadruped in any MJCF with a free base and twelve hinges.
+
+What the environment needs and the model lacks (foot sites, sensors) is added.
+
+Shapes: nq positions and nv velocities of the model; legs and joints in the order of
+`data.features.LEGS` and `data.features.JOINTS`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from .robots.additions import add_sites_and_sensors
+from .robots.anatomy import RobotError as RobotError
+from .robots.anatomy import find_anatomy
+
+SHIPPED_XML = Path(__file__).parent / "robots" / "go1.xml"
+"""The robot that is used when none is brought."""
+
+MIN_ITERATIONS, MIN_LS_ITERATIONS = 10, 20
+"""Fewer solver iterations than these make CPU and GPU physics differ visibly."""
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A compiled model and where in it the parts of the quadruped are."""
+
+    name: str
+    mj_model: mujoco.MjModel
+    mjcf: str
+    """Flattened model with everything added; compiles to `mj_model`."""
+    model_sha256: str
+    """Hash of `mjcf`."""
+    base_body_id: int
+    qpos_adr: np.ndarray
+    """[12] address of every joint in qpos."""
+    qvel_adr: np.ndarray
+    """[12] address of every joint in qvel."""
+    actuator_ids: np.ndarray
+    """[12] the position servo of every joint."""
+    home_qpos: np.ndarray
+    """[nq] home pose of the whole model."""
+    home_joint_pos: np.ndarray
+    """[12] rad"""
+    joint_range: np.ndarray
+    """[12, 2] rad; infinite where the model sets no limit."""
+    torque_limit: np.ndarray
+    """[12] N m; infinite where the model sets no limit."""
+    foot_site_ids: np.ndarray
+    """[4]"""
+    foot_radius: np.ndarray
+    """[4] m from the site down to the lowest point of the foot in the home pose."""
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+
+
+def load_robot(xml: Path | None = None, *, physics_dt_s: float) -> Robot:
+    """The robot in the file `xml`, by default the Go1 that ships.
+
+    Raises:
+        RobotError: the file is missing, does not compile or is no quadruped.
+    """
+    path = SHIPPED_XML if xml is None else xml
+    if not path.is_file():
+        raise RobotError(
+            f"{path}: there is no such file; give the path of an MJCF file"
+        )
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise _not_compiling(str(path), error) from None
+    return _build(spec, str(path), path.stem, physics_dt_s)
+
+
+def load_robot_xml(text: str, *, name: str, physics_dt_s: float) -> Robot:
+    """The robot in the MJCF `text`, for example out of a checkpoint or an episode.
+
+    Raises:
+        RobotError: the text does not compile or is no quadruped.
+    """
+    spec = _parse(text, "", name)
+    return _build(spec, name, name, physics_dt_s)
+
+
+def _build(spec: mujoco.MjSpec, source: str, name: str, physics_dt_s: float) -> Robot:
+    """Complete `spec`, flatten it, and describe what the flattened text compiles to."""
+    spec.option.timestep = physics_dt_s
+    spec.option.iterations = max(spec.option.iterations, MIN_ITERATIONS)
+    spec.option.ls_iterations = max(spec.option.ls_iterations, MIN_LS_ITERATIONS)
+    mj_model = _compile(spec, source)
+    add_sites_and_sensors(spec, mj_model, find_anatomy(mj_model, source))
+    mjcf = spec.to_xml()
+    # The text rounds numbers. What it compiles to is simulated, so that who reads it
+    # later has the same robot to the last bit.
+    mj_model = _compile(_parse(mjcf, spec.modelfiledir, source), source)
+    found = find_anatomy(mj_model, source)
+    joints, servos = list(found.joints), list(found.servos)
+    qpos_adr = mj_model.jnt_qposadr[joints]
+    return Robot(
+        name=name,
+        mj_model=mj_model,
+        mjcf=mjcf,
+        model_sha256=hashlib.sha256(mjcf.encode()).hexdigest(),
+        base_body_id=found.base,
+        qpos_adr=qpos_adr,
+        qvel_adr=mj_model.jnt_dofadr[joints],
+        actuator_ids=np.array(servos),
+        home_qpos=found.home_qpos,
+        home_joint_pos=found.home_qpos[qpos_adr],
+        joint_range=np.where(
+            mj_model.jnt_limited[joints, None] > 0,
+            mj_model.jnt_range[joints],
+            (-np.inf, np.inf),
+        ),
+        torque_limit=np.minimum(
+            _limit(
+                mj_model.actuator_forcelimited, mj_model.actuator_forcerange, servos
+            ),
+            _limit(mj_model.jnt_actfrclimited, mj_model.jnt_actfrcrange, joints),
+        ),
+        foot_site_ids=np.array([foot.site for foot in found.feet]),
+        foot_radius=np.array([foot.radius for foot in found.feet]),
+    )
+
+
+def _limit(limited: np.ndarray, bounds: np.ndarray, ids: list[int]) -> np.ndarray:
+    """The largest magnitude that `bounds` [n, 2] allow each of `ids`, or infinity."""
+    return np.where(limited[ids] > 0, np.abs(bounds[ids]).max(axis=1), np.inf)
+
+
+def _parse(text: str, folder: str, source: str) -> mujoco.MjSpec:
+    try:
+        spec = mujoco.MjSpec.from_string(text)
+    except ValueError as error:
+        raise _not_compiling(source, error) from None
+    spec.modelfiledir = folder
+    return spec
+
+
+def _compile(spec: mujoco.MjSpec, source: str) -> mujoco.MjModel:
+    try:
+        mj_model = spec.compile()
+    except ValueError as error:
+        raise _not_compiling(source, error) from None
+    if mujoco.__version__ == "4.0.0" and mujoco.mj_isSparse(mj_model):
+        raise RobotError(
+            f"{source}: its {mj_model.nv} degrees of freedom make constraints sparse, "
+            "which MuJoCo 4.0.0 solves wrongly; take away what is not the robot or set "
+            '<option jacobian="dense"/>'
+        )
+    return mj_model
+
+
+def _not_compiling(source: str, error: ValueError) -> RobotError:
+    told = "; ".join(line.strip() for line in str(error).splitlines() if line.strip())
+    return RobotError(
+        f"{source}: MuJoCo {mujoco.__version__} cannot compile it ({told}); mend the "
+        "model until MuJoCo's own viewer opens it"
+    )
