@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+import time
 from collections.abc import Iterator
 from contextlib import closing
 from importlib import resources
@@ -21,8 +22,8 @@ def connect(path: Path) -> sqlite3.Connection:
     """A connection in autocommit mode to an up-to-date store, made if it is missing.
 
     Raises:
-        AnswerError: the file is no store of answers, or of a newer version, or SQLite
-            is too old.
+        AnswerError: the file is no store of answers, or of a newer version, or held
+            by another program; or SQLite is too old.
     """
     if sqlite3.sqlite_version_info < _OLDEST_SQLITE:
         raise AnswerError(
@@ -31,29 +32,47 @@ def connect(path: Path) -> sqlite3.Connection:
         )
     if not path.parent.is_dir():
         raise AnswerError(f"{path} cannot be made, its directory is missing; make it")
-    try:
-        connection = sqlite3.connect(
-            path,
-            timeout=BUSY_TIMEOUT_MS / 1000,
-            isolation_level=None,
-            check_same_thread=False,
-        )
+    deadline = time.monotonic() + BUSY_TIMEOUT_MS / 1000
+    while True:
         try:
-            _set_up(connection, path)
-        except BaseException:
-            connection.close()
-            raise
-    except sqlite3.Error as error:
-        raise AnswerError(
-            f"{path} cannot be used as a store of answers ({error}); restore it from a "
-            "copy, or move it away to start a new one"
-        ) from error
+            return _connect_once(path)
+        except sqlite3.Error as error:
+            # The low byte; the others say what exactly was busy.
+            if getattr(error, "sqlite_errorcode", 0) & 0xFF != sqlite3.SQLITE_BUSY:
+                raise AnswerError(
+                    f"{path} cannot be used as a store of answers ({error}); restore "
+                    "it from a copy, or move it away to start a new one"
+                ) from error
+            if time.monotonic() > deadline:
+                raise AnswerError(
+                    f"{path} is held by another program ({error}); close that and try "
+                    "again"
+                ) from error
+        # SQLite does not wait when two connections turn a new file to WAL at once.
+        time.sleep(0.01)
+
+
+def _connect_once(path: Path) -> sqlite3.Connection:
+    connection = sqlite3.connect(
+        path,
+        timeout=BUSY_TIMEOUT_MS / 1000,
+        isolation_level=None,
+        check_same_thread=False,
+    )
+    try:
+        _set_up(connection, path)
+    except BaseException:
+        connection.close()
+        raise
     return connection
 
 
 def _set_up(connection: sqlite3.Connection, path: Path) -> None:
     connection.execute("PRAGMA foreign_keys = ON")
+    # One transaction, so that all is asked of one state of the file.
+    connection.execute("BEGIN")
     version = _version(connection, path)
+    connection.execute("COMMIT")
     connection.execute("PRAGMA synchronous = FULL")
     if version < SCHEMA_VERSION:
         _migrate(connection, path)

@@ -27,6 +27,7 @@ _CLIENT_IDX = _ANSWER_FIELDS.index("client")
 
 
 def encode_pair(pair: Pair) -> tuple[Any, ...]:
+    """Values for `PAIR_COLUMNS`."""
     a, b = pair.a, pair.b
     clips = (a.rollout, a.start, a.steps, b.rollout, b.start, b.steps)
     info = to_json("info", pair.info)
@@ -34,21 +35,25 @@ def encode_pair(pair: Pair) -> tuple[Any, ...]:
 
 
 def decode_pair(row: tuple[Any, ...]) -> Pair:
+    """The inverse of `encode_pair`."""
     pair_id, *clips, strategy, round_, info = row
     a, b = Clip(*clips[:3]), Clip(*clips[3:])
     return Pair(pair_id, a, b, strategy, round_, json.loads(info))
 
 
 def encode_answer(answer: Answer) -> tuple[Any, ...]:
+    """Values for `ANSWER_COLUMNS`."""
     values = [getattr(answer, name) for name in _ANSWER_FIELDS]
     values[_CLIENT_IDX] = to_json("client", answer.client)
     return tuple(values)
 
 
 def decode_answer(row: tuple[Any, ...]) -> Answer:
+    """The inverse of `encode_answer`."""
     values = dict(zip(_ANSWER_FIELDS, row, strict=True))
     return Answer(**values | {"client": json.loads(values["client"])})
 
 
 def decode_pair_and_answer(row: tuple[Any, ...]) -> tuple[Pair, Answer]:
+    """A row of `SELECT_CURRENT`."""
     return decode_pair(row[:_NUM_PAIR_COLUMNS]), decode_answer(row[_NUM_PAIR_COLUMNS:])
