@@ -15,9 +15,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from .robots.additions import add_sites_and_sensors
+from .robots.additions import add_sites_and_sensors, is_complete
 from .robots.anatomy import RobotError as RobotError
 from .robots.anatomy import find_anatomy
+from .robots.inline import flatten
 
 SHIPPED_XML = Path(__file__).parent / "robots" / "go1.xml"
 """The robot that is used when none is brought."""
@@ -78,7 +79,8 @@ def load_robot(xml: Path | None = None, *, physics_dt_s: float) -> Robot:
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
         raise _not_compiling(str(path), error) from None
-    return _build(spec, str(path), path.stem, physics_dt_s)
+    source = str(path)
+    return _describe(_flatten(spec, source, physics_dt_s), source, path.stem)
 
 
 def load_robot_xml(text: str, *, name: str, physics_dt_s: float) -> Robot:
@@ -87,21 +89,30 @@ def load_robot_xml(text: str, *, name: str, physics_dt_s: float) -> Robot:
     Raises:
         RobotError: the text does not compile or is no quadruped.
     """
-    spec = _parse(text, "", name)
-    return _build(spec, name, name, physics_dt_s)
+    spec = _parse(text, name)
+    # What was flattened before stays the same to the letter, and so does its hash.
+    if is_complete(spec) and spec.option.timestep == physics_dt_s:
+        return _describe(text, name, name)
+    return _describe(_flatten(spec, name, physics_dt_s), name, name)
 
 
-def _build(spec: mujoco.MjSpec, source: str, name: str, physics_dt_s: float) -> Robot:
-    """Complete `spec`, flatten it, and describe what the flattened text compiles to."""
+def _flatten(spec: mujoco.MjSpec, source: str, physics_dt_s: float) -> str:
+    """The text of the robot in `spec` with everything the environment needs."""
     spec.option.timestep = physics_dt_s
     spec.option.iterations = max(spec.option.iterations, MIN_ITERATIONS)
     spec.option.ls_iterations = max(spec.option.ls_iterations, MIN_LS_ITERATIONS)
     mj_model = _compile(spec, source)
     add_sites_and_sensors(spec, mj_model, find_anatomy(mj_model, source))
-    mjcf = spec.to_xml()
+    try:
+        return flatten(spec)
+    except ValueError as error:
+        raise _not_compiling(source, error) from None
+
+
+def _describe(mjcf: str, source: str, name: str) -> Robot:
     # The text rounds numbers. What it compiles to is simulated, so that who reads it
     # later has the same robot to the last bit.
-    mj_model = _compile(_parse(mjcf, spec.modelfiledir, source), source)
+    mj_model = _compile(_parse(mjcf, source), source)
     found = find_anatomy(mj_model, source)
     joints, servos = list(found.joints), list(found.servos)
     qpos_adr = mj_model.jnt_qposadr[joints]
@@ -127,7 +138,7 @@ def _build(spec: mujoco.MjSpec, source: str, name: str, physics_dt_s: float) -> 
             ),
             _limit(mj_model.jnt_actfrclimited, mj_model.jnt_actfrcrange, joints),
         ),
-        foot_site_ids=np.array([foot.site for foot in found.feet]),
+        foot_site_ids=np.array([foot.site for foot in found.feet], dtype=int),
         foot_radius=np.array([foot.radius for foot in found.feet]),
     )
 
@@ -137,13 +148,11 @@ def _limit(limited: np.ndarray, bounds: np.ndarray, ids: list[int]) -> np.ndarra
     return np.where(limited[ids] > 0, np.abs(bounds[ids]).max(axis=1), np.inf)
 
 
-def _parse(text: str, folder: str, source: str) -> mujoco.MjSpec:
+def _parse(text: str, source: str) -> mujoco.MjSpec:
     try:
-        spec = mujoco.MjSpec.from_string(text)
+        return mujoco.MjSpec.from_string(text)
     except ValueError as error:
         raise _not_compiling(source, error) from None
-    spec.modelfiledir = folder
-    return spec
 
 
 def _compile(spec: mujoco.MjSpec, source: str) -> mujoco.MjModel:

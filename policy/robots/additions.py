@@ -18,44 +18,52 @@ from .foot import collides
 PREFIX = "gaitpref_"
 """What the name of everything added to a model starts with."""
 
+SENSORS = (
+    *(f"{PREFIX}contact_{leg}" for leg in LEGS),
+    *(f"{PREFIX}vel_{leg}" for leg in LEGS),
+    f"{PREFIX}contact_base",
+)
+"""Names of the sensors that are added, in their order."""
+
+
+def is_complete(spec: mujoco.MjSpec) -> bool:
+    """Whether nothing is to be added, because all was added before."""
+    return tuple(s.name for s in spec.sensors if s.name.startswith(PREFIX)) == SENSORS
+
 
 def add_sites_and_sensors(
     spec: mujoco.MjSpec, mj_model: mujoco.MjModel, found: Anatomy
 ) -> None:
-    """Complete `spec`, of which `mj_model` was compiled and `found` is the anatomy.
-
-    Adding to a spec that is complete changes nothing.
-    """
+    """Complete `spec`, of which `mj_model` was compiled and `found` is the anatomy."""
+    # Adding to or deleting from a spec takes the ids of its elements away.
+    bodies = {body.id: body for body in spec.bodies}
+    geoms = {geom.id: geom for geom in spec.geoms}
+    base, ground = bodies[found.base], _ground_body(mj_model, found.base)
+    base.name = base.name or f"{PREFIX}base"
     for sensor in list(spec.sensors):
         if sensor.name.startswith(PREFIX):
             spec.delete(sensor)
-    sites = _add_sites(spec, mj_model, found)
-    ground = _ground_body(mj_model, found.base)
-    geoms = {geom.id: geom for geom in spec.geoms}
     for leg, foot in zip(LEGS, found.feet, strict=True):
         geom = geoms[foot.geom]
         geom.name = geom.name or f"{PREFIX}{leg}_foot"
         _add_contact_sensor(spec, leg, mujoco.mjtObj.mjOBJ_GEOM, geom.name, ground)
-    for leg, site in zip(LEGS, sites, strict=True):
+    for leg, site in zip(LEGS, _add_sites(bodies, mj_model, found), strict=True):
         spec.add_sensor(
             name=f"{PREFIX}vel_{leg}",
             type=mujoco.mjtSensor.mjSENS_FRAMELINVEL,
             objtype=mujoco.mjtObj.mjOBJ_SITE,
             objname=site,
         )
-    base = next(body for body in spec.bodies if body.id == found.base)
-    base.name = base.name or f"{PREFIX}base"
     _add_contact_sensor(spec, "base", mujoco.mjtObj.mjOBJ_BODY, base.name, ground)
 
 
 def _add_sites(
-    spec: mujoco.MjSpec, mj_model: mujoco.MjModel, found: Anatomy
+    bodies: dict[int, mujoco.MjsBody], mj_model: mujoco.MjModel, found: Anatomy
 ) -> list[str]:
     """The names of the four foot sites, of which the missing are made."""
     mj_data = mujoco.MjData(mj_model)
     mj_data.qpos[:] = found.home_qpos
     mujoco.mj_kinematics(mj_model, mj_data)
-    bodies = {body.id: body for body in spec.bodies}
     names: list[str] = []
     for leg, foot in zip(LEGS, found.feet, strict=True):
         if foot.site is not None:
