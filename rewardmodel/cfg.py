@@ -1,0 +1,71 @@
+"""Settings of a fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinearCfg:
+    """The default: a reward linear in the gait descriptors."""
+
+    num_members: int = 5
+    """Models fitted to resampled answers; their spread measures what is unknown."""
+    prior_precision: float = 1.0
+    """Of the Gaussian prior on each weight; larger means weaker opinions."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MlpCfg:
+    """A small network on the gait descriptors, for when answers are plenty."""
+
+    num_members: int = 3
+    """Networks fitted to resampled answers."""
+    hidden_size: int = 64
+    """Units in each of the two hidden layers."""
+    num_updates: int = 200
+    """Gradient steps of a fit."""
+    batch_size: int = 64
+    """Answers in a gradient step."""
+    learning_rate: float = 1e-3
+    """AdamW step size."""
+    weight_decay: float = 0.1
+    """AdamW weight decay."""
+    smoothing: float = 0.02
+    """Targets 0 and 1 are read as this and one minus this."""
+    mean_reward_penalty: float = 1e-3
+    """On the squared mean reward of a batch: it holds what no answer fixes."""
+    min_crop: float = 0.7
+    """Shortest random piece of a clip a gradient step looks at, as a share of it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitCfg:
+    """How a reward model is fitted to the answers collected so far."""
+
+    kind: Literal["linear", "mlp"] = "linear"
+    """Model: `linear` in the gait descriptors, or a small network (`mlp`) on them."""
+    error_share: float = 0.3
+    """Share of the answers expected to be random, in [0, 1)."""
+    tie_threshold: float = 0.3
+    """Lead, in logits, below which a rater is expected to answer "equal"; 0 counts
+    "equal" as half an answer for either side."""
+    fall_logit: float = 3.0
+    """Fixed logit against a clip that ends in a fall; it is not learned."""
+    folds: int = 5
+    """Groups of episodes left out in turn to measure accuracy."""
+    linear: LinearCfg = LinearCfg()
+    """Settings of the `linear` model."""
+    mlp: MlpCfg = MlpCfg()
+    """Settings of the `mlp` model."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.error_share < 1.0:
+            raise ValueError(f"error_share must lie in [0, 1), got {self.error_share}")
+        if self.tie_threshold < 0.0:
+            raise ValueError(
+                f"tie_threshold must not be negative, got {self.tie_threshold}"
+            )
+        if self.folds < 2:
+            raise ValueError(f"folds must be at least 2, got {self.folds}")

@@ -1,0 +1,101 @@
+"""Clips as padded tensors, and the mean over the steps that count.
+
+The return of a clip is the *mean* over its steps, not the sum: clips of unequal length
+are then comparable, and a long clip is not better for being long. The row of a fall is
+left out, because the fall itself has a fixed price.
+
+Shapes: B clips, T steps of the longest, F features, M ensemble members.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from data.clips import Clip
+from data.features import FEATURE_DIM, column
+
+ClipRows = Callable[[Clip], np.ndarray]
+"""Gives the feature rows [steps, F] of a clip; `Dataset.clip_features` is one."""
+
+_FALLEN = column("fallen").start
+
+
+@dataclass(frozen=True, eq=False)
+class ClipBatch:
+    """Feature rows of clips, padded with zeros behind the last step of each."""
+
+    features: Tensor
+    """[B, T, F] float32."""
+    valid: Tensor
+    """[B, T] bool: steps that the clip has."""
+
+    def __post_init__(self) -> None:
+        if self.features.ndim != 3 or self.features.shape[-1] != FEATURE_DIM:
+            raise ValueError(
+                f"clips must be [B, T, {FEATURE_DIM}], got {list(self.features.shape)}"
+            )
+        if self.valid.shape != self.features.shape[:2]:
+            raise ValueError(
+                f"valid must be {list(self.features.shape[:2])}, "
+                f"got {list(self.valid.shape)}"
+            )
+        if not torch.isfinite(self.features).all():
+            raise ValueError("a clip holds feature rows that are not finite")
+
+    def __len__(self) -> int:
+        return len(self.features)
+
+    def part(self, rows: slice) -> ClipBatch:
+        """Some of the clips, padded as before."""
+        return ClipBatch(self.features[rows], self.valid[rows])
+
+    @property
+    def fallen(self) -> Tensor:
+        """[B, T] bool: steps at which the robot fell."""
+        return self.valid & (self.features[..., _FALLEN] > 0.5)
+
+    @property
+    def fell(self) -> Tensor:
+        """[B] bool: clips that end in a fall."""
+        return self.fallen.any(dim=-1)
+
+    @property
+    def scored(self) -> Tensor:
+        """[B, T] bool: steps whose mean is the clip's return."""
+        return self.valid & ~self.fallen
+
+    @property
+    def starts(self) -> Tensor:
+        """[B, T] bool: the first step of each clip, where a history begins anew."""
+        starts = torch.zeros_like(self.valid)
+        starts[:, 0] = True
+        return starts
+
+
+def pad_clips(rows: Sequence[np.ndarray]) -> ClipBatch:
+    """Clips given as feature rows [steps, F] each, padded to the longest.
+
+    Raises:
+        ValueError: there is no clip, or one is empty or not finite.
+    """
+    if not rows or min(len(clip) for clip in rows) == 0:
+        raise ValueError("a batch needs at least one clip, and each clip a step")
+    tensors = [torch.from_numpy(np.array(clip, dtype=np.float32)) for clip in rows]
+    lengths = torch.tensor([len(clip) for clip in rows])
+    features = torch.nn.utils.rnn.pad_sequence(tensors, batch_first=True)
+    return ClipBatch(features, torch.arange(features.shape[1]) < lengths[:, None])
+
+
+def mean_over(values: Tensor, counted: Tensor) -> Tensor:
+    """Mean of `values` [..., T] over the steps in `counted` [..., T] (bool).
+
+    A clip with no step that counts, as one that falls at once, has mean 0: that of an
+    average clip, because rewards and descriptors are centred.
+    """
+    weights = counted.to(values.dtype)
+    return (values * weights).sum(dim=-1) / weights.sum(dim=-1).clamp_min(1)

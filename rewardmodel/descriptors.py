@@ -1,0 +1,281 @@
+"""Gait descriptors: what a reward model sees of a feature row.
+
+Named, smooth functions of one row. A few hundred comparisons are too few to learn
+from 90 raw columns what "shaky" or "dragging its feet" means; they are enough to weigh
+thirty such habits. None needs to know the robot: signs that depend on how a joint is
+mounted are squared away.
+
+Shapes: F columns of a feature row, D descriptors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from data.features import column
+
+FR, FL, RR, RL = range(4)
+"""Position of a leg in the columns that hold one number a foot."""
+
+_LIMIT = 1e6
+"""Magnitude at which columns are cut: no robot comes near, and the squares of what is
+left, summed over twelve joints, stay finite in float32."""
+
+
+class Row:
+    """Named views of feature rows [..., F]: `row["joint_vel"]` is [..., 12]."""
+
+    def __init__(self, features: Tensor) -> None:
+        self._features = features.to(torch.float32).clamp(-_LIMIT, _LIMIT)
+
+    def __getitem__(self, name: str) -> Tensor:
+        return self._features[..., column(name)]
+
+
+@dataclass(frozen=True)
+class Descriptor:
+    """One habit of a gait, as a number per control step."""
+
+    name: str
+    unit: str
+    meaning: str
+    compute: Callable[[Row], Tensor]
+    """Its value [...] for rows [..., F]; finite for every finite row."""
+
+
+def _sum_of_squares(values: Tensor) -> Tensor:
+    return values.square().sum(dim=-1)
+
+
+def _planar_error(row: Row) -> Tensor:
+    return row["base_lin_vel_b"][..., :2] - row["command"][..., :2]
+
+
+def _yaw_rate_error(row: Row) -> Tensor:
+    return row["base_ang_vel_b"][..., 2] - row["command"][..., 2]
+
+
+def _only(row: Row, first: tuple[int, int], second: tuple[int, int]) -> Tensor:
+    """1 where both feet of one pair stand and both of the other are in the air."""
+    contact = row["foot_contact"]
+    air = 1 - contact
+    one = contact[..., first[0]] * contact[..., first[1]]
+    one = one * air[..., second[0]] * air[..., second[1]]
+    other = contact[..., second[0]] * contact[..., second[1]]
+    return one + other * air[..., first[0]] * air[..., first[1]]
+
+
+def _left_right_difference(joints: Tensor) -> Tensor:
+    """Right minus left [..., 4]: thigh and calf of the front, then of the rear legs.
+
+    Hips are left out: whether both hips of a pair turn the same way is the robot's
+    choice, not the gait's.
+    """
+    legs = joints.unflatten(-1, (4, 3))[..., 1:]  # thigh and calf
+    return (legs[..., (FR, RR), :] - legs[..., (FL, RL), :]).flatten(-2)
+
+
+DESCRIPTORS = (
+    Descriptor(
+        "planar_error",
+        "m/s",
+        "how far the planar velocity is from the one asked for",
+        lambda row: _sum_of_squares(_planar_error(row)).sqrt(),
+    ),
+    Descriptor(
+        "planar_error_sq",
+        "m2/s2",
+        "the same, squared",
+        lambda row: _sum_of_squares(_planar_error(row)),
+    ),
+    Descriptor(
+        "yaw_rate_error",
+        "rad/s",
+        "how far the yaw rate is from the one asked for",
+        lambda row: _yaw_rate_error(row).abs(),
+    ),
+    Descriptor(
+        "yaw_rate_error_sq",
+        "rad2/s2",
+        "the same, squared",
+        lambda row: _yaw_rate_error(row).square(),
+    ),
+    Descriptor(
+        "forward_speed",
+        "m/s",
+        "speed along the body's nose, whatever was asked for",
+        lambda row: row["base_lin_vel_b"][..., 0],
+    ),
+    Descriptor(
+        "vertical_speed_sq",
+        "m2/s2",
+        "bouncing",
+        lambda row: row["base_lin_vel_b"][..., 2].square(),
+    ),
+    Descriptor(
+        "roll_rate_sq",
+        "rad2/s2",
+        "swaying from side to side",
+        lambda row: row["base_ang_vel_b"][..., 0].square(),
+    ),
+    Descriptor(
+        "pitch_rate_sq",
+        "rad2/s2",
+        "rocking from nose to tail",
+        lambda row: row["base_ang_vel_b"][..., 1].square(),
+    ),
+    Descriptor(
+        "tilt_sq",
+        "1",
+        "squared sine of the angle between the body's up and the world's",
+        lambda row: _sum_of_squares(row["gravity_b"][..., :2]),
+    ),
+    Descriptor(
+        "nose_down",
+        "1",
+        "sine of the pitch angle, positive when the nose points down",
+        lambda row: row["gravity_b"][..., 0],
+    ),
+    Descriptor(
+        "height",
+        "m",
+        "height of the base above the ground",
+        lambda row: row["base_height"][..., 0],
+    ),
+    Descriptor(
+        "height_sq",
+        "m2",
+        "the same, squared: with `height` it can name a best height",
+        lambda row: row["base_height"][..., 0].square(),
+    ),
+    Descriptor(
+        "joint_offset_sq",
+        "rad2",
+        "distance of all joints from the home pose",
+        lambda row: _sum_of_squares(row["joint_pos_offset"]),
+    ),
+    Descriptor(
+        "hip_spread_sq",
+        "rad2",
+        "distance of the four hips from the home pose: legs spread or crossed",
+        lambda row: _sum_of_squares(row["joint_pos_offset"][..., ::3]),
+    ),
+    Descriptor(
+        "joint_asymmetry_sq",
+        "rad2",
+        "difference of right and left thighs and calves, front and rear",
+        lambda row: _sum_of_squares(_left_right_difference(row["joint_pos_offset"])),
+    ),
+    Descriptor(
+        "joint_speed_sq",
+        "rad2/s2",
+        "how fast the joints move",
+        lambda row: _sum_of_squares(row["joint_vel"]),
+    ),
+    Descriptor(
+        "torque_sq",
+        "N2 m2",
+        "how hard the joints work",
+        lambda row: _sum_of_squares(row["joint_torque"]),
+    ),
+    Descriptor(
+        "torque_asymmetry_sq",
+        "N2 m2",
+        "difference of right and left thigh and calf torques, front and rear",
+        lambda row: _sum_of_squares(_left_right_difference(row["joint_torque"])),
+    ),
+    Descriptor(
+        "power",
+        "W",
+        "mechanical power, braking counted as much as driving",
+        lambda row: (row["joint_torque"] * row["joint_vel"]).abs().sum(dim=-1),
+    ),
+    Descriptor(
+        "action_sq",
+        "1",
+        "how far the policy pulls from the home pose",
+        lambda row: _sum_of_squares(row["action"]),
+    ),
+    Descriptor(
+        "action_rate_sq",
+        "1",
+        "how much the policy's output jumps from step to step: shaking",
+        lambda row: _sum_of_squares(row["action_rate"]),
+    ),
+    Descriptor(
+        "contacts",
+        "1",
+        "number of feet on the ground",
+        lambda row: row["foot_contact"].sum(dim=-1),
+    ),
+    Descriptor(
+        "diagonal_support",
+        "1",
+        "1 while exactly one diagonal pair of feet stands: trotting",
+        lambda row: _only(row, (FR, RL), (FL, RR)),
+    ),
+    Descriptor(
+        "lateral_support",
+        "1",
+        "1 while exactly the two feet of one side stand: pacing",
+        lambda row: _only(row, (FR, RR), (FL, RL)),
+    ),
+    Descriptor(
+        "end_support",
+        "1",
+        "1 while exactly the front or the rear feet stand: bounding",
+        lambda row: _only(row, (FR, FL), (RR, RL)),
+    ),
+    Descriptor(
+        "foot_height_mean",
+        "m",
+        "mean height of the four feet",
+        lambda row: row["foot_height"].mean(dim=-1),
+    ),
+    Descriptor(
+        "foot_height_max",
+        "m",
+        "height of the highest foot",
+        lambda row: row["foot_height"].amax(dim=-1),
+    ),
+    Descriptor(
+        "foot_speed_mean",
+        "m/s",
+        "mean horizontal speed of the four feet",
+        lambda row: row["foot_speed"].mean(dim=-1),
+    ),
+    Descriptor(
+        "slip",
+        "m2/s2",
+        "squared speed of the feet on the ground, summed",
+        lambda row: (row["foot_contact"] * row["foot_speed"].square()).sum(dim=-1),
+    ),
+    Descriptor(
+        "air_time_mean",
+        "s",
+        "mean time since lift-off of the four feet",
+        lambda row: row["foot_air_time"].mean(dim=-1),
+    ),
+    Descriptor(
+        "air_time_max",
+        "s",
+        "time since lift-off of the foot longest in the air",
+        lambda row: row["foot_air_time"].amax(dim=-1),
+    ),
+)
+
+DESCRIPTOR_NAMES = tuple(descriptor.name for descriptor in DESCRIPTORS)
+
+
+def describe(features: Tensor) -> Tensor:
+    """Descriptors [..., D] of feature rows [..., F], float32, in table order.
+
+    Logged clips and live batches go through this one function. A row that is not finite
+    gives descriptors that are not finite.
+    """
+    row = Row(features)
+    return torch.stack([item.compute(row) for item in DESCRIPTORS], dim=-1)

@@ -1,0 +1,144 @@
+"""Fitting a reward to answers, and measuring it on episodes it has not seen.
+
+Shapes: M ensemble members, B pairs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import time
+
+import torch
+from torch import Tensor
+
+from .cfg import FitCfg as FitCfg
+from .linear import fit_linear
+from .mlp import fit_mlp
+from .model import Provenance, RewardModel, Scorer
+from .normaliser import Normaliser
+from .pairs import AnsweredPairs
+from .report import FitReport as FitReport
+from .report import wilson_interval
+from .training import TrainingPairs, training_pairs
+
+logger = logging.getLogger(__name__)
+
+
+def fold_of(sha256: str, folds: int = 5) -> int:
+    """The group of an episode: the same in every round and on every machine."""
+    digest = hashlib.sha256(sha256.encode()).digest()
+    return int.from_bytes(digest[:8]) % folds
+
+
+def fit_reward(
+    pairs: AnsweredPairs, cfg: FitCfg, *, seed: int
+) -> tuple[RewardModel, FitReport]:
+    """Fit a reward to all answers, and once more without each fold to measure it.
+
+    Equal pairs, settings and seed give equal bytes.
+    """
+    started_s = time.perf_counter()
+    described = training_pairs(pairs, fall_logit=cfg.fall_logit)
+    normaliser, scorer = _fit(described, cfg, seed)
+    standardised = described.transformed(normaliser)
+    held_out, held_out_lead = _held_out(described, pairs.episodes, cfg, seed)
+    report = _report(
+        pairs,
+        described,
+        standardised.leads(scorer).mean(dim=0),
+        described.subset(held_out),
+        held_out_lead,
+        cfg,
+        time.perf_counter() - started_s,
+    )
+    provenance = Provenance(cfg, report, pairs.answers_sha256)
+    model = RewardModel(normaliser, scorer, provenance)
+    model.calibrate(standardised.scored_steps)
+    logger.info("fitted a %s reward: %s", cfg.kind, report)
+    return model, report
+
+
+def _fit(pairs: TrainingPairs, cfg: FitCfg, seed: int) -> tuple[Normaliser, Scorer]:
+    """Normaliser and ensemble for described `pairs`, from their own steps alone."""
+    generator = torch.Generator().manual_seed(seed)
+    normaliser = Normaliser(pairs.steps.shape[-1]).fit(pairs.scored_steps)
+    fit_members = fit_mlp if cfg.kind == "mlp" else fit_linear
+    return normaliser, fit_members(
+        pairs.transformed(normaliser), cfg, generator=generator
+    )
+
+
+def _held_out(
+    pairs: TrainingPairs,
+    episodes: tuple[tuple[str, str], ...],
+    cfg: FitCfg,
+    seed: int,
+) -> tuple[Tensor, Tensor]:
+    """Leads of pairs by models that have seen neither of their two episodes.
+
+    For every fold, a model is fitted to the pairs with no clip in it and asked about
+    the pairs with both clips in it. Grouping by pair instead would let a model meet the
+    episodes it is tested on.
+
+    Returns:
+        The pairs asked about, [B] bool, and the ensemble's mean lead for each of them.
+    """
+    folds = torch.tensor(
+        [[fold_of(sha256, cfg.folds) for sha256 in pair] for pair in episodes]
+    )
+    asked = torch.zeros(len(pairs), dtype=torch.bool)
+    leads = torch.zeros(len(pairs))
+    for fold in range(cfg.folds):
+        tested = (folds == fold).all(dim=1)
+        fitted = (folds != fold).all(dim=1)
+        if tested.any() and fitted.any():
+            normaliser, scorer = _fit(pairs.subset(fitted), cfg, seed)
+            test_pairs = pairs.subset(tested).transformed(normaliser)
+            leads[tested] = test_pairs.leads(scorer).mean(dim=0)
+            asked |= tested
+    return asked, leads[asked]
+
+
+def _report(
+    answered: AnsweredPairs,
+    fitted: TrainingPairs,
+    lead: Tensor,
+    held_out: TrainingPairs,
+    held_out_lead: Tensor,
+    cfg: FitCfg,
+    seconds: float,
+) -> FitReport:
+    right, preferences = _count_right(fitted.target, lead)
+    held_out_right, held_out_preferences = _count_right(held_out.target, held_out_lead)
+    return FitReport(
+        answers=len(fitted),
+        answers_without_target=answered.num_without_target,
+        ties=len(fitted) - preferences,
+        train_accuracy=_share(right, preferences),
+        train_log_likelihood=fitted.log_likelihood(lead, cfg).mean().item(),
+        held_out_pairs=held_out_preferences,
+        held_out_accuracy=_share(held_out_right, held_out_preferences),
+        held_out_interval=(
+            wilson_interval(held_out_right, held_out_preferences)
+            if held_out_preferences
+            else None
+        ),
+        held_out_log_likelihood=(
+            held_out.log_likelihood(held_out_lead, cfg).mean().item()
+            if len(held_out)
+            else None
+        ),
+        seconds=seconds,
+    )
+
+
+def _count_right(target: Tensor, lead: Tensor) -> tuple[int, int]:
+    """How many preferences a lead [B] foresees, and how many there are."""
+    preference = target != 0.5
+    right = ((lead > 0) == (target > 0.5)) & preference
+    return int(right.sum()), int(preference.sum())
+
+
+def _share(right: int, total: int) -> float | None:
+    return right / total if total else None

@@ -1,0 +1,99 @@
+"""The default model: a reward linear in the standardised descriptors.
+
+With human error rates a flexible model is lost in the first thirty answers, and this
+one is not: thirty weights, a Gaussian prior, a likelihood that expects wrong answers.
+
+Shapes: M ensemble members, B pairs, D descriptors, S step sizes.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from .cfg import FitCfg
+from .likelihood import log_likelihood_derivatives
+from .training import TrainingPairs, bootstrap_counts
+
+_MIN_SPREAD = 0.02
+"""Spread, in standard deviations of a step, below which two clips never really differed
+in a descriptor: its weight stays small instead of being divided by next to nothing."""
+
+_MAX_UPDATES = 100
+_STEP_SIZES = (0.0, *(2.0**-halvings for halvings in range(10)))
+_TOLERANCE = 1e-9
+
+
+class LinearScorer(nn.Module):
+    """Weights of all members over the standardised descriptors."""
+
+    def __init__(self, num_members: int, num_descriptors: int) -> None:
+        super().__init__()
+        self.weights: Tensor
+        self.register_buffer("weights", torch.zeros(num_members, num_descriptors))
+
+    def forward(self, steps: Tensor) -> Tensor:
+        """Raw rewards [M, ...] of standardised descriptors [..., D]."""
+        return (steps @ self.weights.mT).movedim(-1, 0)
+
+
+def fit_linear(
+    pairs: TrainingPairs, cfg: FitCfg, *, generator: torch.Generator
+) -> LinearScorer:
+    """Fit each member to its own bootstrap of standardised `pairs`.
+
+    A descriptor's difference between the clips is divided by its root mean square over
+    the asked pairs, so that the prior means the same for each: a habit in which the
+    clips differ by the usual amount shifts the logit by about one.
+    """
+    difference = pairs.difference.double()
+    spread = difference.square().mean(dim=0).sqrt().clamp_min(_MIN_SPREAD)
+    counts = bootstrap_counts(cfg.linear.num_members, len(pairs), generator=generator)
+    theta = _posterior_modes(difference / spread, pairs, counts.double(), cfg)
+    scorer = LinearScorer(*theta.shape)
+    scorer.weights.copy_(theta / spread)
+    return scorer
+
+
+def _posterior_modes(
+    inputs: Tensor, pairs: TrainingPairs, counts: Tensor, cfg: FitCfg
+) -> Tensor:
+    """Weights theta [M, D] at a mode of the posterior, by damped Newton steps from 0.
+
+    The objective of a member is sum_b counts_b log P(answer_b | lead_b) minus
+    precision / 2 |theta|^2. Answers that look wrong make it convex in places: there
+    the curvature counts as 0, so that every step still climbs.
+
+    Args:
+        inputs: [B, D] float64 scaled differences of the clips.
+        pairs: Their answers and falls.
+        counts: [M, B] float64, how often a member sees an answer.
+    """
+    precision = cfg.linear.prior_precision
+    target, offset = pairs.target.double(), pairs.fall_lead.double()
+    identity = torch.eye(inputs.shape[1], dtype=inputs.dtype)
+    sizes = torch.tensor(_STEP_SIZES, dtype=inputs.dtype)[:, None, None]
+    theta = inputs.new_zeros(len(counts), inputs.shape[1])
+
+    for _ in range(_MAX_UPDATES):
+        _, slope, curvature = log_likelihood_derivatives(
+            theta @ inputs.mT + offset,
+            target,
+            tie_threshold=cfg.tie_threshold,
+            error_share=cfg.error_share,
+        )
+        uphill = (counts * slope) @ inputs - precision * theta
+        if uphill.abs().max() < _TOLERANCE:
+            break
+        steepness = counts * (-curvature).clamp_min(0)
+        hessian = torch.einsum("mb,bd,be->mde", steepness, inputs, inputs)
+        step = torch.linalg.solve(hessian + precision * identity, uphill)
+
+        tried = theta + sizes * step  # [S, M, D]
+        likelihood = pairs.log_likelihood(tried @ inputs.mT + offset, cfg)
+        height = (counts * likelihood).sum(-1) - precision / 2 * tried.square().sum(-1)
+        best = height.argmax(dim=0)
+        if not best.any():
+            break
+        theta = tried[best, torch.arange(len(theta))]
+    return theta

@@ -1,0 +1,37 @@
+"""Descriptors to numbers of order one, by constants frozen at the fit.
+
+Shapes: K steps, D descriptors.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+_CLAMP = 5.0
+"""Standard deviations beyond which a descriptor says no more: one hard landing must not
+outweigh a whole clip, and PPO must not be paid for leaving what was judged."""
+
+
+class Normaliser(nn.Module):
+    """Subtracts a mean, divides by a standard deviation and clamps."""
+
+    def __init__(self, num_descriptors: int) -> None:
+        super().__init__()
+        self.mean: Tensor
+        self.std: Tensor
+        self.register_buffer("mean", torch.zeros(num_descriptors))
+        self.register_buffer("std", torch.ones(num_descriptors))
+
+    def fit(self, descriptors: Tensor) -> Normaliser:
+        """Take the constants from steps [K, D]; a constant descriptor is left at 0."""
+        std, mean = torch.std_mean(descriptors.double(), dim=0, correction=0)
+        # Relative, because a constant column has the rounding error of its own size.
+        constant = std <= 1e-6 * mean.abs().clamp_min(1e-3)
+        self.mean.copy_(mean)
+        self.std.copy_(torch.where(constant, torch.inf, std))
+        return self
+
+    def forward(self, descriptors: Tensor) -> Tensor:
+        """Standardised descriptors [..., D]."""
+        return ((descriptors - self.mean) / self.std).clamp(-_CLAMP, _CLAMP)

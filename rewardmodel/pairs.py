@@ -1,0 +1,143 @@
+"""Answered pairs of one or several data sets, as tensors to fit a reward to.
+
+Shapes: B pairs, T steps, F features. Left is clip `a` of a pair, right is clip `b`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from data.answers import Answer, Pair
+from data.dataset import Dataset
+
+from .clips import ClipBatch, pad_clips
+from .errors import RewardError
+
+MIN_ANSWERS = 8
+"""Fewer answers than this say nothing about thirty descriptors."""
+
+
+@dataclass(frozen=True, eq=False)
+class AnsweredPairs:
+    """Pairs of clips with what was answered, a row for every answer."""
+
+    left: ClipBatch
+    """[B, T, F]."""
+    right: ClipBatch
+    """[B, T, F], padded to the same T."""
+    target: Tensor
+    """[B] float32, probability that the left clip is better."""
+    episodes: tuple[tuple[str, str], ...]
+    """SHA-256 of the episode of the left and of the right clip."""
+    raters: tuple[str, ...]
+    """Who answered."""
+    commands: Tensor
+    """[B, 3] forward m/s, left m/s, yaw rad/s asked for."""
+    rounds: tuple[int, ...]
+    """Round of the loop that asked."""
+    num_without_target: int
+    """Answers left out, because they neither prefer a clip nor call both equal."""
+    answers_sha256: str
+    """Hash of the answers used, whatever their order: the label set."""
+
+    def __post_init__(self) -> None:
+        sizes = {
+            "left": len(self.left),
+            "right": len(self.right),
+            "target": len(self.target),
+            "episodes": len(self.episodes),
+            "raters": len(self.raters),
+            "commands": len(self.commands),
+            "rounds": len(self.rounds),
+        }
+        if len(set(sizes.values())) != 1 or len(self.target) == 0:
+            raise ValueError(f"answered pairs need rows of one number > 0, got {sizes}")
+        if self.left.valid.shape != self.right.valid.shape:
+            raise ValueError("left and right clips must be padded to one length")
+        if not ((self.target >= 0) & (self.target <= 1)).all():
+            raise ValueError("targets must lie in [0, 1]")
+
+    def __len__(self) -> int:
+        return len(self.target)
+
+    @property
+    def fell(self) -> Tensor:
+        """[B, 2] bool: the left, the right clip ends in a fall."""
+        return torch.stack([self.left.fell, self.right.fell], dim=-1)
+
+
+def load_pairs(
+    datasets: Sequence[Dataset], *, at_least: int = MIN_ANSWERS
+) -> AnsweredPairs:
+    """Gather the current answers of `datasets`, in an order that depends on them alone.
+
+    An answer found in several data sets counts once; a clip may lie in another data set
+    than the answer about it.
+
+    Raises:
+        RewardError: fewer than `at_least` answers prefer a clip or call both equal.
+        DatasetError, EpisodeError: an episode is missing or damaged.
+    """
+    answered = _current_answers(datasets)
+    used = [(pair, answer) for pair, answer in answered if answer.target is not None]
+    if len(used) < max(1, at_least):
+        raise RewardError(_too_few(datasets, len(used), len(answered), at_least))
+    owner = _owners(datasets)
+    pairs = [pair for pair, _ in used]
+    sides = [pair.a for pair in pairs] + [pair.b for pair in pairs]
+    clips = pad_clips([owner(clip.rollout).clip_features(clip) for clip in sides])
+    entries = [owner(pair.a.rollout).entry(pair.a.rollout) for pair in pairs]
+    return AnsweredPairs(
+        left=clips.part(slice(len(pairs))),
+        right=clips.part(slice(len(pairs), None)),
+        target=torch.tensor([answer.target for _, answer in used]),
+        episodes=tuple((pair.a.rollout, pair.b.rollout) for pair in pairs),
+        raters=tuple(answer.rater_id for _, answer in used),
+        commands=torch.tensor([entry.meta.command for entry in entries]),
+        rounds=tuple(pair.round for pair in pairs),
+        num_without_target=len(answered) - len(used),
+        answers_sha256=_label_set(used),
+    )
+
+
+def _current_answers(datasets: Sequence[Dataset]) -> list[tuple[Pair, Answer]]:
+    """Every current answer once, sorted by what it says."""
+    answers: dict[str, tuple[Pair, Answer]] = {}
+    for dataset in datasets:
+        with dataset.answers() as store:
+            for pair, answer in store.current_answers():
+                answers[answer.answer_id] = (pair, answer)
+    return sorted(answers.values(), key=lambda row: _line(*row))
+
+
+def _owners(datasets: Sequence[Dataset]) -> Callable[[str], Dataset]:
+    """Finds the data set of an episode; the first one if none has it, so that it says
+    what is missing."""
+    owners = {e.sha256: dataset for dataset in datasets for e in dataset.entries()}
+    return lambda sha256: owners.get(sha256, datasets[0])
+
+
+def _line(pair: Pair, answer: Answer) -> str:
+    """What is fitted of an answer: equal lines are the same evidence."""
+    return f"{pair.a.key} {pair.b.key} {answer.rater_id} {answer.target}"
+
+
+def _label_set(used: Sequence[tuple[Pair, Answer]]) -> str:
+    lines = "\n".join(_line(pair, answer) for pair, answer in used)
+    return hashlib.sha256(lines.encode()).hexdigest()
+
+
+def _too_few(
+    datasets: Sequence[Dataset], used: int, collected: int, needed: int
+) -> str:
+    roots = " and ".join(str(dataset.root) for dataset in datasets) or "no data set"
+    return (
+        f"{roots}: {used} of {collected} answers prefer a clip or call both equal, "
+        f"a fit needs at least {needed}; collect {needed - used} more on the labeling "
+        "page or with `gaitpref answer --dataset DIR --criterion C`"
+    )

@@ -1,0 +1,95 @@
+"""What a model is fitted to: both clips of every pair, described step by step.
+
+Shapes: M ensemble members, B pairs, T steps, D descriptors, K steps that count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from .cfg import FitCfg
+from .clips import mean_over
+from .descriptors import describe
+from .likelihood import log_likelihood
+from .pairs import AnsweredPairs
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingPairs:
+    """Answered pairs seen through the descriptors; axis "2" is left, right."""
+
+    steps: Tensor
+    """[2, B, T, D] descriptors, raw or standardised."""
+    scored: Tensor
+    """[2, B, T] bool: steps that count in the mean of their clip."""
+    fall_lead: Tensor
+    """[B] logit by which the left clip leads because the right one fell."""
+    target: Tensor
+    """[B] probability that the left clip is better."""
+
+    def __len__(self) -> int:
+        return len(self.target)
+
+    def subset(self, chosen: Tensor) -> TrainingPairs:
+        """The pairs marked in `chosen` [B] (bool)."""
+        return TrainingPairs(
+            steps=self.steps[:, chosen],
+            scored=self.scored[:, chosen],
+            fall_lead=self.fall_lead[chosen],
+            target=self.target[chosen],
+        )
+
+    def transformed(self, transform: Callable[[Tensor], Tensor]) -> TrainingPairs:
+        """The same pairs with `transform` applied to the descriptors."""
+        return replace(self, steps=transform(self.steps))
+
+    @property
+    def scored_steps(self) -> Tensor:
+        """[K, D] descriptors of every step that counts, of both sides."""
+        return self.steps[self.scored]
+
+    @property
+    def difference(self) -> Tensor:
+        """[B, D] mean descriptors of the left clip minus those of the right."""
+        left, right = mean_over(self.steps.mT, self.scored[..., None, :])
+        return left - right
+
+    def leads(self, score: Callable[[Tensor], Tensor]) -> Tensor:
+        """Logit [M, B] of the left clips, `score` giving raw rewards [M, ...]."""
+        left, right = mean_over(score(self.steps), self.scored).unbind(dim=1)
+        return left - right + self.fall_lead
+
+    def log_likelihood(self, leads: Tensor, cfg: FitCfg) -> Tensor:
+        """Log-likelihood [M, B] of the answers at logits `leads` [M, B]."""
+        return log_likelihood(
+            leads,
+            self.target.to(leads.dtype),
+            tie_threshold=cfg.tie_threshold,
+            error_share=cfg.error_share,
+        )
+
+
+def training_pairs(pairs: AnsweredPairs, *, fall_logit: float) -> TrainingPairs:
+    """Describe answered pairs, once for the fit and all its folds."""
+    left_fell, right_fell = pairs.fell.unbind(dim=-1)
+    return TrainingPairs(
+        steps=torch.stack(
+            [describe(pairs.left.features), describe(pairs.right.features)]
+        ),
+        scored=torch.stack([pairs.left.scored, pairs.right.scored]),
+        fall_lead=fall_logit * (right_fell.float() - left_fell.float()),
+        target=pairs.target,
+    )
+
+
+def bootstrap_counts(
+    num_members: int, num_pairs: int, *, generator: torch.Generator
+) -> Tensor:
+    """How often each member sees each answer [M, B]: B draws with replacement."""
+    drawn = torch.randint(num_pairs, (num_members, num_pairs), generator=generator)
+    counts = torch.zeros(num_members, num_pairs)
+    return counts.scatter_add_(1, drawn, torch.ones_like(counts))
