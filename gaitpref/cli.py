@@ -1,0 +1,56 @@
+"""The command `gaitpref`: parse, run, and turn what the user can mend into one line."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+import tyro
+
+from data.errors import GaitprefError
+
+from . import options
+
+EXIT_BAD_INPUT = 2
+EXIT_INTERRUPTED = 130
+
+
+def parse(args: Sequence[str] | None = None) -> options.Command:
+    """The command of the arguments; exits like argparse on `--help` and on bad usage."""
+    return tyro.cli(
+        options.Command,  # type: ignore[arg-type]
+        prog="gaitpref",
+        description="Turns preferences between gaits into a reward, and that into a policy.",
+        args=args,
+        config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes),
+    )
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run one command; the exit code is 0 only on success."""
+    command = parse(args)
+    try:
+        return run(command)
+    except GaitprefError as error:
+        print(f"gaitpref: {' '.join(str(error).split())}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    except KeyboardInterrupt:
+        print("gaitpref: interrupted", file=sys.stderr)
+        return EXIT_INTERRUPTED
+
+
+def run(command: options.Command) -> int:
+    """Hand the command to its function."""
+    # Imported here: the packages a command needs are heavy, and a labeler has no torch.
+    try:
+        from . import commands
+    except ModuleNotFoundError as error:
+        raise GaitprefError(
+            f"this command needs the package {error.name}, which is not installed: "
+            f"pip install -e '.[train]' -c constraints.txt"
+        ) from None
+    return commands.run(command)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

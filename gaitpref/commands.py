@@ -1,0 +1,192 @@
+"""What each command does, with everything it needs imported."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from data.dataset import Dataset
+from policy.checkpoint import load_policy
+from policy.config import EnvCfg
+from policy.evaluate import evaluate
+from policy.ppo import PpoCfg
+from policy.record import RecordCfg, record
+from policy.reward import KnownTermsCfg
+from policy.robot import load_robot, load_robot_xml
+from policy.train import TrainCfg, train
+from rewardmodel.cfg import FitCfg
+from rewardmodel.errors import RewardError
+from rewardmodel.fit import fit_reward
+from rewardmodel.pairs import load_pairs
+from rewardmodel.storage import load_reward, save_reward
+
+from . import options
+from .criteria import CriterionContext, load_criterion
+from .loop import run_loop
+from .progress import console, counting_bar, training_bar
+from .questions import ClipCfg, ask
+from .rater import answer_pairs
+from .report import write_report
+from .stages import fit_summary
+from .rewards import criterion_context, load_score, total_reward
+
+EXIT_INTERRUPTED = 130
+
+
+def run(command: options.Command) -> int:
+    """Run the command; gives the exit code."""
+    match command:
+        case options.Loop():
+            page = run_loop(command)
+            console.print(f"the report is {page}")
+        case options.Train():
+            return _train(command)
+        case options.Record():
+            _record(command)
+        case options.Pairs():
+            _pairs(command)
+        case options.Answer():
+            _answer(command)
+        case options.Fit():
+            _fit(command)
+        case options.Evaluate():
+            _evaluate(command)
+        case options.Report():
+            console.print(f"the report is {write_report(command.run)}")
+    return 0
+
+
+def _train(command: options.Train) -> int:
+    env = EnvCfg()
+    robot = load_robot(command.robot, physics_dt_s=env.physics_dt_s)
+    reward_fn = None
+    if command.reward != "task":
+        score = load_score(command.reward, criterion_context(robot, env))
+        reward_fn = total_reward(score, robot, env, known=KnownTermsCfg())
+    cfg = TrainCfg(
+        steps=command.steps,
+        env=env,
+        ppo=PpoCfg(num_envs=command.envs),
+        seed=command.seed,
+    )
+    with training_bar("training", command.steps) as bar:
+        result = train(
+            command.out,
+            robot,
+            cfg,
+            reward_fn=reward_fn,
+            reward_name=command.reward,
+            init=command.init,
+            resume=command.resume,
+            on_iteration=bar,
+        )
+    if not result.finished:
+        print(
+            f"gaitpref: stopped after {result.steps:,} steps; the same command with "
+            f"--resume goes on",
+            file=sys.stderr,
+        )
+        return EXIT_INTERRUPTED
+    console.print(f"the policy is {result.policy}")
+    return 0
+
+
+def _record(command: options.Record) -> None:
+    load_policy(command.policy)
+    dataset = Dataset.create(command.dataset)
+    cfg = RecordCfg(episodes=command.episodes)
+    with counting_bar("recording", cfg.episodes) as bar:
+
+        def counted():
+            for episode in record(command.policy, cfg, seed=command.seed):
+                bar.advance(bar.task_ids[0])
+                yield episode
+
+        entries = dataset.add_episodes(counted())
+    steps = sum(entry.num_steps for entry in entries)
+    console.print(
+        f"{len(entries)} episodes with {steps:,} steps are in {command.dataset}"
+    )
+
+
+def _pairs(command: options.Pairs) -> None:
+    dataset = Dataset.open(command.dataset)
+    if command.strategy == "disagreement" and command.reward is None:
+        raise RewardError(
+            "--strategy disagreement needs an ensemble: give --reward REWARD_DIR, which "
+            "`gaitpref fit` makes"
+        )
+    unsure = command.reward is not None and command.strategy != "uniform"
+    model = load_reward(command.reward) if command.reward and unsure else None
+    rng = np.random.default_rng(command.seed)
+    with dataset.answers() as store:
+        known = store.pairs()
+        round = max((pair.round for pair in known), default=-1) + 1
+        chosen = ask(
+            dataset,
+            dataset.entries(),
+            ClipCfg(),
+            command.count,
+            known=known,
+            model=model,
+            round_number=round,
+            uniform_share=0.0,
+            rng=rng,
+        )
+        added = store.add_pairs(chosen)
+    console.print(f"{added} pairs were added to {command.dataset}")
+
+
+def _answer(command: options.Answer) -> None:
+    dataset = Dataset.open(command.dataset)
+    criterion = load_criterion(command.criterion, _context_of(dataset))
+    rater = f"simulated:{command.criterion}"
+    count = answer_pairs(dataset, criterion, rater_id=rater, seed=command.seed)
+    console.print(
+        f"{count} pairs of {command.dataset} were answered by {command.criterion}"
+    )
+
+
+def _context_of(dataset: Dataset) -> CriterionContext:
+    """The figures of the robot in the data set, out of its first episode."""
+    entries = dataset.entries()
+    if not entries:
+        return criterion_context(load_robot(physics_dt_s=0.005), EnvCfg())
+    episode = dataset.read(entries[0].sha256)
+    meta = episode.meta
+    robot = load_robot_xml(
+        episode.mjcf, name=meta.robot, physics_dt_s=meta.physics_dt_s
+    )
+    return CriterionContext(
+        home_height_m=float(robot.home_qpos[2]), control_dt_s=meta.control_dt_s
+    )
+
+
+def _fit(command: options.Fit) -> None:
+    pairs = load_pairs([Dataset.open(path) for path in command.dataset])
+    model, report = fit_reward(pairs, FitCfg(), seed=command.seed)
+    save_reward(model, command.out)
+    console.print(f"{fit_summary(report)}; the reward is {command.out}")
+
+
+def _evaluate(command: options.Evaluate) -> None:
+    policy = load_policy(command.policy)
+    robot = policy.robot()
+    score = load_score(command.reward, criterion_context(robot, policy.info.env))
+    result = evaluate(policy, score, episodes=command.episodes, seed=command.seed)
+    if command.json:
+        print(json.dumps(asdict(result)))
+        return
+    print(
+        f"return          {result.return_mean:.2f} ± {result.return_ci95:.2f} ({command.reward})"
+    )
+    print(f"tracking error  {result.tracking_error_m_s:.3f} m/s")
+    print(f"falls           {result.falls} ({result.falls_per_minute:.2f} a minute)")
+    print(
+        f"episode         {result.episode_length_s:.1f} s, {result.episodes} episodes"
+    )
+    print(f"power           {result.power_w:.0f} W")

@@ -1,0 +1,56 @@
+"""The loop: the stages of every round in their order."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from data.dataset import Dataset
+from policy.robot import load_robot
+
+from .criteria import load_criterion
+from .options import Loop
+from .report import write_report
+from .rewards import criterion_context
+from .run_config import LoopCfg, claim, resolve
+from .stages import (
+    Round,
+    answers_stage,
+    fit_stage,
+    pairs_stage,
+    policy_stage,
+    record_stage,
+    report_stage,
+)
+
+
+def run_loop(options: Loop) -> Path:
+    """Run or go on with the loop of `options`; gives the page of its report.
+
+    Raises:
+        GaitprefError: an input cannot be used; nothing is written then.
+    """
+    cfg = resolve(options)
+    return run_configured(options.run, cfg)
+
+
+def run_configured(run: Path, cfg: LoopCfg) -> Path:
+    """Run or go on with the loop of `cfg` in the directory `run`."""
+    robot = load_robot(
+        None if cfg.robot is None else Path(cfg.robot),
+        physics_dt_s=cfg.env.physics_dt_s,
+    )
+    criterion = load_criterion(cfg.criterion, criterion_context(robot, cfg.env))
+    claim(run, cfg)
+    dataset = Dataset.create(run / "dataset")
+    for number in range(cfg.rounds + 1):
+        round = Round(run, number)
+        round.root.mkdir(parents=True, exist_ok=True)
+        policy_stage(cfg, round, robot)
+        if number < cfg.rounds:
+            record_stage(cfg, round, dataset)
+            pairs_stage(cfg, round, dataset)
+            answers_stage(cfg, round, dataset, criterion)
+            fit_stage(cfg, round, dataset)
+        report_stage(cfg, round, criterion)
+        page = write_report(run)
+    return page

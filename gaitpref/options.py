@@ -1,0 +1,156 @@
+"""The commands and their options; a field's docstring is its `--help`.
+
+Nothing here imports torch or a simulator: `gaitpref --help` answers at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+
+@dataclass(frozen=True, kw_only=True)
+class Loop:
+    """Train, record, ask, fit and retrain, round after round.
+
+    Killed anywhere and started again with the same command, it goes on where it was.
+    """
+
+    run: Path
+    """Directory of the run; everything it makes is in there."""
+    rounds: int | None = None
+    """Times questions are asked and the policy is retrained; the preset's by default."""
+    labels: int | None = None
+    """Answers in all, over all rounds; the preset's by default."""
+    rater: Literal["simulated", "human"] = "simulated"
+    """Who answers."""
+    criterion: str = "high_step"
+    """What the simulated rater looks for: task, smooth, high_step, crouch, low_energy, or
+    your own as package.module:function, a callable features [..., F] -> score [...]."""
+    base: str = "task"
+    """What the learned reward is added to: `task`, a policy first trained on the
+    hand-written walking reward; `none`, a new policy and the known safety terms only; or
+    a policy file."""
+    preset: Literal["quick", "standard"] = "standard"
+    """Sets what is not given: quick takes about ten minutes on two cores."""
+    robot: Path | None = None
+    """MJCF of the robot; the Go1 that ships by default."""
+    seed: int = 0
+    """Where all chance comes from: equal seeds give equal files."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Train:
+    """Train a policy with PPO; writes policy.pt, checkpoints and TensorBoard files."""
+
+    out: Path
+    """Directory of the training run."""
+    reward: str
+    """`task`, a criterion (built-in name or package.module:function), or the directory of
+    a learned reward. Others than `task` are added to the known safety terms."""
+    steps: int = 1_500_000
+    """Environment steps, counted over all environments."""
+    envs: int = 256
+    """Environments side by side."""
+    init: Path | None = None
+    """Policy file to start from."""
+    resume: bool = False
+    """Go on from where an interrupted run in the same directory stopped."""
+    robot: Path | None = None
+    """MJCF of the robot; the Go1 that ships by default."""
+    seed: int = 0
+    """Where all chance comes from."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record:
+    """Roll a policy and its earlier checkpoints out and log the episodes to a data set."""
+
+    policy: Path
+    """Policy file."""
+    dataset: Path
+    """Data set directory; made if it is not there."""
+    episodes: int = 64
+    """Episodes in all."""
+    seed: int = 0
+    """Start states and exploration noise."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pairs:
+    """Choose pairs of clips to ask about."""
+
+    dataset: Path
+    """Data set directory."""
+    count: int
+    """Pairs to add."""
+    strategy: Literal["uniform", "disagreement"] | None = None
+    """How they are chosen; disagreement of the ensemble where --reward is given, else
+    uniform."""
+    reward: Path | None = None
+    """Learned reward whose ensemble may disagree."""
+    seed: int = 0
+    """Which of equally good pairs are taken."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """Let the simulated rater answer every open pair."""
+
+    dataset: Path
+    """Data set directory."""
+    criterion: str
+    """task, smooth, high_step, crouch, low_energy, or package.module:function."""
+    seed: int = 0
+    """Which clip of a pair was shown left."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """Fit a reward model to the answers of one or more data sets."""
+
+    dataset: Annotated[list[Path], tyro.conf.UseAppendAction]
+    """Data set directory; give it again for more."""
+    out: Path
+    """Directory of the reward."""
+    seed: int = 0
+    """Bootstrap draws."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluate:
+    """Roll a policy out over a fixed grid of commands and measure it."""
+
+    policy: Path
+    """Policy file."""
+    reward: str = "task"
+    """Criterion or learned reward the return is measured under."""
+    episodes: int = 64
+    """Episodes, spread evenly over the grid."""
+    json: bool = False
+    """Print one JSON object and nothing else."""
+    seed: int = 0
+    """Start states."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report:
+    """Write report/index.html of a run: curves per round, readable without a server."""
+
+    run: Path
+    """Directory of the run."""
+
+
+Command = (
+    Annotated[Loop, tyro.conf.subcommand("loop")]
+    | Annotated[Train, tyro.conf.subcommand("train")]
+    | Annotated[Record, tyro.conf.subcommand("record")]
+    | Annotated[Pairs, tyro.conf.subcommand("pairs")]
+    | Annotated[Answer, tyro.conf.subcommand("answer")]
+    | Annotated[Fit, tyro.conf.subcommand("fit")]
+    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+    | Annotated[Report, tyro.conf.subcommand("report")]
+)

@@ -1,0 +1,84 @@
+"""From recorded episodes to the questions of a round."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from data.answers import Pair
+from data.clips import cut_clips
+from data.dataset import Dataset, EpisodeEntry
+from rewardmodel.acquisition import Disagreement, Strategy, Uniform, choose_pairs
+from rewardmodel.errors import RewardError
+from rewardmodel.model import RewardModel
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClipCfg:
+    """How episodes are cut into clips."""
+
+    clip_s: float = 1.2
+    """Length of a clip."""
+    min_clip_s: float = 0.4
+    """Shortest clip that ends in a fall."""
+    stride_s: float = 0.6
+    """Time from the start of a clip to that of the next."""
+
+
+def clips_of(entries: Sequence[EpisodeEntry], cfg: ClipCfg) -> list:
+    """Clips of all `entries`, whatever their control rates."""
+    clips = []
+    for entry in entries:
+        dt_s = entry.meta.control_dt_s
+        clips += cut_clips(
+            [entry],
+            steps=max(1, round(cfg.clip_s / dt_s)),
+            stride=max(1, round(cfg.stride_s / dt_s)),
+            min_steps=max(1, round(cfg.min_clip_s / dt_s)),
+        )
+    return clips
+
+
+def ask(
+    dataset: Dataset,
+    entries: Sequence[EpisodeEntry],
+    cfg: ClipCfg,
+    count: int,
+    *,
+    known: Sequence[Pair],
+    model: RewardModel | None,
+    round_number: int,
+    uniform_share: float,
+    rng: np.random.Generator,
+) -> list[Pair]:
+    """Choose `count` pairs: a share at random, the others where `model` is unsure.
+
+    Raises:
+        RewardError: the episodes do not give that many pairs.
+    """
+    clips = clips_of(entries, cfg)
+    at_random = count if model is None else -int(-uniform_share * count // 1)
+    plan: list[tuple[int, Strategy]] = [(at_random, Uniform())]
+    if model is not None:
+        plan.append((count - at_random, Disagreement(model, dataset.clip_features)))
+    chosen: list[Pair] = []
+    for wanted, strategy in plan:
+        if wanted:
+            chosen += choose_pairs(
+                entries,
+                clips,
+                wanted,
+                strategy=strategy,
+                round=round_number,
+                known_pairs=[*known, *chosen],
+                rng=rng,
+            )
+    if len(chosen) < count:
+        raise RewardError(
+            f"{len(entries)} episodes give {len(chosen)} new pairs of equal command, "
+            f"{count} are wanted: record more with `gaitpref record --policy POLICY "
+            f"--dataset {dataset.root}`, or ask for fewer"
+        )
+    return chosen

@@ -1,0 +1,108 @@
+"""The reward a policy is trained against: a score of choice plus the known terms.
+
+Shapes: T steps of a rollout, N environments, F feature columns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from data.features import column
+from policy.config import EnvCfg
+from policy.ppo import RewardFn
+from policy.reward import KnownTermsCfg, TaskRewardCfg, known_terms, task_score
+from policy.robot import Robot
+from rewardmodel.storage import load_reward
+
+from .criteria import Criterion, CriterionContext, load_criterion
+
+
+def criterion_context(robot: Robot, env: EnvCfg) -> CriterionContext:
+    """The robot's figures for the built-in criteria."""
+    return CriterionContext(
+        home_height_m=float(robot.home_qpos[2]), control_dt_s=env.control_dt_s
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class TotalReward:
+    """`w_learned * r_hat * dt`, the known terms, and the task where it is kept."""
+
+    score: RewardFn
+    """Per second: a learned reward or a criterion."""
+    weight: float
+    """Of `score`."""
+    known: KnownTermsCfg
+    task: TaskRewardCfg | None
+    """The hand-written reward that is kept beside; None keeps none."""
+    joint_offset_range: Tensor
+    """[12, 2] rad from the home pose"""
+    control_dt_s: float
+
+    def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
+        """Reward [T, N] per step of `features` [T, N, F]."""
+        return torch.stack(tuple(self.parts(features, starts).values())).sum(dim=0)
+
+    def parts(self, features: Tensor, starts: Tensor) -> dict[str, Tensor]:
+        """What the total is the sum of, by name, each [T, N]."""
+        standing = 1.0 - features[..., column("fallen")][..., 0]
+        score = self.score(features, starts) * standing
+        parts = {"score": self.weight * self.control_dt_s * score}
+        parts |= known_terms(
+            features,
+            self.known,
+            joint_offset_range=self.joint_offset_range,
+            control_dt_s=self.control_dt_s,
+        )
+        if self.task is not None:
+            task = task_score(features, self.task, control_dt_s=self.control_dt_s)
+            parts["task"] = task * self.control_dt_s
+        return parts
+
+
+def total_reward(
+    score: RewardFn,
+    robot: Robot,
+    env: EnvCfg,
+    *,
+    known: KnownTermsCfg,
+    weight: float = 1.0,
+    keep_task: bool = False,
+) -> TotalReward:
+    """`TotalReward` for a robot and its environment."""
+    home = robot.home_joint_pos[:, None]
+    # A joint without limits has an infinite range; 100 rad is as far.
+    offsets = torch.tensor(robot.joint_range - home, dtype=torch.float32)
+    task = TaskRewardCfg(height_m=float(robot.home_qpos[2])) if keep_task else None
+    return TotalReward(
+        score=score,
+        weight=weight,
+        known=known,
+        task=task,
+        joint_offset_range=offsets.clamp(-100.0, 100.0),
+        control_dt_s=env.control_dt_s,
+    )
+
+
+def score_of_criterion(criterion: Criterion) -> RewardFn:
+    """A criterion as a sequence score; it looks at single rows only."""
+
+    def score(features: Tensor, starts: Tensor) -> Tensor:
+        return criterion(features)
+
+    return score
+
+
+def load_score(reward: str, context: CriterionContext) -> RewardFn:
+    """The score named by a built-in criterion, `package.module:function` or a directory.
+
+    Raises:
+        GaitprefError: it is none of these, or cannot be used.
+    """
+    if Path(reward).is_dir():
+        return load_reward(Path(reward))
+    return score_of_criterion(load_criterion(reward, context))

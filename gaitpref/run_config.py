@@ -1,0 +1,218 @@
+"""The configuration of a loop: presets, what is written down, what a resume compares."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import yaml
+
+from data.errors import GaitprefError
+from data.files import write_atomically
+from data.plain import from_plain, to_plain
+from policy.config import EnvCfg
+from policy.ppo import PpoCfg
+from policy.record import RecordCfg
+from policy.reward import KnownTermsCfg
+from rewardmodel.cfg import FitCfg
+
+from .options import Loop
+from .questions import ClipCfg
+
+CONFIG_NAME = "config.yaml"
+
+
+class RunError(GaitprefError):
+    """A run directory cannot be used."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExplorationCfg:
+    """Exploration noise a round's training starts from, units of the action.
+
+    Noise must outlive the questions, or nobody ever sees the better gait.
+    """
+
+    early: float = 0.55
+    """In the first 60 % of the rounds."""
+    late: float = 0.4
+    """In the rounds after that."""
+    last: float = 0.3
+    """In the last round."""
+
+    def std(self, round: int, rounds: int) -> float:
+        """Noise for the training of `round`, counted from 1."""
+        if round >= rounds:
+            return self.last
+        return self.early if round <= 0.6 * rounds else self.late
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopCfg:
+    """Everything that decides how a run goes, resolved before it starts."""
+
+    rounds: int
+    """Times questions are asked and the policy is retrained."""
+    labels: int
+    """Answers in all; the rounds' shares shrink linearly."""
+    rater: Literal["simulated", "human"]
+    """Who answers."""
+    criterion: str
+    """What the simulated rater looks for, and what the report measures."""
+    base: str
+    """`task`, `none` or a policy file."""
+    robot: str | None
+    """MJCF file; None is the Go1 that ships."""
+    seed: int
+    """Where all chance comes from."""
+    base_steps: int
+    """Environment steps of the policy the first questions are asked about."""
+    round_steps: int
+    """Environment steps of a retraining."""
+    last_round_steps: int
+    """Environment steps of the last retraining: worth more than more answers."""
+    learned_weight: float
+    """Weight of the learned reward, which has unit standard deviation per second."""
+    exploration: ExplorationCfg | None
+    """Noise put back every round; None keeps what the policy has."""
+    clips: ClipCfg = field(default_factory=ClipCfg)
+    """How episodes are cut into clips."""
+    uniform_share: float = 0.2
+    """Share of a round's pairs chosen without looking at the ensemble."""
+    evaluation_episodes: int = 64
+    """Episodes of each round's evaluation."""
+    env: EnvCfg = field(default_factory=EnvCfg)
+    """The environment."""
+    ppo: PpoCfg = field(default_factory=PpoCfg)
+    """The algorithm."""
+    record: RecordCfg = field(default_factory=RecordCfg)
+    """What is recorded every round."""
+    fit: FitCfg = field(default_factory=FitCfg)
+    """The reward model."""
+    known: KnownTermsCfg = field(default_factory=KnownTermsCfg)
+    """Safety terms the learned reward is added to."""
+
+    def __post_init__(self) -> None:
+        if self.rounds < 1:
+            raise RunError(f"--rounds must be at least 1, got {self.rounds}")
+        if self.labels < 4 * self.rounds:
+            raise RunError(
+                f"--labels {self.labels} is too few for {self.rounds} rounds: a round "
+                f"needs 4 answers, so give at least {4 * self.rounds}, or fewer --rounds"
+            )
+
+    @property
+    def keeps_task(self) -> bool:
+        """Whether the hand-written walking reward stays part of the total."""
+        return self.base != "none"
+
+    def labels_of(self, round: int) -> int:
+        """Answers asked for in `round`, counted from 0; the shares shrink linearly."""
+        weights = range(self.rounds, 0, -1)
+        spare = self.labels - 4 * self.rounds
+        marks = [
+            spare * sum(weights[:i]) // sum(weights) for i in range(self.rounds + 1)
+        ]
+        return 4 + marks[round + 1] - marks[round]
+
+
+def resolve(options: Loop) -> LoopCfg:
+    """The preset's configuration with what the command line gives put over it."""
+    quick = options.preset == "quick"
+    scratch = options.base == "none"
+    common = {
+        "rater": options.rater,
+        "criterion": options.criterion,
+        "base": options.base,
+        "robot": None if options.robot is None else str(options.robot),
+        "seed": options.seed,
+    }
+    if scratch:
+        rounds, labels = options.rounds or 8, options.labels or 100
+        return LoopCfg(
+            rounds=rounds,
+            labels=labels,
+            base_steps=0,
+            round_steps=250_000,
+            last_round_steps=1_600_000 if quick else 2_500_000,
+            learned_weight=1.0,
+            exploration=ExplorationCfg(),
+            **common,
+        )
+    rounds, labels = options.rounds or (3 if quick else 5), options.labels or 60
+    return LoopCfg(
+        rounds=rounds,
+        labels=labels,
+        base_steps=1_300_000 if quick else 2_000_000,
+        round_steps=300_000 if quick else 600_000,
+        last_round_steps=600_000 if quick else 1_200_000,
+        learned_weight=0.7,
+        exploration=None,
+        **common,
+    )
+
+
+def claim(run: Path, cfg: LoopCfg) -> None:
+    """Write the configuration of a new run, or hold an old run to the one it has.
+
+    Raises:
+        RunError: the directory belongs to a run with other settings, or to no run.
+    """
+    path = run / CONFIG_NAME
+    text = yaml.safe_dump(to_plain(cfg), sort_keys=False)
+    if not path.exists():
+        if run.is_dir() and any(run.iterdir()):
+            raise RunError(
+                f"{run} is not empty and holds no {CONFIG_NAME}: give a new directory"
+            )
+        run.mkdir(parents=True, exist_ok=True)
+        write_atomically(path, text.encode())
+        return
+    old, new = _flat(_load(path)), _flat(yaml.safe_load(text))
+    changed = sorted(key for key in old | new if old.get(key) != new.get(key))
+    if changed:
+        shown = ", ".join(f"{k} {old.get(k)} -> {new.get(k)}" for k in changed[:4])
+        raise RunError(
+            f"{run} was started with other settings ({shown}): repeat its command to go "
+            f"on, or give another --run"
+        )
+
+
+def read_config(run: Path) -> LoopCfg:
+    """The configuration of the run in the directory `run`.
+
+    Raises:
+        RunError: there is none, or it cannot be read.
+    """
+    path = run / CONFIG_NAME
+    if not path.exists():
+        raise RunError(
+            f"{run} holds no {CONFIG_NAME}: `gaitpref loop --run {run}` makes a run"
+        )
+    try:
+        return from_plain(LoopCfg, _load(path))
+    except (ValueError, TypeError) as error:
+        raise RunError(f"{path} cannot be read: {error}") from None
+
+
+def _load(path: Path) -> dict[str, object]:
+    try:
+        values = yaml.safe_load(path.read_text())
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise RunError(
+            f"{path} is damaged: {' '.join(str(error).split())[:160]}"
+        ) from None
+    if not isinstance(values, dict):
+        raise RunError(f"{path} is damaged: it holds no settings")
+    return values
+
+
+def _flat(values: object, prefix: str = "") -> dict[str, object]:
+    if isinstance(values, dict):
+        return {
+            key: value
+            for name, entry in values.items()
+            for key, value in _flat(entry, f"{prefix}{name}.").items()
+        }
+    return {prefix.rstrip("."): values}

@@ -1,0 +1,167 @@
+"""Policy files: RSL-RL's state dictionaries plus all that is needed to use them alone."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from rsl_rl.models import MLPModel
+from rsl_rl.utils import resolve_class
+from tensordict import TensorDict
+from torch import Tensor
+
+from data.errors import GaitprefError
+from data.files import write_atomically
+from data.plain import from_plain, to_plain
+
+from .config import EnvCfg
+from .features import OBS_DIM
+from .ppo import PpoCfg, RewardPpo, to_rsl_rl
+from .robot import Robot, load_robot_xml
+
+FORMAT_VERSION = 1
+
+
+class PolicyError(GaitprefError):
+    """A policy file cannot be used."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolicyInfo:
+    """Where a policy comes from and how to run it; stored inside its file."""
+
+    steps: int
+    """Environment steps it was trained, those of the policies before it included."""
+    reward: str
+    """What it was trained against, in words."""
+    seed: int
+    env: EnvCfg
+    ppo: PpoCfg
+    robot_name: str
+    robot_mjcf: str
+    format_version: int = FORMAT_VERSION
+
+
+class Policy:
+    """A trained actor; observations in, actions out."""
+
+    def __init__(self, actor: MLPModel, info: PolicyInfo, sha256: str) -> None:
+        self.info = info
+        self.sha256 = sha256
+        self._actor = actor.eval()
+
+    @torch.inference_mode()
+    def __call__(self, obs: Tensor, noise: Tensor | None = None) -> Tensor:
+        """Actions [N, 12] for `obs` [N, 48].
+
+        Args:
+            obs: What `QuadrupedEnv.get_observations` gives.
+            noise: Standard normal draws [N, 12], scaled by the policy's own standard
+                deviation; None acts without exploration.
+        """
+        mean = self._actor(TensorDict({"policy": obs}, batch_size=[len(obs)]))
+        if noise is None:
+            return mean
+        return mean + noise * self.std
+
+    @property
+    def std(self) -> Tensor:
+        """Exploration noise [12], units of the action."""
+        return self._actor.distribution.std_param.detach()  # type: ignore[union-attr]
+
+    def robot(self) -> Robot:
+        """The robot it was trained on."""
+        return load_robot_xml(
+            self.info.robot_mjcf,
+            name=self.info.robot_name,
+            physics_dt_s=self.info.env.physics_dt_s,
+        )
+
+
+def policy_bytes(alg: RewardPpo, info: PolicyInfo) -> bytes:
+    """The contents of a policy file; equal states give equal bytes."""
+    states = alg.save()
+    payload = {**states, "iter": 0, "infos": {"gaitpref": json.dumps(to_plain(info))}}
+    buffer = io.BytesIO()
+    torch.save(payload, buffer)
+    return buffer.getvalue()
+
+
+def save_policy(path: Path, alg: RewardPpo, info: PolicyInfo) -> None:
+    """Write a policy file, all or nothing."""
+    write_atomically(path, policy_bytes(alg, info))
+
+
+def read_plain(path: Path) -> dict[str, Any]:
+    """The dictionary in a file of ours, without running code from it.
+
+    Raises:
+        PolicyError: the file is missing, damaged, or not ours.
+    """
+    try:
+        return _checked(torch.load(io.BytesIO(path.read_bytes()), weights_only=True))
+    except (FileNotFoundError, IsADirectoryError):
+        raise PolicyError(
+            f"there is no policy file {path}; `gaitpref train --out DIR --reward task` "
+            f"makes DIR/policy.pt"
+        ) from None
+    except Exception as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise PolicyError(
+            f"{path} is not a policy file of gaitpref, or is damaged ({reason[:120]}); "
+            f"give a policy.pt or a file of a checkpoints/ folder"
+        ) from None
+
+
+def load_policy(path: Path) -> Policy:
+    """Read a policy file.
+
+    Raises:
+        PolicyError: the file is missing, damaged, or not ours.
+    """
+    payload = read_plain(path)
+    info = policy_info(path, payload)
+    cfg = to_rsl_rl(info.ppo)
+    actor_class, actor_cfg = resolve_class(cfg["actor"])
+    obs = TensorDict({"policy": torch.zeros(1, OBS_DIM)}, batch_size=[1])
+    actor = actor_class(obs, cfg["obs_groups"], "actor", 12, **actor_cfg)
+    try:
+        actor.load_state_dict(payload["actor_state_dict"])
+    except (RuntimeError, KeyError, TypeError) as error:
+        reason = str(error).splitlines()[0]
+        raise PolicyError(
+            f"{path} does not hold the network it names: {reason}"
+        ) from None
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    return Policy(actor, info, digest)
+
+
+def policy_info(path: Path, payload: dict[str, Any]) -> PolicyInfo:
+    """What the file says of itself.
+
+    Raises:
+        PolicyError: it says nothing usable, or was written by a newer version.
+    """
+    try:
+        values = json.loads(payload["infos"]["gaitpref"])
+        if values["format_version"] > FORMAT_VERSION:
+            raise PolicyError(
+                f"{path} has policy format {values['format_version']}, this gaitpref "
+                f"reads up to {FORMAT_VERSION}: update gaitpref"
+            )
+        return from_plain(PolicyInfo, values)
+    except (KeyError, TypeError, ValueError) as error:
+        raise PolicyError(
+            f"{path} lacks the description gaitpref writes into its policies ({error})"
+        ) from None
+
+
+def _checked(payload: Any) -> dict[str, Any]:
+    if not isinstance(payload, dict) or "actor_state_dict" not in payload:
+        raise ValueError("no actor_state_dict inside")
+    return payload

@@ -1,0 +1,101 @@
+"""Configuration of the environment; every field's docstring is its documentation."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandCfg:
+    """Velocity commands an environment draws uniformly, body frame."""
+
+    forward_m_s: Range = (0.3, 1.0)
+    """Forward speed."""
+    left_m_s: Range = (-0.2, 0.2)
+    """Speed to the left."""
+    yaw_rad_s: Range = (-0.4, 0.4)
+    """Turning rate, positive to the left."""
+    resample_s: float = 5.0
+    """Time after which an environment draws a new command; inf keeps the first."""
+
+    def __post_init__(self) -> None:
+        for name in ("forward_m_s", "left_m_s", "yaw_rad_s"):
+            low, high = getattr(self, name)
+            if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+                raise ValueError(
+                    f"{name} must be a finite (low, high), got {low, high}"
+                )
+        if not self.resample_s > 0:
+            raise ValueError(f"resample_s must be positive, got {self.resample_s}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResetCfg:
+    """Noise of the state an episode starts from; uniform, plus or minus."""
+
+    joint_pos_rad: float = 0.1
+    """Around the home pose, cut to the joints' ranges."""
+    joint_vel_rad_s: float = 0.1
+    """Around rest."""
+    base_lin_vel_m_s: float = 0.1
+    """Each axis, world frame."""
+    base_ang_vel_rad_s: float = 0.1
+    """Each axis, body frame."""
+    tilt_rad: float = 0.05
+    """Roll and pitch."""
+    height_m: float = 0.01
+    """Upwards only: a foot must not start inside the ground."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FallCfg:
+    """What ends an episode as a fall; contact of the base with the ground always does."""
+
+    tilt_rad: float = math.radians(60.0)
+    """Angle between the body's and the world's vertical."""
+    height_ratio: float = 0.43
+    """Height of the base below this share of its home height."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnvCfg:
+    """A batch of quadrupeds on flat ground, following velocity commands."""
+
+    physics_dt_s: float = 0.005
+    """MuJoCo's time step."""
+    substeps: int = 4
+    """Physics steps per control step."""
+    episode_s: float = 10.0
+    """Length after which an episode is cut by a time-out."""
+    action_scale_rad: float = 0.4
+    """Joint offset from the home pose that an action of 1 asks for."""
+    action_limit: float = 3.0
+    """Actions are clipped to plus or minus this."""
+    commands: CommandCfg = field(default_factory=CommandCfg)
+    """Which commands are asked for."""
+    reset: ResetCfg = field(default_factory=ResetCfg)
+    """How an episode starts."""
+    fall: FallCfg = field(default_factory=FallCfg)
+    """How it ends early."""
+
+    def __post_init__(self) -> None:
+        if self.substeps < 1:
+            raise ValueError(f"substeps must be at least 1, got {self.substeps}")
+        if not (self.physics_dt_s > 0 and self.episode_s >= self.control_dt_s):
+            raise ValueError(
+                f"physics_dt_s must be positive and episode_s at least one control "
+                f"step, got {self.physics_dt_s} and {self.episode_s}"
+            )
+
+    @property
+    def control_dt_s(self) -> float:
+        """Time between two actions."""
+        return self.physics_dt_s * self.substeps
+
+    @property
+    def episode_steps(self) -> int:
+        """Control steps until the time-out."""
+        return round(self.episode_s / self.control_dt_s)

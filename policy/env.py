@@ -1,0 +1,261 @@
+"""The environment PPO sees: RSL-RL's `VecEnv` over a batch of quadrupeds.
+
+Shapes: N environments, F feature columns, K environments being reset.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from rsl_rl.env import VecEnv
+from tensordict import TensorDict
+from torch import Tensor
+
+from .config import EnvCfg, Range
+from .features import base_state, feature_row, observation
+from .reward import TaskRewardCfg, weighted_terms
+from .robot import Robot
+from .sim import BatchSim, Sim, SimState
+
+
+class QuadrupedEnv(VecEnv):
+    """N quadrupeds following velocity commands on flat ground.
+
+    `step` resets finished environments before it returns, as RSL-RL expects; what the
+    step led to is in `extras["features"]`, computed before any reset.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        cfg: EnvCfg,
+        num_envs: int,
+        *,
+        seed: int,
+        task: TaskRewardCfg | None = None,
+        sim: Sim | None = None,
+        keep_final: bool = False,
+    ) -> None:
+        """Make and reset `num_envs` environments.
+
+        Args:
+            robot: The robot.
+            cfg: The environment.
+            num_envs: How many run side by side.
+            seed: Where all chance comes from.
+            task: Weights of the task reward; its height follows the robot by default.
+            sim: A simulator of `num_envs` copies; MuJoCo on the CPU by default.
+            keep_final: Put the states before any reset into `extras["final"]`.
+        """
+        self.robot = robot
+        self.cfg: EnvCfg = cfg
+        self.task = task or TaskRewardCfg(height_m=float(robot.home_qpos[2]))
+        self.sim = sim or BatchSim(robot, num_envs)
+        self.num_envs = num_envs
+        self.num_actions = 12
+        self.max_episode_length = cfg.episode_steps
+        self.device = self.sim.device
+        self._rng = torch.Generator(device=self.device).manual_seed(seed)
+        self._home_joint_pos = self._constant(robot.home_joint_pos)
+        self._joint_low, self._joint_high = self._constant(robot.joint_range).unbind(-1)
+        self._foot_radius = self._constant(robot.foot_radius)
+        self._fall_height = cfg.fall.height_ratio * float(robot.home_qpos[2])
+        self._fall_cosine = float(torch.cos(torch.tensor(cfg.fall.tilt_rad)))
+        zeros = torch.zeros(num_envs, 12, device=self.device)
+        self.episode_length_buf = torch.zeros(
+            num_envs, dtype=torch.long, device=self.device
+        )
+        self.command = zeros[:, :3].clone()
+        self.action = zeros
+        self._air_time = zeros[:, :4].clone()
+        self._starting = torch.ones(num_envs, dtype=torch.bool, device=self.device)
+        self._commands_fixed = False
+        self._keep_final = keep_final
+        self._reset(torch.arange(num_envs, device=self.device))
+        self._obs = self._observe(self.sim.read())
+
+    @property
+    def unwrapped(self) -> QuadrupedEnv:
+        """Itself; RSL-RL's extensions look here for `step_dt`."""
+        return self
+
+    @property
+    def step_dt(self) -> float:
+        """Time between two actions, s."""
+        return self.cfg.control_dt_s
+
+    def get_observations(self) -> TensorDict:
+        """The current observations, `{"policy": [N, 48]}`."""
+        return TensorDict({"policy": self._obs}, batch_size=[self.num_envs])
+
+    def fix_commands(self, command: Tensor) -> None:
+        """Ask for `command` [N, 3] from now on, in this and all later episodes."""
+        self.command = command.to(self.device, torch.float32).clone()
+        self._commands_fixed = True
+        self._obs = self._observe(self.sim.read())
+
+    def step(
+        self, actions: Tensor
+    ) -> tuple[TensorDict, Tensor, Tensor, dict[str, Any]]:
+        """Apply `actions` [N, 12] for one control step.
+
+        Returns observations after any reset, the task reward [N], `dones` [N] and
+        extras: `features` [N, F] and `starts` [N] of this step, `time_outs`, `aborted`
+        (the simulation diverged; its row is all zeros) and `log`.
+        """
+        previous, starts = self.action, self._starting
+        self.action = actions.clamp(-self.cfg.action_limit, self.cfg.action_limit)
+        targets = self._home_joint_pos + self.cfg.action_scale_rad * self.action
+        targets = targets.clamp(self._joint_low, self._joint_high)
+        self.sim.set_targets(targets)
+        aborted = self.sim.advance(self.cfg.substeps)
+        self.episode_length_buf += 1
+
+        state = self.sim.read()
+        features, fallen, finite = self._features(state, previous)
+        # A diverged simulation was reset behind our back: nothing of it is usable.
+        aborted |= ~finite
+        features[aborted] = 0.0
+        fallen &= ~aborted
+        time_outs = (self.episode_length_buf >= self.max_episode_length) & ~fallen
+        dones = fallen | time_outs | aborted
+        rewards, log = self._reward(features)
+        extras = {
+            "features": features,
+            "starts": starts,
+            "targets": targets,
+            # Aborted episodes are bootstrapped like time-outs: the policy is not blamed.
+            "time_outs": time_outs | aborted,
+            "aborted": aborted,
+            "fallen": fallen,
+            "log": log,
+        }
+        if self._keep_final:
+            extras["final"] = (*self.sim.raw_state(), self._observe(state))
+        self._resample_commands()
+        if dones.any():
+            self._reset(dones.nonzero().flatten())
+            state = self.sim.read()
+        self._starting = dones
+        self._obs = self._observe(state)
+        return self.get_observations(), rewards, dones, extras
+
+    def snapshot(self) -> dict[str, Tensor]:
+        """All state as plain tensors, so that a killed run goes on bit for bit."""
+        return {
+            "sim": self.sim.snapshot(),
+            "episode_length": self.episode_length_buf.clone(),
+            "command": self.command.clone(),
+            "action": self.action.clone(),
+            "air_time": self._air_time.clone(),
+            "starting": self._starting.clone(),
+            "rng": self._rng.get_state(),
+        }
+
+    def restore(self, snapshot: dict[str, Tensor]) -> None:
+        """Go on from `snapshot` of an environment of equal configuration."""
+        self.sim.restore(snapshot["sim"])
+        self.episode_length_buf = snapshot["episode_length"].clone()
+        self.command = snapshot["command"].clone()
+        self.action = snapshot["action"].clone()
+        self._air_time = snapshot["air_time"].clone()
+        self._starting = snapshot["starting"].clone()
+        self._rng.set_state(snapshot["rng"])
+        self._obs = self._observe(self.sim.read())
+
+    def _features(
+        self, state: SimState, previous: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Feature rows [N, F], fallen [N] and finite [N] of the state reached."""
+        base = base_state(state)
+        in_air = 1.0 - state.foot_contact
+        self._air_time = (self._air_time + self.step_dt) * in_air
+        fallen = (
+            (-base.gravity_b[:, 2] < self._fall_cosine)
+            | (state.base_pos_w[:, 2] < self._fall_height)
+            | (state.base_contact > 0)
+        )
+        features = feature_row(
+            base,
+            state,
+            home_joint_pos=self._home_joint_pos,
+            foot_radius=self._foot_radius,
+            command=self.command,
+            action=self.action,
+            previous_action=previous,
+            foot_air_time=self._air_time,
+            fallen=fallen,
+        )
+        return features, fallen, features.isfinite().all(dim=-1)
+
+    def _reward(self, features: Tensor) -> tuple[Tensor, dict[str, Tensor]]:
+        terms = weighted_terms(features, self.task, control_dt_s=self.step_dt)
+        stacked = torch.stack(tuple(terms.values())) * self.step_dt
+        means = stacked.mean(dim=1) / self.step_dt
+        log = {f"task/{name}": means[i] for i, name in enumerate(terms)}
+        error = self._tracking_error(features)
+        return stacked.sum(dim=0), {**log, "track/planar_error_m_s": error.mean()}
+
+    def _tracking_error(self, features: Tensor) -> Tensor:
+        return torch.linalg.vector_norm(features[:, 10:12] - features[:, 0:2], dim=-1)
+
+    def _observe(self, state: SimState) -> Tensor:
+        return observation(
+            base_state(state),
+            state,
+            home_joint_pos=self._home_joint_pos,
+            action=self.action,
+            command=self.command,
+        )
+
+    def _resample_commands(self) -> None:
+        if self._commands_fixed or self.cfg.commands.resample_s == float("inf"):
+            return
+        period = max(1, round(self.cfg.commands.resample_s / self.step_dt))
+        due = (self.episode_length_buf % period == 0).nonzero().flatten()
+        if len(due):
+            self.command[due] = self._draw_commands(len(due))
+
+    def _draw_commands(self, count: int) -> Tensor:
+        cfg = self.cfg.commands
+        ranges = (cfg.forward_m_s, cfg.left_m_s, cfg.yaw_rad_s)
+        return torch.stack([self._uniform(count, 1, r)[:, 0] for r in ranges], dim=-1)
+
+    def _reset(self, ids: Tensor) -> None:
+        """Start new episodes in the environments `ids` [K]."""
+        cfg, count = self.cfg.reset, len(ids)
+        home = torch.from_numpy(self.robot.home_qpos.copy())
+        qpos = home.to(self.device, torch.float64).repeat(count, 1)
+        qvel = torch.zeros(count, self.robot.mj_model.nv, dtype=torch.float64)
+        noise = self._noise(count, 12, cfg.joint_pos_rad)
+        joints = (self._home_joint_pos + noise).clamp(self._joint_low, self._joint_high)
+        qpos[:, self.robot.qpos_adr] = joints.double()
+        qpos[:, 2] += self._uniform(count, 1, (0.0, cfg.height_m))[:, 0]
+        half_angles = self._noise(count, 2, cfg.tilt_rad) / 2
+        qpos[:, 3] = (1 - half_angles.square().sum(-1)).sqrt()
+        qpos[:, 4:6] = half_angles
+        qpos[:, 6] = 0.0
+        qvel[:, 0:3] = self._noise(count, 3, cfg.base_lin_vel_m_s)
+        qvel[:, 3:6] = self._noise(count, 3, cfg.base_ang_vel_rad_s)
+        qvel[:, self.robot.qvel_adr] = self._noise(
+            count, 12, cfg.joint_vel_rad_s
+        ).double()
+        self.sim.reset(ids, qpos, qvel)
+        self.episode_length_buf[ids] = 0
+        self.action = self.action.clone()
+        self.action[ids] = 0.0
+        self._air_time[ids] = 0.0
+        if not self._commands_fixed:
+            self.command[ids] = self._draw_commands(count)
+
+    def _noise(self, rows: int, width: int, amplitude: float) -> Tensor:
+        return self._uniform(rows, width, (-amplitude, amplitude))
+
+    def _uniform(self, rows: int, width: int, interval: Range) -> Tensor:
+        low, high = interval
+        unit = torch.rand(rows, width, generator=self._rng, device=self.device)
+        return low + (high - low) * unit
+
+    def _constant(self, values: Any) -> Tensor:
+        return torch.as_tensor(values, dtype=torch.float32, device=self.device)

@@ -1,0 +1,277 @@
+"""PPO: RSL-RL's runner and algorithm, with the reward handed in as a callable.
+
+Shapes: T steps of a rollout, N environments, F feature columns.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import torch
+from rsl_rl.algorithms import PPO
+from rsl_rl.models import MLPModel
+from rsl_rl.runners import OnPolicyRunner
+from tensordict import TensorDict
+from torch import Tensor
+
+from data.features import FEATURE_DIM
+
+from .env import QuadrupedEnv
+
+
+class RewardFn(Protocol):
+    """Anything that scores feature rows: hand-written, learned, or a test's own."""
+
+    def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
+        """Reward [T, N] of `features` [T, N, F]; `starts` [T, N] begin an episode."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class PpoCfg:
+    """How a policy is trained; the defaults fit two CPU cores."""
+
+    num_envs: int = 256
+    """Environments that run side by side."""
+    steps_per_env: int = 24
+    """Control steps each environment contributes to one update."""
+    hidden_sizes: tuple[int, ...] = (128, 128)
+    """Widths of the hidden layers of actor and critic."""
+    init_std: float = 0.6
+    """Exploration noise at the start, in units of the action."""
+    learning_rate: float = 1e-3
+    """First step size; adapted so that an update moves the policy by `desired_kl`."""
+    desired_kl: float = 0.01
+    """Mean KL divergence between the policies before and after an update."""
+    epochs: int = 5
+    """Passes over each rollout."""
+    minibatches: int = 4
+    """Parts each pass is cut into."""
+    gamma: float = 0.99
+    """Discount per control step."""
+    lam: float = 0.95
+    """Bias-variance trade-off of the advantage (GAE)."""
+    clip: float = 0.2
+    """Clip range of the policy ratio and, in units of reward, of the value update."""
+    entropy_weight: float = 0.005
+    """Weight of the entropy bonus."""
+    reference_kl_weight: float = 0.0
+    """Reward taken per nat by which the policy leaves the one it started from."""
+
+    @property
+    def steps_per_iteration(self) -> int:
+        """Environment steps of one update."""
+        return self.num_envs * self.steps_per_env
+
+
+def to_rsl_rl(cfg: PpoCfg) -> dict[str, Any]:
+    """Spell `cfg` the way RSL-RL reads it; a new dictionary on every call."""
+    network = {
+        "class_name": "MLPModel",
+        "hidden_dims": list(cfg.hidden_sizes),
+        "activation": "elu",
+        "obs_normalization": True,
+    }
+    noise = {
+        "class_name": "GaussianDistribution",
+        "init_std": cfg.init_std,
+        "std_type": "scalar",
+    }
+    return {
+        "num_steps_per_env": cfg.steps_per_env,
+        "save_interval": 1,
+        "obs_groups": {"actor": ["policy"], "critic": ["policy"]},
+        "actor": {**network, "distribution_cfg": noise},
+        "critic": dict(network),
+        "algorithm": {
+            "class_name": RewardPpo,
+            "num_learning_epochs": cfg.epochs,
+            "num_mini_batches": cfg.minibatches,
+            "clip_param": cfg.clip,
+            "gamma": cfg.gamma,
+            "lam": cfg.lam,
+            "entropy_coef": cfg.entropy_weight,
+            "learning_rate": cfg.learning_rate,
+            "schedule": "adaptive",
+            "desired_kl": cfg.desired_kl,
+        },
+    }
+
+
+class RewardPpo(PPO):
+    """PPO that scores a whole rollout at once with a `RewardFn`, once it is collected.
+
+    Without one it uses the environment's own reward. Scoring once per rollout costs less
+    than step by step and lets a reward look at more than one row.
+    """
+
+    reward_fn: RewardFn | None = None
+    reference: MLPModel | None = None
+    reference_kl_weight: float = 0.0
+
+    def process_env_step(
+        self, obs: TensorDict, rewards: Tensor, dones: Tensor, extras: dict[str, Any]
+    ) -> None:
+        """Record one step, and what is needed to score it later."""
+        step = self.storage.step
+        if step == 0:
+            shape = (self.storage.num_transitions_per_env, self.storage.num_envs)
+            self._features = torch.zeros(*shape, FEATURE_DIM, device=self.device)
+            self._starts = torch.zeros(shape, dtype=torch.bool, device=self.device)
+            self._time_outs = torch.zeros(shape, device=self.device)
+            self._valid = torch.ones(shape, device=self.device)
+        self._features[step] = extras["features"]
+        self._starts[step] = extras["starts"]
+        self._time_outs[step] = extras["time_outs"].float()
+        self._valid[step] = 1.0 - extras["aborted"].float()
+        # The parent would bootstrap time-outs now; `compute_returns` does it instead,
+        # when the reward is known.
+        untimed = {key: value for key, value in extras.items() if key != "time_outs"}
+        super().process_env_step(obs, rewards, dones, untimed)
+
+    def compute_returns(self, obs: TensorDict) -> None:
+        """Score the rollout, bootstrap time-outs, then compute returns (GAE)."""
+        rewards = self.storage.rewards[..., 0]
+        if self.reward_fn is not None:
+            rewards = self.reward_fn(self._features, self._starts)
+            if rewards.shape != self._time_outs.shape:
+                raise ValueError(
+                    f"the reward of features {tuple(self._features.shape)} must be "
+                    f"{tuple(self._time_outs.shape)}, got {tuple(rewards.shape)}"
+                )
+        rewards = _require_finite(rewards) * self._valid
+        self.mean_reward = float(rewards.mean())
+        rewards = rewards - self._reference_penalty()
+        values = self.storage.values[..., 0]
+        bootstrap = self.gamma * values * self._time_outs
+        self.storage.rewards.copy_((rewards + bootstrap)[..., None])
+        super().compute_returns(obs)
+
+    def _reference_penalty(self) -> Tensor | float:
+        """KL-shaped penalty beta * (log pi - log pi_ref) of the actions taken."""
+        self.reference_kl = 0.0
+        if self.reference is None:
+            return 0.0
+        flat = self.storage.observations.flatten(0, 1)
+        self.reference(flat, stochastic_output=True)
+        actions = self.storage.actions.flatten(0, 1)
+        log_ref = self.reference.get_output_log_prob(actions)
+        log_ratio = self.storage.actions_log_prob[..., 0] - log_ref.view_as(
+            self.storage.actions_log_prob[..., 0]
+        )
+        self.reference_kl = float(log_ratio.mean())
+        return self.reference_kl_weight * log_ratio
+
+
+@dataclass(frozen=True, kw_only=True)
+class IterationStats:
+    """What one iteration of training did."""
+
+    iteration: int
+    """Iterations done, this one included."""
+    steps: int
+    """Environment steps done, over all environments."""
+    steps_per_s: float
+    """Environment steps per second of this iteration."""
+    mean_return: float
+    """Mean reward of a step times the steps of a full episode."""
+    scalars: dict[str, float]
+    """Everything measured, by TensorBoard tag."""
+
+
+class Runner(OnPolicyRunner):
+    """RSL-RL's runner, reporting to a callback instead of to the console."""
+
+    alg: RewardPpo
+    env: QuadrupedEnv
+
+    def __init__(self, env: QuadrupedEnv, cfg: PpoCfg) -> None:
+        self.ppo = cfg
+        with contextlib.redirect_stdout(io.StringIO()):
+            super().__init__(env, to_rsl_rl(cfg), log_dir=None, device=str(env.device))
+
+    def learn(  # type: ignore[override]
+        self,
+        num_learning_iterations: int,
+        on_iteration: Callable[[IterationStats], bool],
+    ) -> None:
+        """Run iterations until `num_learning_iterations` are done since the beginning.
+
+        Args:
+            num_learning_iterations: Total, those before a resume included.
+            on_iteration: Called after each; answers whether to go on.
+        """
+        self.alg.train_mode()
+        obs = self.env.get_observations()
+        while self.current_learning_iteration < num_learning_iterations:
+            start_s = time.perf_counter()
+            with torch.inference_mode():
+                obs, scalars = self._collect(obs)
+                collected_s = time.perf_counter()
+                self.alg.compute_returns(obs)
+            losses = self.alg.update()
+            stop_s = time.perf_counter()
+            self.current_learning_iteration += 1
+            stats = self._stats(scalars, losses, start_s, collected_s, stop_s)
+            if not on_iteration(stats):
+                return
+
+    def _collect(self, obs: TensorDict) -> tuple[TensorDict, dict[str, float]]:
+        sums: dict[str, Tensor] = {}
+        falls = torch.zeros((), device=self.env.device)
+        aborts = torch.zeros((), device=self.env.device)
+        for _ in range(self.ppo.steps_per_env):
+            actions = self.alg.act(obs)
+            obs, rewards, dones, extras = self.env.step(actions)
+            self.alg.process_env_step(obs, rewards, dones, extras)
+            for name, value in extras["log"].items():
+                sums[name] = sums.get(name, 0.0) + value
+            falls += extras["fallen"].sum()
+            aborts += extras["aborted"].sum()
+        scalars = {name: float(v) / self.ppo.steps_per_env for name, v in sums.items()}
+        minutes = self.ppo.steps_per_iteration * self.env.step_dt / 60.0
+        scalars["episode/falls_per_minute"] = float(falls) / minutes
+        scalars["episode/aborted"] = float(aborts)
+        return obs, scalars
+
+    def _stats(
+        self,
+        scalars: dict[str, float],
+        losses: dict[str, float],
+        start_s: float,
+        collected_s: float,
+        stop_s: float,
+    ) -> IterationStats:
+        iteration = self.current_learning_iteration
+        steps_per_s = self.ppo.steps_per_iteration / (stop_s - start_s)
+        mean_return = self.alg.mean_reward * self.env.cfg.episode_steps
+        return IterationStats(
+            iteration=iteration,
+            steps=iteration * self.ppo.steps_per_iteration,
+            steps_per_s=steps_per_s,
+            mean_return=mean_return,
+            scalars={
+                **scalars,
+                **{f"loss/{name}": value for name, value in losses.items()},
+                "loss/learning_rate": self.alg.learning_rate,
+                "policy/std": float(self.alg.get_policy().output_std.mean()),
+                "policy/reference_kl": self.alg.reference_kl,
+                "train/return": mean_return,
+                "perf/steps_per_s": steps_per_s,
+                "perf/collect_s": collected_s - start_s,
+                "perf/learn_s": stop_s - collected_s,
+            },
+        )
+
+
+def _require_finite(rewards: Tensor) -> Tensor:
+    """`rewards` [T, N] unchanged, or an error that names the environments."""
+    if not rewards.isfinite().all():
+        bad = (~rewards.isfinite()).any(dim=0).nonzero().flatten().tolist()
+        raise FloatingPointError(f"the reward is not finite in environments {bad[:8]}")
+    return rewards

@@ -1,0 +1,178 @@
+"""Recording episodes of a policy and of its own earlier checkpoints.
+
+Shapes: N environments, T steps of an episode.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from data.episode import EndReason, Episode, EpisodeMeta
+
+from .checkpoint import Policy, load_policy
+from .config import CommandCfg
+from .env import QuadrupedEnv
+from .rollout import RolloutStep, first_episodes
+from .train import CHECKPOINTS_NAME
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordCfg:
+    """What is recorded of a policy."""
+
+    episodes: int = 64
+    """Episodes in all."""
+    episode_s: float = 6.0
+    """Length of an episode that does not fall."""
+    checkpoints: int = 3
+    """Earlier checkpoints of the same training that are recorded too."""
+    checkpoint_share: float = 0.5
+    """Share of the episodes that shows them."""
+    noisy_share: float = 0.5
+    """Share of the episodes acted with exploration noise, so that clips differ."""
+
+    def __post_init__(self) -> None:
+        if self.episodes < 1:
+            raise ValueError(f"episodes must be at least 1, got {self.episodes}")
+
+
+def recorded_commands(cfg: CommandCfg) -> list[tuple[float, float, float]]:
+    """The few commands that are recorded, so that many clips share one."""
+    low, high = cfg.forward_m_s
+    middle = (low + high) / 2
+    return [
+        (low, 0.0, 0.0),
+        (middle, 0.0, 0.0),
+        (high, 0.0, 0.0),
+        (middle, cfg.left_m_s[1], 0.0),
+        (middle, 0.0, cfg.yaw_rad_s[1]),
+    ]
+
+
+def checkpoint_files(policy_file: Path, count: int) -> list[Path]:
+    """The newest `count` checkpoints that training left beside `policy_file`."""
+    folder = policy_file.parent / CHECKPOINTS_NAME
+    found = sorted(folder.glob("step_*.pt")) if folder.is_dir() else []
+    return found[-count:] if count else []
+
+
+def record(
+    policy_file: Path,
+    cfg: RecordCfg,
+    *,
+    seed: int,
+    round: int = 0,
+    policies: Sequence[Policy] | None = None,
+) -> Iterator[Episode]:
+    """Episodes of the policy and of its checkpoints, one after the other.
+
+    Args:
+        policy_file: The policy; `checkpoints/` beside it holds the earlier ones.
+        cfg: How many, how long.
+        seed: Start states and exploration noise.
+        round: Stored with every episode.
+        policies: Used instead of those found on disk; the newest first.
+    """
+    if policies is None:
+        earlier = checkpoint_files(policy_file, cfg.checkpoints)
+        policies = [load_policy(f) for f in (policy_file, *reversed(earlier))]
+    for index, (policy, count) in enumerate(
+        zip(policies, _shares(cfg, len(policies)), strict=True)
+    ):
+        if count:
+            source_seed = int(
+                np.random.SeedSequence([seed, index]).generate_state(1)[0]
+            )
+            yield from _record_one(policy, cfg, count, seed=source_seed, round=round)
+
+
+def _shares(cfg: RecordCfg, sources: int) -> list[int]:
+    """Episodes for each source: the newest gets what the checkpoints leave."""
+    earlier = sources - 1
+    each = int(cfg.episodes * cfg.checkpoint_share) // earlier if earlier else 0
+    return [cfg.episodes - each * earlier] + [each] * earlier
+
+
+def _record_one(
+    policy: Policy, cfg: RecordCfg, count: int, *, seed: int, round: int
+) -> Iterator[Episode]:
+    info = policy.info
+    env_cfg = replace(
+        info.env,
+        episode_s=min(cfg.episode_s, info.env.episode_s),
+        commands=replace(info.env.commands, resample_s=float("inf")),
+    )
+    robot = policy.robot()
+    env = QuadrupedEnv(robot, env_cfg, count, seed=seed, keep_final=True)
+    choices = recorded_commands(env_cfg.commands)
+    commands = [choices[i % len(choices)] for i in range(count)]
+    env.fix_commands(torch.tensor(commands))
+    noisy = _noisy(count, len(choices), cfg.noisy_share)
+    steps = list(
+        first_episodes(
+            policy,
+            env,
+            noise=torch.from_numpy(noisy).float(),
+            rng=torch.Generator().manual_seed(seed),
+        )
+    )
+    for index in range(count):
+        meta = EpisodeMeta(
+            task="walk",
+            seed=seed,
+            env_index=index,
+            command=commands[index],
+            policy_sha256=policy.sha256,
+            policy_step=info.steps,
+            stochastic=bool(noisy[index]),
+            control_dt_s=env_cfg.control_dt_s,
+            physics_dt_s=env_cfg.physics_dt_s,
+            robot=robot.name,
+            model_sha256=robot.model_sha256,
+            round=round,
+            extra={"trained_against": info.reward},
+        )
+        yield _episode(steps, index, meta, robot.mjcf)
+
+
+def _episode(
+    steps: list[RolloutStep], index: int, meta: EpisodeMeta, mjcf: str
+) -> Episode:
+    """The first episode of environment `index`."""
+    own = [step for step in steps if step.alive[index]]
+    last = own[-1]
+    if last.final is None:
+        raise ValueError("recording needs an environment made with keep_final=True")
+    final_qpos, final_qvel, final_obs = last.final
+    end: EndReason = "truncated"
+    if last.aborted[index]:
+        end = "aborted"
+    elif last.fallen[index]:
+        end = "terminated"
+
+    def rows(name: str) -> np.ndarray:
+        return np.stack([np.asarray(getattr(step, name)[index]) for step in own])
+
+    return Episode(
+        qpos=np.concatenate([rows("qpos"), final_qpos[index][None]]),
+        qvel=np.concatenate([rows("qvel"), final_qvel[index][None]]),
+        obs=np.concatenate([rows("obs"), final_obs[index].numpy()[None]]),
+        action=rows("action"),
+        ctrl=rows("targets"),
+        features=rows("features"),
+        reward=rows("reward"),
+        end_reason=end,
+        meta=meta,
+        mjcf=mjcf,
+    )
+
+
+def _noisy(count: int, period: int, share: float) -> np.ndarray:
+    """Which episodes act with noise [N]: the same share of every command."""
+    turn = np.arange(count) // period
+    return np.floor((turn + 1) * share) > np.floor(turn * share)

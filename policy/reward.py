@@ -1,0 +1,167 @@
+"""Hand-written rewards: functions of the feature row, in units per second.
+
+A step's reward is its score times the control step, so that the return of an episode
+does not depend on the control rate.
+
+Shapes: F feature columns; a score keeps the leading shape of its rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import torch
+from torch import Tensor
+
+from data.features import column
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaskRewardCfg:
+    """Weights of the hand-written walking reward, each per second unless said."""
+
+    track_planar: float = 1.0
+    """exp(-e^2 / 0.25) of the planar velocity error e, m/s."""
+    track_yaw: float = 0.5
+    """exp(-e^2 / 0.25) of the turning rate error e, rad/s."""
+    vertical: float = -2.0
+    """Squared vertical velocity, m^2/s^2."""
+    roll_pitch_rate: float = -0.05
+    """Squared roll and pitch rates, rad^2/s^2."""
+    tilt: float = -2.0
+    """Squared horizontal part of gravity in the body frame."""
+    height: float = -20.0
+    """Squared deviation from `height_m`, m^2."""
+    torque: float = -2e-4
+    """Sum of squared joint torques, N^2 m^2."""
+    action_rate: float = -0.01
+    """Sum of squared differences of successive actions."""
+    pose: float = -0.1
+    """Sum of squared joint offsets from the home pose, rad^2."""
+    slip: float = -0.1
+    """Sum of squared speeds of feet in contact, m^2/s^2."""
+    clearance: float = -2.0
+    """Sum over feet of squared deviation from `clearance_m` times foot speed."""
+    swing: float = 1.0
+    """Each foot: +1 per second of swing up to 0.5 s, less `swing_min_s` a lift-off."""
+    fall: float = -1.0
+    """Once, when the robot falls."""
+    height_m: float = 0.28
+    """Height of the base that is asked for."""
+    clearance_m: float = 0.08
+    """Height a swinging foot should reach."""
+    swing_min_s: float = 0.2
+    """A swing shorter than this costs more than it earns."""
+
+    @property
+    def weights(self) -> dict[str, float]:
+        """The weight of every term by name."""
+        targets = ("height_m", "clearance_m", "swing_min_s")
+        return {
+            f.name: getattr(self, f.name) for f in fields(self) if f.name not in targets
+        }
+
+
+def _square(values: Tensor) -> Tensor:
+    return values.square().sum(dim=-1)
+
+
+def task_terms(
+    features: Tensor, cfg: TaskRewardCfg, *, control_dt_s: float
+) -> dict[str, Tensor]:
+    """The unweighted terms of `features [..., F]` by name, each [...], per second.
+
+    The swing term is the usual bonus for air time at touch-down, paid step by step: a
+    swing of `a` seconds earns `a` less `swing_min_s`, the latter at its first step, so
+    that the term needs one row only.
+    """
+    command = features[..., column("command")]
+    velocity = features[..., column("base_lin_vel_b")]
+    rates = features[..., column("base_ang_vel_b")]
+    contact = features[..., column("foot_contact")]
+    speed = features[..., column("foot_speed")]
+    lift = features[..., column("foot_height")] - cfg.clearance_m
+    air = features[..., column("foot_air_time")]
+    lift_off = (air > 0) & (air < 1.5 * control_dt_s)
+    swinging = (air > 0) & (air < 0.5)
+    return {
+        "track_planar": torch.exp(
+            -_square(command[..., :2] - velocity[..., :2]) / 0.25
+        ),
+        "track_yaw": torch.exp(-(command[..., 2] - rates[..., 2]).square() / 0.25),
+        "vertical": velocity[..., 2].square(),
+        "roll_pitch_rate": _square(rates[..., :2]),
+        "tilt": _square(features[..., column("gravity_b")][..., :2]),
+        "height": (
+            features[..., column("base_height")][..., 0] - cfg.height_m
+        ).square(),
+        "torque": _square(features[..., column("joint_torque")]),
+        "action_rate": _square(features[..., column("action_rate")]),
+        "pose": _square(features[..., column("joint_pos_offset")]),
+        "slip": (contact * speed.square()).sum(dim=-1),
+        "clearance": (lift.square() * speed).sum(dim=-1),
+        "swing": (
+            swinging.float() - lift_off.float() * (cfg.swing_min_s / control_dt_s)
+        ).sum(dim=-1),
+        "fall": features[..., column("fallen")][..., 0] / control_dt_s,
+    }
+
+
+def weighted_terms(
+    features: Tensor, cfg: TaskRewardCfg, *, control_dt_s: float
+) -> dict[str, Tensor]:
+    """The terms of `task_terms` times their weights; their sum is the task score."""
+    terms = task_terms(features, cfg, control_dt_s=control_dt_s)
+    return {name: weight * terms[name] for name, weight in cfg.weights.items()}
+
+
+def task_score(features: Tensor, cfg: TaskRewardCfg, *, control_dt_s: float) -> Tensor:
+    """Task reward per second of `features [..., F]`, [...]."""
+    terms = weighted_terms(features, cfg, control_dt_s=control_dt_s)
+    return torch.stack(tuple(terms.values())).sum(dim=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class KnownTermsCfg:
+    """Terms every learned reward is added to: the robot's safety, in plain sight."""
+
+    alive: float = 1.0
+    """Per second without a fall."""
+    fall: float = -1.0
+    """Once, when the robot falls."""
+    torque: float = -2e-5
+    """Per second, sum of squared joint torques, N^2 m^2."""
+    joint_limits: float = -2.0
+    """Per second, summed distance beyond 95 % of a joint's range, rad."""
+
+
+def known_terms(
+    features: Tensor,
+    cfg: KnownTermsCfg,
+    *,
+    joint_offset_range: Tensor,
+    control_dt_s: float,
+) -> dict[str, Tensor]:
+    """Weighted known terms of `features [..., F]` by name, each [...], per step.
+
+    Args:
+        features: Feature rows.
+        cfg: The weights.
+        joint_offset_range: Ranges [12, 2] of the joints, rad from the home pose.
+        control_dt_s: Control step.
+    """
+    fallen = features[..., column("fallen")][..., 0]
+    offset = features[..., column("joint_pos_offset")]
+    low, high = joint_offset_range.unbind(-1)
+    margin = 0.025 * (high - low)
+    beyond = (low + margin - offset).clamp(min=0) + (offset - high + margin).clamp(
+        min=0
+    )
+    return {
+        "alive": cfg.alive * control_dt_s * (1.0 - fallen),
+        "fall": cfg.fall * fallen,
+        "torque": cfg.torque
+        * control_dt_s
+        * _square(features[..., column("joint_torque")]),
+        "joint_limits": cfg.joint_limits * control_dt_s * beyond.sum(dim=-1),
+    }

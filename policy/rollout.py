@@ -1,0 +1,85 @@
+"""One episode in each of N environments, step by step.
+
+Shapes: N environments, F feature columns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from .checkpoint import Policy
+from .env import QuadrupedEnv
+
+
+@dataclass(frozen=True, eq=False)
+class RolloutStep:
+    """What one control step started from and led to, for all environments."""
+
+    qpos: np.ndarray
+    """[N, nq] before the step, full precision"""
+    qvel: np.ndarray
+    """[N, nv] before the step"""
+    obs: Tensor
+    """[N, 48] before the step"""
+    action: Tensor
+    """[N, 12] as the policy gave it"""
+    targets: Tensor
+    """[N, 12] joint targets, rad"""
+    features: Tensor
+    """[N, F] after the step"""
+    reward: Tensor
+    """[N] the task's reward"""
+    alive: Tensor
+    """[N] the environment's first episode was still going on before the step"""
+    fallen: Tensor
+    """[N] this step ended that episode by a fall"""
+    aborted: Tensor
+    """[N] this step ended it because the simulation diverged"""
+    final: tuple[np.ndarray, np.ndarray, Tensor] | None
+    """qpos, qvel and obs after the step and before any reset, where the env keeps them"""
+
+
+@torch.inference_mode()
+def first_episodes(
+    policy: Policy,
+    env: QuadrupedEnv,
+    *,
+    noise: Tensor | None = None,
+    rng: torch.Generator | None = None,
+) -> Iterator[RolloutStep]:
+    """Step a fresh `env` until the first episode of every environment has ended.
+
+    Args:
+        policy: Who acts.
+        env: A fresh environment; its later episodes are to be ignored by `alive`.
+        noise: Scale [N] of the exploration noise per environment; None for none.
+        rng: Source of that noise.
+    """
+    alive = torch.ones(env.num_envs, dtype=torch.bool)
+    while alive.any():
+        qpos, qvel = env.sim.raw_state()
+        obs = env.get_observations()["policy"]
+        draws = None
+        if noise is not None:
+            draws = noise[:, None] * torch.randn(env.num_envs, 12, generator=rng)
+        action = policy(obs, draws)
+        _, reward, dones, extras = env.step(action)
+        yield RolloutStep(
+            qpos=qpos,
+            qvel=qvel,
+            obs=obs,
+            action=action,
+            targets=extras["targets"],
+            features=extras["features"],
+            reward=reward,
+            alive=alive.clone(),
+            fallen=extras["fallen"] & alive,
+            aborted=extras["aborted"] & alive,
+            final=extras.get("final"),
+        )
+        alive &= ~dones

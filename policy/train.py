@@ -1,0 +1,268 @@
+"""Training as one stage: a reward in, a directory with a policy out, resumable."""
+
+from __future__ import annotations
+
+import io
+import json
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch.utils.tensorboard.writer import SummaryWriter
+
+from data.files import write_atomically
+from data.plain import to_plain
+
+from .checkpoint import PolicyError, PolicyInfo, read_plain, save_policy
+from .config import EnvCfg
+from .env import QuadrupedEnv
+from .ppo import IterationStats, PpoCfg, RewardFn, Runner
+from .robot import Robot
+
+RESUME_NAME = "resume.pt"
+POLICY_NAME = "policy.pt"
+CHECKPOINTS_NAME = "checkpoints"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainCfg:
+    """One training run."""
+
+    steps: int = 1_500_000
+    """Environment steps over all environments."""
+    env: EnvCfg
+    """The environment."""
+    ppo: PpoCfg
+    """The algorithm."""
+    seed: int = 0
+    """Where all chance comes from."""
+    checkpoints: int = 4
+    """Policies kept on the way, evenly spaced, so that clips of them can differ."""
+    save_every: int = 20
+    """Iterations between two states a killed run can go on from."""
+    exploration_std: float | None = None
+    """Exploration noise to start from instead of that of the initial policy."""
+
+    @property
+    def iterations(self) -> int:
+        """Updates it takes to reach `steps`."""
+        return -(-self.steps // self.ppo.steps_per_iteration)
+
+    @property
+    def checkpoint_iterations(self) -> frozenset[int]:
+        """Iterations after which a policy is kept, the last one left out."""
+        parts = self.checkpoints + 1
+        return frozenset(self.iterations * i // parts for i in range(1, parts)) - {0}
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainResult:
+    """How a training run ended."""
+
+    finished: bool
+    """False where it was interrupted; it can be resumed."""
+    steps: int
+    policy: Path
+    stats: IterationStats | None
+    """The last iteration; None where there was nothing to do."""
+
+
+def train(
+    out: Path,
+    robot: Robot,
+    cfg: TrainCfg,
+    *,
+    reward_fn: RewardFn | None = None,
+    reward_name: str = "task",
+    init: Path | None = None,
+    resume: bool = False,
+    on_iteration: Callable[[IterationStats], None] = lambda stats: None,
+) -> TrainResult:
+    """Train a policy into the directory `out`.
+
+    Args:
+        out: Gets policy.pt, checkpoints/, TensorBoard files and the state to resume.
+        robot: The robot.
+        cfg: Sizes, lengths and seed.
+        reward_fn: Reward per step of feature rows; None is the task's own.
+        reward_name: What the reward is, in words.
+        init: A policy file to start from.
+        resume: Go on from the state left in `out`; without one, start anew.
+        on_iteration: Called after every iteration.
+
+    Raises:
+        PolicyError: `init` or the state to resume cannot be used.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(cfg.seed)
+        env = QuadrupedEnv(robot, cfg.env, cfg.ppo.num_envs, seed=cfg.seed)
+        runner = Runner(env, cfg.ppo)
+        session = _Session(out, robot, cfg, runner, reward_name)
+        runner.alg.reward_fn = reward_fn
+        if init is not None:
+            session.start_from(init)
+        if not (resume and session.resume()):
+            session.start_fresh()
+        return session.run(on_iteration)
+
+
+class _Session:
+    """One process's work on a training directory."""
+
+    def __init__(
+        self, out: Path, robot: Robot, cfg: TrainCfg, runner: Runner, reward_name: str
+    ) -> None:
+        self.out, self.robot, self.cfg, self.runner = out, robot, cfg, runner
+        self.reward_name = reward_name
+        self.steps_before = 0
+
+    def start_from(self, init: Path) -> None:
+        """Take over the networks of a policy file, and hold it as the reference."""
+        payload = read_plain(init)
+        alg = self.runner.alg
+        try:
+            info = json.loads(payload["infos"]["gaitpref"])
+            alg.load(payload, {"actor": True, "critic": True}, strict=True)
+            self.steps_before = int(info["steps"])
+        except (RuntimeError, KeyError, TypeError, ValueError) as error:
+            reason = str(error).splitlines()[0]
+            raise PolicyError(
+                f"{init} cannot be trained further with networks of "
+                f"{self.cfg.ppo.hidden_sizes}: {reason}"
+            ) from None
+        self._hold_reference()
+
+    def _hold_reference(self) -> None:
+        """Freeze a copy of the current actor to measure the drift from."""
+        buffer = io.BytesIO()
+        torch.save(self.runner.alg.get_policy().state_dict(), buffer)
+        buffer.seek(0)
+        with torch.random.fork_rng(devices=[]):
+            reference = Runner(self.runner.env, self.cfg.ppo).alg.get_policy()
+        reference.load_state_dict(torch.load(buffer, weights_only=True))
+        self.runner.alg.reference = reference.eval()
+        self.runner.alg.reference_kl_weight = self.cfg.ppo.reference_kl_weight
+
+    def start_fresh(self) -> None:
+        """Prepare the first iteration."""
+        std = self.cfg.exploration_std
+        if std is not None:
+            policy = self.runner.alg.get_policy()
+            policy.distribution.std_param.data.fill_(std)  # type: ignore[union-attr]
+        env = self.runner.env
+        # Spread the time-outs, or all environments would be reset at the same step.
+        env.episode_length_buf = torch.randint_like(
+            env.episode_length_buf, high=env.max_episode_length
+        )
+
+    def resume(self) -> bool:
+        """Go on from the state in the directory; False where there is none."""
+        path = self.out / RESUME_NAME
+        if not path.exists():
+            return False
+        state = read_plain(path)
+        runner = self.runner
+        if state["identity"] != self._identity():
+            raise PolicyError(
+                f"{path} was left by a run with other settings, so it cannot go on: "
+                f"give the same settings, or another --out"
+            )
+        runner.alg.load(state, None, strict=True)
+        runner.current_learning_iteration = int(state["iteration"])
+        runner.env.restore(state["env"])
+        torch.set_rng_state(state["torch_rng"])
+        return True
+
+    def run(self, on_iteration: Callable[[IterationStats], None]) -> TrainResult:
+        """Train until done or interrupted, saving on the way."""
+        cfg, last = self.cfg, None
+        writer = SummaryWriter(str(self.out), flush_secs=10)
+
+        def after(stats: IterationStats) -> bool:
+            nonlocal last
+            last = stats
+            for tag, value in stats.scalars.items():
+                writer.add_scalar(tag, value, stats.steps)
+            if stats.iteration in cfg.checkpoint_iterations:
+                name = f"step_{self.steps_before + stats.steps:010d}.pt"
+                self._save_policy(self.out / CHECKPOINTS_NAME / name, stats.steps)
+            if stats.iteration % cfg.save_every == 0 or interrupted:
+                self._save_state()
+            on_iteration(stats)
+            return not interrupted
+
+        interrupted: list[int] = []
+        try:
+            with _interrupts(interrupted):
+                self.runner.learn(cfg.iterations, after)
+        finally:
+            writer.close()
+        iteration = self.runner.current_learning_iteration
+        steps = iteration * cfg.ppo.steps_per_iteration
+        finished = iteration >= cfg.iterations
+        self._save_state()
+        self._save_policy(self.out / POLICY_NAME, steps)
+        return TrainResult(
+            finished=finished, steps=steps, policy=self.out / POLICY_NAME, stats=last
+        )
+
+    def _identity(self) -> str:
+        """What must be equal for a run to be the same run; its length may differ."""
+        settings = to_plain(self.cfg)
+        for free in ("steps", "checkpoints", "save_every"):
+            del settings[free]
+        return json.dumps(
+            {**settings, "robot": self.robot.model_sha256, "reward": self.reward_name},
+            sort_keys=True,
+        )
+
+    def _save_state(self) -> None:
+        runner, buffer = self.runner, io.BytesIO()
+        state = {
+            **runner.alg.save(),
+            "identity": self._identity(),
+            "iteration": runner.current_learning_iteration,
+            "env": runner.env.snapshot(),
+            "torch_rng": torch.get_rng_state(),
+        }
+        torch.save(state, buffer)
+        write_atomically(self.out / RESUME_NAME, buffer.getvalue())
+
+    def _save_policy(self, path: Path, steps: int) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        info = PolicyInfo(
+            steps=self.steps_before + steps,
+            reward=self.reward_name,
+            seed=self.cfg.seed,
+            env=self.cfg.env,
+            ppo=self.cfg.ppo,
+            robot_name=self.robot.name,
+            robot_mjcf=self.robot.mjcf,
+        )
+        save_policy(path, self.runner.alg, info)
+
+
+@contextmanager
+def _interrupts(received: list[int]) -> Iterator[None]:
+    """Collect the first Ctrl-C or SIGTERM, so that an iteration is never cut in two."""
+
+    def note(signum: int, frame: object) -> None:
+        if received:
+            raise KeyboardInterrupt
+        received.append(signum)
+
+    try:
+        previous = {s: signal.signal(s, note) for s in (signal.SIGINT, signal.SIGTERM)}
+    except ValueError:
+        # Not in the main thread: whoever runs us there handles signals.
+        yield
+        return
+    try:
+        yield
+    finally:
+        for signum, handler in previous.items():
+            signal.signal(signum, handler)
