@@ -107,6 +107,8 @@ def _meshes_of_matter(spec: mujoco.MjSpec, mj_model: mujoco.MjModel) -> set[int]
     weighed = {body.id for body in spec.bodies if not body.explicitinertial}
     return {
         int(mj_model.geom_dataid[geom])
-        for geom in np.flatnonzero(mj_model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)
+        for geom in np.flatnonzero(
+            mj_model.geom_type == mujoco.mjtGeom.mjGEOM_MESH
+        ).tolist()
         if collides(mj_model, geom) or int(mj_model.geom_bodyid[geom]) in weighed
     }
