@@ -5,17 +5,18 @@ from __future__ import annotations
 import json
 import sys
 from dataclasses import asdict
-from pathlib import Path
 
 import numpy as np
+import torch
 
 from data.dataset import Dataset
+from data.errors import DatasetError
 from policy.checkpoint import load_policy
 from policy.config import EnvCfg
 from policy.evaluate import evaluate
 from policy.ppo import PpoCfg
 from policy.record import RecordCfg, record
-from policy.reward import KnownTermsCfg
+from policy.reward import KnownTermsCfg, task_reward_for
 from policy.robot import load_robot, load_robot_xml
 from policy.train import TrainCfg, train
 from rewardmodel.cfg import FitCfg
@@ -31,14 +32,17 @@ from .progress import console, counting_bar, training_bar
 from .questions import ClipCfg, ask
 from .rater import answer_pairs
 from .report import write_report
-from .stages import fit_summary
 from .rewards import criterion_context, load_score, total_reward
+from .stages import fit_summary
 
 EXIT_INTERRUPTED = 130
 
 
 def run(command: options.Command) -> int:
     """Run the command; gives the exit code."""
+    # The networks are small: a second thread wins little, loses a lot where another
+    # process wants the core, and would let results depend on the number of cores.
+    torch.set_num_threads(1)
     match command:
         case options.Loop():
             page = run_loop(command)
@@ -155,14 +159,17 @@ def _context_of(dataset: Dataset) -> CriterionContext:
     """The figures of the robot in the data set, out of its first episode."""
     entries = dataset.entries()
     if not entries:
-        return criterion_context(load_robot(physics_dt_s=0.005), EnvCfg())
+        raise DatasetError(
+            f"{dataset.root} holds no episode: `gaitpref record --policy POLICY --dataset "
+            f"{dataset.root}` adds some"
+        )
     episode = dataset.read(entries[0].sha256)
     meta = episode.meta
     robot = load_robot_xml(
         episode.mjcf, name=meta.robot, physics_dt_s=meta.physics_dt_s
     )
     return CriterionContext(
-        home_height_m=float(robot.home_qpos[2]), control_dt_s=meta.control_dt_s
+        walking_height_m=task_reward_for(robot).height_m, control_dt_s=meta.control_dt_s
     )
 
 

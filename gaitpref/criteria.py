@@ -35,7 +35,7 @@ class CriterionError(GaitprefError):
 class CriterionContext:
     """What a built-in criterion needs to know of the robot and its environment."""
 
-    home_height_m: float
+    walking_height_m: float
     control_dt_s: float
 
 
@@ -53,10 +53,10 @@ def high_step(features: Tensor) -> Tensor:
     return (lifted * swinging).mean(dim=-1)
 
 
-def crouch(features: Tensor, *, home_height_m: float) -> Tensor:
-    """A trunk carried at three quarters of its home height, in (0, 1]."""
+def crouch(features: Tensor, *, walking_height_m: float) -> Tensor:
+    """A trunk carried at three quarters of its walking height, in (0, 1]."""
     height = features[..., column("base_height")][..., 0]
-    return torch.exp(-((height - 0.75 * home_height_m) / 0.04).square())
+    return torch.exp(-((height - 0.75 * walking_height_m) / 0.04).square())
 
 
 def low_energy(features: Tensor) -> Tensor:
@@ -81,12 +81,12 @@ def load_criterion(name: str, context: CriterionContext) -> Criterion:
     built_in: dict[str, Criterion] = {
         "task": partial(
             task_score,
-            cfg=TaskRewardCfg(height_m=context.home_height_m),
+            cfg=TaskRewardCfg(height_m=context.walking_height_m),
             control_dt_s=context.control_dt_s,
         ),
         "smooth": smooth,
         "high_step": high_step,
-        "crouch": partial(crouch, home_height_m=context.home_height_m),
+        "crouch": partial(crouch, walking_height_m=context.walking_height_m),
         "low_energy": low_energy,
     }
     if name in built_in:
@@ -164,7 +164,7 @@ def _probe_rows(context: CriterionContext) -> Tensor:
     rows = 0.1 * torch.randn(2, 3, FEATURE_DIM, generator=rng)
     rows[0] = 0.0
     rows[..., column("gravity_b")] = torch.tensor([0.0, 0.0, -1.0])
-    rows[..., column("base_height")] = context.home_height_m
+    rows[..., column("base_height")] = context.walking_height_m
     rows[..., column("foot_contact")] = 1.0
     rows[..., column("fallen")] = 0.0
     return rows

@@ -1,10 +1,201 @@
-"""The page of a run: curves per round, in one file that needs no server."""
+"""The page of a run: curves per round and a table, in one file that needs no server."""
 
 from __future__ import annotations
 
+import html
+import io
+import json
 from pathlib import Path
+from typing import Any
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from data.files import write_atomically
+
+from .run_config import LoopCfg, RunError, read_config
+
+_BLUE, _GREY = "#2563a8", "#8a94a0"
+
+_STYLE = """
+:root { color-scheme: light dark; --line: #d5dae0; --soft: #66707c; }
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto;
+       padding: 0 1rem; }
+h1 { font-size: 1.6rem; margin-bottom: .2rem; } p.lead { color: var(--soft); }
+table { border-collapse: collapse; width: 100%; margin: 1rem 0; }
+th, td { text-align: right; padding: .3rem .6rem; border-bottom: 1px solid var(--line); }
+th:first-child, td:first-child { text-align: left; }
+.curves { display: grid; grid-template-columns: repeat(auto-fit, minmax(17rem, 1fr));
+          gap: 1rem; }
+.curves figure { margin: 0; background: #fff; border: 1px solid var(--line);
+                 border-radius: 8px; padding: .4rem; }
+.curves svg { width: 100%; height: auto; display: block; }
+code, pre { font-size: .9rem; } pre { overflow-x: auto; }
+"""
 
 
 def write_report(run: Path) -> Path:
-    """Write `report/index.html` of the run; gives its path."""
-    return run / "report" / "index.html"
+    """Write `report/index.html` of the run from its rounds' report.json; gives its path.
+
+    Raises:
+        RunError: the directory holds no run, or no round is finished yet.
+    """
+    cfg = read_config(run)
+    rounds = read_rounds(run)
+    page = run / "report" / "index.html"
+    page.parent.mkdir(exist_ok=True)
+    write_atomically(page, render(run.name, cfg, rounds).encode())
+    return page
+
+
+def read_rounds(run: Path) -> list[dict[str, Any]]:
+    """What every finished round reported, in order.
+
+    Raises:
+        RunError: no round is finished yet, or a report is damaged.
+    """
+    files = sorted((run / "rounds").glob("*/report.json"))
+    if not files:
+        raise RunError(
+            f"{run} has no finished round yet: `gaitpref loop` with the command it was "
+            f"started with goes on"
+        )
+    rounds = []
+    for file in files:
+        try:
+            rounds.append(json.loads(file.read_text()))
+        except json.JSONDecodeError as error:
+            raise RunError(
+                f"{file} is damaged ({error}): delete it and repeat the loop's command"
+            ) from None
+    return rounds
+
+
+def render(name: str, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
+    """The page as HTML."""
+    first, last = rounds[0]["evaluation"], rounds[-1]["evaluation"]
+    title = html.escape(f"gaitpref: {name}")
+    criterion = html.escape(cfg.criterion)
+    done = f"{len(rounds) - 1} of {cfg.rounds} retrainings"
+    verdict = (
+        f"Return under <code>{criterion}</code>: {_interval(first)} with the first policy, "
+        f"{_interval(last)} with the last. Tracking error "
+        f"{first['tracking_error_m_s']:.2f} to {last['tracking_error_m_s']:.2f} m/s, "
+        f"falls {first['falls_per_minute']:.2f} to {last['falls_per_minute']:.2f} a minute."
+    )
+    settings = html.escape(
+        f"base {cfg.base}, {cfg.labels} answers in {cfg.rounds} rounds by the "
+        f"{cfg.rater} rater, seed {cfg.seed}"
+    )
+    return (
+        f'<!doctype html><html lang="en"><meta charset="utf-8">'
+        f'<meta name="viewport" content="width=device-width"><title>{title}</title>'
+        f"<style>{_STYLE}</style><h1>{title}</h1>"
+        f'<p class="lead">{settings}; {done} done.</p><p>{verdict}</p>'
+        f'<div class="curves">{_curves(criterion, rounds)}</div>{_table(rounds)}'
+        f"<p>Returns are means over {last['episodes']} episodes on a fixed grid of commands, "
+        f"without exploration noise, with 95 % intervals. Held-out accuracy is measured on "
+        f"episodes the model of their fold has not seen. The learned return is that of the "
+        f"reward a policy was trained against, which is new in every round.</p></html>\n"
+    )
+
+
+def _interval(evaluation: dict[str, Any]) -> str:
+    return f"{evaluation['return_mean']:.2f} ± {evaluation['return_ci95']:.2f}"
+
+
+def _curves(criterion: str, rounds: list[dict[str, Any]]) -> str:
+    def evaluated(key: str) -> list[tuple[int, float]]:
+        return [(r["round"], r["evaluation"][key]) for r in rounds]
+
+    returns = _axes(f"Return under {criterion}")
+    points = evaluated("return_mean")
+    widths = [r["evaluation"]["return_ci95"] for r in rounds]
+    returns.errorbar(*zip(*points, strict=True), yerr=widths, color=_BLUE, capsize=3)
+
+    learned = _axes("Learned return: before and after training on it")
+    for before, after in zip(rounds, rounds[1:], strict=False):
+        if "learned_return_next" in before and "learned_return" in after:
+            pair = (before["learned_return_next"], after["learned_return"])
+            learned.plot((before["round"], after["round"]), pair, "o-", color=_BLUE)
+
+    accuracy = _axes("Held-out accuracy of the reward")
+    fits = [(r["round"], r["fit"]) for r in rounds if r.get("fit")]
+    for number, fit in fits:
+        if fit["held_out_accuracy"] is not None:
+            low, high = fit["held_out_interval"]
+            accuracy.plot((number, number), (low, high), color=_GREY)
+            accuracy.plot(number, fit["held_out_accuracy"], "o", color=_BLUE)
+    accuracy.axhline(0.5, color=_GREY, linestyle=":")
+    accuracy.set_ylim(0, 1)
+
+    figures = [returns, learned, accuracy]
+    for key, label in (
+        ("tracking_error_m_s", "Tracking error, m/s"),
+        ("falls_per_minute", "Falls per minute"),
+        ("power_w", "Mechanical power, W"),
+    ):
+        axes = _axes(label)
+        axes.plot(*zip(*evaluated(key), strict=True), "o-", color=_BLUE)
+        axes.set_ylim(bottom=0)
+        figures.append(axes)
+    for axes in figures:
+        axes.set_xlim(-0.3, rounds[-1]["round"] + 0.3)
+    return "".join(f"<figure>{_svg(axes)}</figure>" for axes in figures)
+
+
+def _axes(title: str) -> Axes:
+    axes = Figure(figsize=(4.2, 2.7), layout="constrained").subplots()
+    axes.set_title(title, fontsize=10)
+    axes.set_xlabel("round", fontsize=9)
+    axes.tick_params(labelsize=8)
+    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(alpha=0.3)
+    return axes
+
+
+def _svg(axes: Axes) -> str:
+    figure, text = axes.figure, io.StringIO()
+    # A fixed salt and no date: equal runs give equal pages.
+    with matplotlib.rc_context({"svg.hashsalt": "gaitpref", "svg.fonttype": "none"}):
+        figure.savefig(text, format="svg", metadata={"Date": None})  # type: ignore[union-attr]
+    svg = text.getvalue()
+    return svg[svg.index("<svg") :]
+
+
+def _table(rounds: list[dict[str, Any]]) -> str:
+    heads = (
+        "round",
+        "steps",
+        "answers",
+        "held-out accuracy",
+        "return",
+        "tracking error",
+        "falls/min",
+    )
+    rows = "".join(
+        "<tr>" + "".join(f"<td>{cell}</td>" for cell in _cells(r)) + "</tr>"
+        for r in rounds
+    )
+    return (
+        "<table><tr>" + "".join(f"<th>{h}</th>" for h in heads) + f"</tr>{rows}</table>"
+    )
+
+
+def _cells(round: dict[str, Any]) -> tuple[str, ...]:
+    evaluation, fit = round["evaluation"], round.get("fit")
+    accuracy = "–"
+    if fit and fit["held_out_accuracy"] is not None:
+        low, high = fit["held_out_interval"]
+        accuracy = f"{fit['held_out_accuracy']:.2f} ({low:.2f}–{high:.2f})"
+    return (
+        str(round["round"]),
+        f"{round['policy_steps']:,}",
+        str(fit["answers"]) if fit else "–",
+        accuracy,
+        _interval(evaluation),
+        f"{evaluation['tracking_error_m_s']:.3f} m/s",
+        f"{evaluation['falls_per_minute']:.2f}",
+    )

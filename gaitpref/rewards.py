@@ -14,7 +14,13 @@ from torch import Tensor
 from data.features import column
 from policy.config import EnvCfg
 from policy.ppo import RewardFn
-from policy.reward import KnownTermsCfg, TaskRewardCfg, known_terms, task_score
+from policy.reward import (
+    KnownTermsCfg,
+    TaskRewardCfg,
+    known_terms,
+    task_reward_for,
+    task_score,
+)
 from policy.robot import Robot
 from rewardmodel.storage import load_reward
 
@@ -24,7 +30,7 @@ from .criteria import Criterion, CriterionContext, load_criterion
 def criterion_context(robot: Robot, env: EnvCfg) -> CriterionContext:
     """The robot's figures for the built-in criteria."""
     return CriterionContext(
-        home_height_m=float(robot.home_qpos[2]), control_dt_s=env.control_dt_s
+        walking_height_m=task_reward_for(robot).height_m, control_dt_s=env.control_dt_s
     )
 
 
@@ -77,7 +83,7 @@ def total_reward(
     home = robot.home_joint_pos[:, None]
     # A joint without limits has an infinite range; 100 rad is as far.
     offsets = torch.tensor(robot.joint_range - home, dtype=torch.float32)
-    task = TaskRewardCfg(height_m=float(robot.home_qpos[2])) if keep_task else None
+    task = task_reward_for(robot) if keep_task else None
     return TotalReward(
         score=score,
         weight=weight,

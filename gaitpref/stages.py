@@ -115,7 +115,7 @@ def policy_stage(cfg: LoopCfg, round: Round, robot: Robot) -> None:
         steps=steps,
         env=cfg.env,
         ppo=cfg.ppo,
-        seed=seed_of(cfg, round.number, 0),
+        seed=seed_of(cfg, round.number, 1),
         exploration_std=std,
     )
     with training_bar(f"round {round.number}: training", steps) as bar:
@@ -138,7 +138,7 @@ def record_stage(cfg: LoopCfg, round: Round, dataset: Dataset) -> None:
     """Log episodes of the round's policy and its checkpoints to the data set."""
     if round.recorded.exists():
         return
-    seed = seed_of(cfg, round.number, 1)
+    seed = seed_of(cfg, round.number, 2)
     with counting_bar(f"round {round.number}: recording", cfg.record.episodes) as bar:
 
         def counted() -> Any:
@@ -163,7 +163,7 @@ def pairs_stage(cfg: LoopCfg, round: Round, dataset: Dataset) -> None:
     names = set(json.loads(round.recorded.read_text()))
     entries = [entry for entry in dataset.entries() if entry.sha256 in names]
     count = cfg.labels_of(round.number)
-    rng = np.random.default_rng(seed_of(cfg, round.number, 2))
+    rng = np.random.default_rng(seed_of(cfg, round.number, 3))
     chosen = ask(
         dataset,
         entries,
@@ -188,7 +188,7 @@ def answers_stage(
             dataset,
             criterion,
             rater_id=RATER_ID,
-            seed=seed_of(cfg, round.number, 3),
+            seed=seed_of(cfg, round.number, 4),
             round=round.number,
         )
         return
@@ -215,7 +215,7 @@ def fit_stage(cfg: LoopCfg, round: Round, dataset: Dataset) -> None:
     if round.reward.exists():
         return
     pairs = load_pairs([dataset])
-    model, report = fit_reward(pairs, cfg.fit, seed=seed_of(cfg, round.number, 4))
+    model, report = fit_reward(pairs, cfg.fit, seed=seed_of(cfg, round.number, 5))
     save_reward(model, round.reward)
     console.print(f"round {round.number}: {fit_summary(report)}")
 
@@ -239,7 +239,7 @@ def report_stage(cfg: LoopCfg, round: Round, criterion: Criterion) -> None:
     policy = load_policy(round.policy)
     # One seed for all rounds: their policies start from the same states.
     features, lengths, dt_s = rollout_features(
-        policy, episodes=cfg.evaluation_episodes, seed=seed_of(cfg, 5)
+        policy, episodes=cfg.evaluation_episodes, seed=seed_of(cfg, 0, 6)
     )
 
     def measured(score_fn: RewardFn) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from .config import EnvCfg, Range
 from .features import base_state, feature_row, observation
-from .reward import TaskRewardCfg, weighted_terms
+from .reward import TaskRewardCfg, task_reward_for, weighted_terms
 from .robot import Robot
 from .sim import BatchSim, Sim, SimState
 
@@ -50,7 +50,7 @@ class QuadrupedEnv(VecEnv):
         """
         self.robot = robot
         self.cfg: EnvCfg = cfg
-        self.task = task or TaskRewardCfg(height_m=float(robot.home_qpos[2]))
+        self.task = task or task_reward_for(robot)
         self.sim = sim or BatchSim(robot, num_envs)
         self.num_envs = num_envs
         self.num_actions = 12
@@ -58,6 +58,8 @@ class QuadrupedEnv(VecEnv):
         self.device = self.sim.device
         self._rng = torch.Generator(device=self.device).manual_seed(seed)
         self._home_joint_pos = self._constant(robot.home_joint_pos)
+        self._joint_qpos = torch.tensor(robot.qpos_adr)
+        self._joint_qvel = torch.tensor(robot.qvel_adr)
         self._joint_low, self._joint_high = self._constant(robot.joint_range).unbind(-1)
         self._foot_radius = self._constant(robot.foot_radius)
         self._fall_height = cfg.fall.height_ratio * float(robot.home_qpos[2])
@@ -230,7 +232,7 @@ class QuadrupedEnv(VecEnv):
         qvel = torch.zeros(count, self.robot.mj_model.nv, dtype=torch.float64)
         noise = self._noise(count, 12, cfg.joint_pos_rad)
         joints = (self._home_joint_pos + noise).clamp(self._joint_low, self._joint_high)
-        qpos[:, self.robot.qpos_adr] = joints.double()
+        qpos[:, self._joint_qpos] = joints.double()
         qpos[:, 2] += self._uniform(count, 1, (0.0, cfg.height_m))[:, 0]
         half_angles = self._noise(count, 2, cfg.tilt_rad) / 2
         qpos[:, 3] = (1 - half_angles.square().sum(-1)).sqrt()
@@ -238,9 +240,7 @@ class QuadrupedEnv(VecEnv):
         qpos[:, 6] = 0.0
         qvel[:, 0:3] = self._noise(count, 3, cfg.base_lin_vel_m_s)
         qvel[:, 3:6] = self._noise(count, 3, cfg.base_ang_vel_rad_s)
-        qvel[:, self.robot.qvel_adr] = self._noise(
-            count, 12, cfg.joint_vel_rad_s
-        ).double()
+        qvel[:, self._joint_qvel] = self._noise(count, 12, cfg.joint_vel_rad_s).double()
         self.sim.reset(ids, qpos, qvel)
         self.episode_length_buf[ids] = 0
         self.action = self.action.clone()
@@ -258,4 +258,4 @@ class QuadrupedEnv(VecEnv):
         return low + (high - low) * unit
 
     def _constant(self, values: Any) -> Tensor:
-        return torch.as_tensor(values, dtype=torch.float32, device=self.device)
+        return torch.tensor(values, dtype=torch.float32, device=self.device)

@@ -259,7 +259,7 @@ class Runner(OnPolicyRunner):
                 **scalars,
                 **{f"loss/{name}": value for name, value in losses.items()},
                 "loss/learning_rate": self.alg.learning_rate,
-                "policy/std": float(self.alg.get_policy().output_std.mean()),
+                "policy/std": float(self.alg.get_policy().output_std.detach().mean()),
                 "policy/reference_kl": self.alg.reference_kl,
                 "train/return": mean_return,
                 "perf/steps_per_s": steps_per_s,

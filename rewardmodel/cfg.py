@@ -24,7 +24,7 @@ class MlpCfg:
     """Networks fitted to resampled answers."""
     hidden_size: int = 64
     """Units in each of the two hidden layers."""
-    num_updates: int = 200
+    num_updates: int = 150
     """Gradient steps of a fit."""
     batch_size: int = 64
     """Answers in a gradient step."""
@@ -33,11 +33,13 @@ class MlpCfg:
     weight_decay: float = 0.1
     """AdamW weight decay."""
     smoothing: float = 0.02
-    """Targets 0 and 1 are read as this and one minus this."""
+    """Targets are read as no closer to 0 and 1 than this."""
     mean_reward_penalty: float = 1e-3
     """On the squared mean reward of a batch: it holds what no answer fixes."""
     min_crop: float = 0.7
     """Shortest random piece of a clip a gradient step looks at, as a share of it."""
+    steps_per_clip: int = 12
+    """Steps looked at in that piece."""
 
 
 @dataclass(frozen=True, kw_only=True)

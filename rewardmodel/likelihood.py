@@ -54,7 +54,7 @@ def _mixed(log_probability: Tensor, error_share: float, num_answers: int) -> Ten
     """log((1 - e) P + e / num_answers)."""
     if error_share == 0.0:
         return log_probability
-    guess = log_probability.new_tensor(math.log(error_share / num_answers))
+    guess = torch.full_like(log_probability, math.log(error_share / num_answers))
     return torch.logaddexp(math.log1p(-error_share) + log_probability, guess)
 
 
@@ -79,8 +79,8 @@ def log_likelihood(
 
 def log_likelihood_derivatives(
     logit: Tensor, target: Tensor, *, tie_threshold: float, error_share: float
-) -> tuple[Tensor, Tensor, Tensor]:
-    """`log_likelihood` with its first and second derivative in each logit."""
+) -> tuple[Tensor, Tensor]:
+    """First and second derivative of `log_likelihood` in each logit."""
     logit = logit.detach().requires_grad_()
     with torch.enable_grad():
         value = log_likelihood(
@@ -88,4 +88,4 @@ def log_likelihood_derivatives(
         )
         (slope,) = torch.autograd.grad(value.sum(), logit, create_graph=True)
         (curvature,) = torch.autograd.grad(slope.sum(), logit)
-    return value.detach(), slope.detach(), curvature
+    return slope.detach(), curvature

@@ -21,7 +21,7 @@ in a descriptor: its weight stays small instead of being divided by next to noth
 
 _MAX_UPDATES = 100
 _STEP_SIZES = (0.0, *(2.0**-halvings for halvings in range(10)))
-_TOLERANCE = 1e-9
+_TOLERANCE = 1e-6
 
 
 class LinearScorer(nn.Module):
@@ -61,8 +61,8 @@ def _posterior_modes(
     """Weights theta [M, D] at a mode of the posterior, by damped Newton steps from 0.
 
     The objective of a member is sum_b counts_b log P(answer_b | lead_b) minus
-    precision / 2 |theta|^2. Answers that look wrong make it convex in places: there
-    the curvature counts as 0, so that every step still climbs.
+    precision / 2 |theta|^2. It is not concave, because answers that look wrong count
+    less and less; starting at the mean of the prior makes the mode a definite one.
 
     Args:
         inputs: [B, D] float64 scaled differences of the clips.
@@ -71,12 +71,11 @@ def _posterior_modes(
     """
     precision = cfg.linear.prior_precision
     target, offset = pairs.target.double(), pairs.fall_lead.double()
-    identity = torch.eye(inputs.shape[1], dtype=inputs.dtype)
     sizes = torch.tensor(_STEP_SIZES, dtype=inputs.dtype)[:, None, None]
     theta = inputs.new_zeros(len(counts), inputs.shape[1])
 
     for _ in range(_MAX_UPDATES):
-        _, slope, curvature = log_likelihood_derivatives(
+        slope, curvature = log_likelihood_derivatives(
             theta @ inputs.mT + offset,
             target,
             tie_threshold=cfg.tie_threshold,
@@ -85,11 +84,8 @@ def _posterior_modes(
         uphill = (counts * slope) @ inputs - precision * theta
         if uphill.abs().max() < _TOLERANCE:
             break
-        steepness = counts * (-curvature).clamp_min(0)
-        hessian = torch.einsum("mb,bd,be->mde", steepness, inputs, inputs)
-        step = torch.linalg.solve(hessian + precision * identity, uphill)
-
-        tried = theta + sizes * step  # [S, M, D]
+        hessian = _positive_hessian(inputs, -counts * curvature, precision)
+        tried = theta + sizes * torch.linalg.solve(hessian, uphill)  # [S, M, D]
         likelihood = pairs.log_likelihood(tried @ inputs.mT + offset, cfg)
         height = (counts * likelihood).sum(-1) - precision / 2 * tried.square().sum(-1)
         best = height.argmax(dim=0)
@@ -97,3 +93,19 @@ def _posterior_modes(
             break
         theta = tried[best, torch.arange(len(theta))]
     return theta
+
+
+def _positive_hessian(inputs: Tensor, bends: Tensor, precision: float) -> Tensor:
+    """Hessian [M, D, D] of the negated objective, made positive where it is not.
+
+    Args:
+        inputs: [B, D] scaled differences of the clips.
+        bends: [M, B] second derivatives of the negated log-likelihood.
+        precision: Of the prior.
+    """
+    prior = precision * torch.eye(inputs.shape[1], dtype=inputs.dtype)
+    exact = (bends[..., None] * inputs).mT @ inputs + prior
+    _, failures = torch.linalg.cholesky_ex(exact)
+    # Answers that bend the wrong way count as straight: every step climbs again.
+    climbing = (bends.clamp_min(0)[..., None] * inputs).mT @ inputs + prior
+    return torch.where((failures == 0)[:, None, None], exact, climbing)

@@ -1,11 +1,12 @@
 """A small network on the descriptors, for tastes that no weighted sum expresses.
 
-Shapes: M ensemble members, B pairs of a batch, T steps, D descriptors, H hidden units.
+Shapes: M ensemble members, B pairs of a batch, S steps looked at, D descriptors.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import torch
@@ -57,6 +58,9 @@ def fit_mlp(
     """Fit each member to its own bootstrap of standardised `pairs`, by AdamW."""
     scorer = MlpScorer(cfg.mlp.num_members, pairs.steps.shape[-1], cfg.mlp.hidden_size)
     scorer.initialise(generator)
+    # Pulling targets off 0 and 1 keeps the network from growing without end.
+    target = pairs.target.clamp(cfg.mlp.smoothing, 1 - cfg.mlp.smoothing)
+    pairs = replace(pairs, target=target)
     counts = bootstrap_counts(cfg.mlp.num_members, len(pairs), generator=generator)
     optimizer = torch.optim.AdamW(
         scorer.parameters(),
@@ -64,7 +68,8 @@ def fit_mlp(
         weight_decay=cfg.mlp.weight_decay,
     )
     for chosen in _batches(len(pairs), cfg.mlp, generator):
-        loss = _loss(scorer, pairs.subset(chosen), counts[:, chosen], cfg, generator)
+        batch = _glimpses(pairs.subset(chosen), cfg.mlp, generator)
+        loss = _loss(scorer, batch, counts[:, chosen], cfg)
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
@@ -85,15 +90,10 @@ def _batches(num_pairs: int, cfg: MlpCfg, generator: torch.Generator) -> list[Te
 
 
 def _loss(
-    scorer: MlpScorer,
-    pairs: TrainingPairs,
-    counts: Tensor,
-    cfg: FitCfg,
-    generator: torch.Generator,
+    scorer: MlpScorer, pairs: TrainingPairs, counts: Tensor, cfg: FitCfg
 ) -> Tensor:
     """Mean negative log-likelihood of a batch, plus the hold on the reward's level."""
-    scored = _cropped(pairs.scored, cfg.mlp.min_crop, generator)
-    returns = mean_over(scorer(pairs.steps), scored)  # [M, 2, B]
+    returns = mean_over(scorer(pairs.steps), pairs.scored)  # [M, 2, B]
     left, right = returns.unbind(dim=1)
     likelihood = pairs.log_likelihood(left - right + pairs.fall_lead, cfg)
     level = returns.mean(dim=(1, 2)).square().sum()
@@ -102,13 +102,21 @@ def _loss(
     return misfit + cfg.mlp.mean_reward_penalty * level
 
 
-def _cropped(scored: Tensor, min_crop: float, generator: torch.Generator) -> Tensor:
-    """Keep a random contiguous piece of the scored steps [2, B, T] of every clip."""
-    length = scored.sum(dim=-1, keepdim=True)
-    shape = length.shape
-    share = min_crop + (1 - min_crop) * torch.rand(shape, generator=generator)
-    kept = (share * length).ceil()
-    first = (torch.rand(shape, generator=generator) * (length - kept + 1)).floor()
-    # Scored steps come first in a clip: only padding and the fall follow them.
-    step = torch.arange(scored.shape[-1])
-    return scored & (step >= first) & (step < first + kept)
+def _glimpses(
+    pairs: TrainingPairs, cfg: MlpCfg, generator: torch.Generator
+) -> TrainingPairs:
+    """Steps spread evenly over a random contiguous piece of every clip.
+
+    Neighbouring steps are nearly equal, so few of them cost little accuracy and most
+    of the time. The scored steps of a clip come first: only a fall and padding follow.
+    """
+    length = pairs.scored.sum(dim=-1, keepdim=True)  # [2, B, 1]
+    random = torch.rand(2, *length.shape, generator=generator)
+    kept = length * (cfg.min_crop + (1 - cfg.min_crop) * random[0])
+    place = (torch.arange(cfg.steps_per_clip) + 0.5) / cfg.steps_per_clip
+    index = ((length - kept) * random[1] + kept * place).long()  # [2, B, S]
+    return replace(
+        pairs,
+        steps=pairs.steps.take_along_dim(index[..., None], dim=2),
+        scored=pairs.scored.take_along_dim(index, dim=2),
+    )
