@@ -50,7 +50,7 @@ class FitCfg:
     """Model: `linear` in the gait descriptors, or a small network (`mlp`) on them."""
     error_share: float = 0.3
     """Share of the answers expected to be random, in [0, 1)."""
-    tie_threshold: float = 0.3
+    tie_threshold: float = 1.0
     """Lead, in logits, below which a rater is expected to answer "equal"; 0 counts
     "equal" as half an answer for either side."""
     fall_logit: float = 3.0

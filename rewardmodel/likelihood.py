@@ -22,7 +22,6 @@ import math
 
 import torch
 from torch import Tensor
-from torch.nn.functional import logsigmoid
 
 
 def answer_log_probabilities(
@@ -35,8 +34,8 @@ def answer_log_probabilities(
         tie_threshold: d >= 0, the lead at which a rater starts to see a difference.
         error_share: e in [0, 1), the share of random answers.
     """
-    left = logsigmoid(logit - tie_threshold)
-    right = logsigmoid(-logit - tie_threshold)
+    left = _log_sigmoid(logit - tie_threshold)
+    right = _log_sigmoid(-logit - tie_threshold)
     if tie_threshold == 0.0:
         tie = torch.full_like(logit, -math.inf)
         return _mixed(left, error_share, 2), _mixed(right, error_share, 2), tie
@@ -48,6 +47,11 @@ def answer_log_probabilities(
         _mixed(right, error_share, 3),
         _mixed(tie, error_share, 3),
     )
+
+
+def _log_sigmoid(values: Tensor) -> Tensor:
+    """log(1 / (1 + e^-values)), exact at both ends."""
+    return -torch.logaddexp(torch.zeros_like(values), -values)
 
 
 def _mixed(log_probability: Tensor, error_share: float, num_answers: int) -> Tensor:

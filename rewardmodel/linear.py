@@ -20,7 +20,7 @@ _MIN_SPREAD = 0.02
 in a descriptor: its weight stays small instead of being divided by next to nothing."""
 
 _MAX_UPDATES = 100
-_STEP_SIZES = (0.0, *(2.0**-halvings for halvings in range(10)))
+_STEP_SIZES = (0.0, *(2.0**-halvings for halvings in range(8)))
 _TOLERANCE = 1e-6
 
 
@@ -106,6 +106,8 @@ def _positive_hessian(inputs: Tensor, bends: Tensor, precision: float) -> Tensor
     prior = precision * torch.eye(inputs.shape[1], dtype=inputs.dtype)
     exact = (bends[..., None] * inputs).mT @ inputs + prior
     _, failures = torch.linalg.cholesky_ex(exact)
+    if not failures.any():
+        return exact
     # Answers that bend the wrong way count as straight: every step climbs again.
     climbing = (bends.clamp_min(0)[..., None] * inputs).mT @ inputs + prior
     return torch.where((failures == 0)[:, None, None], exact, climbing)
