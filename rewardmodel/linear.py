@@ -21,7 +21,7 @@ in a descriptor: its weight stays small instead of being divided by next to noth
 
 _MAX_UPDATES = 100
 _STEP_SIZES = (0.0, *(2.0**-halvings for halvings in range(8)))
-_TOLERANCE = 1e-6
+_TOLERANCE = 1e-4
 
 
 class LinearScorer(nn.Module):
