@@ -70,7 +70,7 @@ class EnvCfg:
     """Physics steps per control step."""
     episode_s: float = 10.0
     """Length after which an episode is cut by a time-out."""
-    action_scale_rad: float = 0.4
+    action_scale_rad: float = 0.3
     """Joint offset from the home pose that an action of 1 asks for."""
     action_limit: float = 3.0
     """Actions are clipped to plus or minus this."""

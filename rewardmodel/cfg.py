@@ -6,6 +6,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 
+def _require_members(num_members: int) -> None:
+    if num_members < 2:
+        raise ValueError(f"spread of an ensemble needs 2 members, got {num_members}")
+
+
 @dataclass(frozen=True, kw_only=True)
 class LinearCfg:
     """The default: a reward linear in the gait descriptors."""
@@ -14,6 +19,13 @@ class LinearCfg:
     """Models fitted to resampled answers; their spread measures what is unknown."""
     prior_precision: float = 1.0
     """Of the Gaussian prior on each weight; larger means weaker opinions."""
+
+    def __post_init__(self) -> None:
+        _require_members(self.num_members)
+        if self.prior_precision <= 0.0:
+            raise ValueError(
+                f"prior_precision must be positive, got {self.prior_precision}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +52,9 @@ class MlpCfg:
     """Shortest random piece of a clip a gradient step looks at, as a share of it."""
     steps_per_clip: int = 12
     """Steps looked at in that piece."""
+
+    def __post_init__(self) -> None:
+        _require_members(self.num_members)
 
 
 @dataclass(frozen=True, kw_only=True)
