@@ -36,11 +36,11 @@ class MlpCfg:
     """Networks fitted to resampled answers."""
     hidden_size: int = 64
     """Units in each of the two hidden layers."""
-    num_updates: int = 150
+    num_updates: int = 100
     """Gradient steps of a fit."""
     batch_size: int = 64
     """Answers in a gradient step."""
-    learning_rate: float = 1e-3
+    learning_rate: float = 2e-3
     """AdamW step size."""
     weight_decay: float = 0.1
     """AdamW weight decay."""
@@ -50,7 +50,7 @@ class MlpCfg:
     """On the squared mean reward of a batch: it holds what no answer fixes."""
     min_crop: float = 0.7
     """Shortest random piece of a clip a gradient step looks at, as a share of it."""
-    steps_per_clip: int = 12
+    steps_per_clip: int = 8
     """Steps looked at in that piece."""
 
     def __post_init__(self) -> None:

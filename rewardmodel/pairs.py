@@ -142,5 +142,6 @@ def _too_few(
     return (
         f"{' and '.join(roots)}: {used} of {collected} answers prefer a clip or call "
         f"both equal, a fit needs at least {needed}; collect {needed - used} more on "
-        f"the labeling page or with `gaitpref answer --dataset {roots[0]} --criterion C`"
+        f"the labeling page or with `gaitpref answer --dataset {roots[0]} "
+        "--criterion C`"
     )
