@@ -1,8 +1,8 @@
 """The stages of a round, each a function from finished files to finished files.
 
-A stage writes under a temporary name or adds what is named by its content, and ends with
-one rename; one that finds its result already there does nothing. So the loop can be
-killed anywhere and started again.
+A stage writes under a temporary name or adds what is named by its content, and ends
+with one rename; one that finds its result already there does nothing. So the loop can
+be killed anywhere and started again.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def seed_of(cfg: LoopCfg, *purpose: int) -> int:
 
 
 def policy_stage(cfg: LoopCfg, round: Round, robot: Robot) -> None:
-    """Train the round's policy: the first on the base, the others on the last reward."""
+    """Train the round's policy: the first on the base, later ones on the reward."""
     if round.policy.exists():
         return
     partial = round.root / "policy.partial"
@@ -154,7 +154,7 @@ def record_stage(cfg: LoopCfg, round: Round, dataset: Dataset) -> None:
 
 
 def pairs_stage(cfg: LoopCfg, round: Round, dataset: Dataset) -> None:
-    """Add the round's questions: some at random, the rest where the ensemble disagrees."""
+    """Add the round's questions, most of them where the ensemble disagrees."""
     with dataset.answers() as store:
         if store.pairs(round=round.number):
             return

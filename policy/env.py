@@ -26,6 +26,8 @@ class QuadrupedEnv(VecEnv):
     step led to is in `extras["features"]`, computed before any reset.
     """
 
+    cfg: EnvCfg  # pyright: ignore[reportIncompatibleVariableOverride]
+
     def __init__(
         self,
         robot: Robot,
@@ -49,7 +51,7 @@ class QuadrupedEnv(VecEnv):
             keep_final: Put the states before any reset into `extras["final"]`.
         """
         self.robot = robot
-        self.cfg: EnvCfg = cfg
+        self.cfg = cfg
         self.task = task or task_reward_for(robot)
         self.sim = sim or BatchSim(robot, num_envs)
         self.num_envs = num_envs
@@ -127,7 +129,7 @@ class QuadrupedEnv(VecEnv):
             "features": features,
             "starts": starts,
             "targets": targets,
-            # Aborted episodes are bootstrapped like time-outs: the policy is not blamed.
+            # Aborted episodes are bootstrapped too: the policy is not to blame.
             "time_outs": time_outs | aborted,
             "aborted": aborted,
             "fallen": fallen,

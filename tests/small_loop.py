@@ -1,4 +1,4 @@
-"""A loop of a few thousand steps, run as its own process: `python -m tests.small_loop`."""
+"""A loop of a few thousand steps, as a process: `python -m tests.small_loop RUN`."""
 
 from __future__ import annotations
 

@@ -67,7 +67,9 @@ def test_every_stage_leaves_its_files(undisturbed: Path) -> None:
     assert len(_judgements(undisturbed)) == 24
     page = (undisturbed / "report/index.html").read_text()
     assert "<svg" in page
-    assert "http://" not in re.sub(r"http://(www.w3.org|purl.org|creativecommons.org)", "", page)
+    assert "http://" not in re.sub(
+        r"http://(www.w3.org|purl.org|creativecommons.org)", "", page
+    )
 
 
 def test_equal_seeds_give_equal_episodes_answers_and_weights(
