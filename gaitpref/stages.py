@@ -229,7 +229,10 @@ def fit_summary(report: FitReport) -> str:
             f"{report.held_out_accuracy:.2f} on held-out episodes "
             f"({low:.2f} to {high:.2f}, {report.held_out_pairs} answers)"
         )
-    return f"fitted {report.answers} answers in {report.seconds:.1f} s, accuracy {held_out}"
+    return (
+        f"fitted {report.answers} answers in {report.seconds:.1f} s, "
+        f"accuracy {held_out}"
+    )
 
 
 def report_stage(cfg: LoopCfg, round: Round, criterion: Criterion) -> None:

@@ -26,8 +26,6 @@ class QuadrupedEnv(VecEnv):
     step led to is in `extras["features"]`, computed before any reset.
     """
 
-    cfg: EnvCfg  # pyright: ignore[reportIncompatibleVariableOverride]
-
     def __init__(
         self,
         robot: Robot,
@@ -51,7 +49,7 @@ class QuadrupedEnv(VecEnv):
             keep_final: Put the states before any reset into `extras["final"]`.
         """
         self.robot = robot
-        self.cfg = cfg
+        self.cfg: EnvCfg = cfg  # pyright: ignore[reportIncompatibleVariableOverride]
         self.task = task or task_reward_for(robot)
         self.sim = sim or BatchSim(robot, num_envs)
         self.num_envs = num_envs

@@ -44,7 +44,7 @@ class TaskRewardCfg:
     """Sum of squared speeds of feet in contact, m^2/s^2."""
     clearance: float = -2.0
     """Sum over feet of squared deviation from `clearance_m` times foot speed."""
-    swing: float = 4.0
+    swing: float = 2.0
     """Air time less `swing_min_s`, s, once for every swing of a foot."""
     fall: float = -1.0
     """Once, when the robot falls."""

@@ -210,4 +210,4 @@ def test_task_terms_by_hand() -> None:
         -2 * (0.08**2 * 0.5 + 0.02**2 * 1.0)
     )
     # Two feet swing (+0.02 s each); one of them has just left the ground (-0.2 s).
-    assert float(terms["swing"]) == pytest.approx(4.0 * (0.04 - 0.2))
+    assert float(terms["swing"]) == pytest.approx(2.0 * (0.04 - 0.2))
