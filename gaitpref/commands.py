@@ -65,13 +65,11 @@ def run(command: options.Command) -> int:
 
 
 def _train(command: options.Train) -> int:
-    left = [
-        name for name in (POLICY_NAME, RESUME_NAME) if (command.out / name).exists()
-    ]
-    if left and not command.resume:
+    names = (POLICY_NAME, RESUME_NAME)
+    if not command.resume and any((command.out / name).exists() for name in names):
         raise PolicyError(
-            f"{command.out} holds a training run ({left[0]}): --resume goes on with it, "
-            f"or give another --out"
+            f"{command.out} holds a training run: --resume goes on with it, or give "
+            f"another --out"
         )
     env = EnvCfg()
     robot = load_robot(command.robot, physics_dt_s=env.physics_dt_s)
