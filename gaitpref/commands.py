@@ -177,7 +177,7 @@ def _context_of(dataset: Dataset) -> CriterionContext:
         episode.mjcf, name=meta.robot, physics_dt_s=meta.physics_dt_s
     )
     return CriterionContext(
-        walking_height_m=task_reward_for(robot).height_m, control_dt_s=meta.control_dt_s
+        task=task_reward_for(robot, EnvCfg().task), control_dt_s=meta.control_dt_s
     )
 
 
