@@ -97,6 +97,10 @@ class AnswerStore:
                     "choose another rater id"
                 )
 
+    def raters(self) -> dict[str, RaterKind]:
+        """Everybody who is known, in the order they came."""
+        return dict(self.query("SELECT rater_id, kind FROM rater ORDER BY rowid"))
+
     def add_pairs(self, pairs: Iterable[Pair]) -> int:
         """Add all pairs or none; those known already stay as they are.
 
