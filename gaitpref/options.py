@@ -144,6 +144,21 @@ class Report:
     """Directory of the run."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Raters:
+    """Say who may log in to the labeling page, and how well they agree."""
+
+    action: tyro.conf.Positional[Literal["list", "add", "revoke", "stats"]] = "list"
+    """list shows who has a token; add makes one and shows it once; revoke makes it
+    worthless; stats shows speed, habits and agreement."""
+    name: tyro.conf.Positional[str | None] = None
+    """Rater to add or revoke: letters, digits, - and _. A pseudonym is best."""
+    dataset: Path
+    """Data set directory."""
+    json: bool = False
+    """Print one JSON object and nothing else."""
+
+
 Command = (
     Annotated[Loop, tyro.conf.subcommand("loop")]
     | Annotated[Train, tyro.conf.subcommand("train")]
@@ -153,4 +168,5 @@ Command = (
     | Annotated[Fit, tyro.conf.subcommand("fit")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Report, tyro.conf.subcommand("report")]
+    | Annotated[Raters, tyro.conf.subcommand("raters")]
 )

@@ -65,11 +65,7 @@ class TokenStore:
         Raises:
             TokenError: the name cannot be used, or has a token already.
         """
-        if not _NAME.fullmatch(name):
-            raise TokenError(
-                f"{name!r} cannot be a rater's name; use 1 to 40 of a-z, A-Z, 0-9, - "
-                "and _, a pseudonym is best"
-            )
+        require_name(name)
         with self._locked():
             tokens, key = self._read()
             if name in tokens:
@@ -146,6 +142,19 @@ class TokenStore:
         with (self.path.parent / LOCK_NAME).open("ab") as file:
             fcntl.flock(file, fcntl.LOCK_EX)
             yield
+
+
+def require_name(name: str) -> None:
+    """Make sure that a name can stand in a header, in a cookie and on the page.
+
+    Raises:
+        TokenError: it cannot.
+    """
+    if not _NAME.fullmatch(name):
+        raise TokenError(
+            f"{name!r} cannot be a rater's name; use 1 to 40 of a-z, A-Z, 0-9, - and "
+            "_, a pseudonym is best"
+        )
 
 
 def _decoded(raters: dict[str, Any]) -> dict[str, Token]:
