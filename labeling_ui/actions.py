@@ -45,7 +45,10 @@ VERDICTS = (
     VerdictKey("5", "right_much", "B much better", 1),
     VerdictKey("0", "skip", "Can't tell"),
 )
-WORDS: dict[Verdict, str] = {v.verdict: v.words for v in VERDICTS} | {"bad": "Bad clip"}
+WORDS: dict[Verdict, str] = {
+    **{verdict.verdict: verdict.words for verdict in VERDICTS},
+    "bad": "Bad clip",
+}
 
 
 @dataclass(frozen=True)

@@ -97,12 +97,12 @@ class Controls:
         progress = showing.progress
         done = progress.answered + progress.open
         self._bar.value = 100.0 * progress.answered / done if done else 0.0
-        asked = showing.question is not None
+        question = showing.question
+        asked = question is not None
         for button in (*self._answers, self._bad):
             button.disabled = not asked
         self._undo.disabled = progress.answered == 0
-        corrects = asked and showing.question.corrects is not None
-        self._keep.visible = bool(corrects)
+        self._keep.visible = question is not None and question.corrects is not None
         self._fill_history(showing.history)
 
     def clear_remarks(self) -> None:
@@ -149,7 +149,9 @@ def head(rater_id: str, showing: Showing) -> str:
         said = WORDS[question.earlier].lower()
         lines.append(f"<i>Reopened: you said “{said}”. Answer again, or keep it.</i>")
     if showing.notice:
-        lines.append(f'<span style="color:#e8590c">{html.escape(showing.notice)}</span>')
+        lines.append(
+            f'<span style="color:#e8590c">{html.escape(showing.notice)}</span>'
+        )
     top = (
         f'<div style="display:flex;justify-content:space-between;opacity:.65;'
         f'font-size:12px"><span>{html.escape(rater_id)}</span><span>{count}</span></div>'

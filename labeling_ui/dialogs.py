@@ -18,9 +18,7 @@ class Dialog(Protocol):
         ...
 
 
-def guidelines_dialog(
-    client: viser.ClientHandle, post: Post, text: str
-) -> Dialog:
+def guidelines_dialog(client: viser.ClientHandle, post: Post, text: str) -> Dialog:
     """What to look for."""
     modal = client.gui.add_modal("Guidelines")
     with modal:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from viser import BatchedMeshHandle, SceneApi
 
-from .geometry import Rgb
+from .geometry import Rgb, linear_rgb
 from .solids import box
 
 LINE_SPACING_M = 0.25
@@ -36,8 +36,8 @@ class FloorColours:
     line: Rgb
 
 
-LIGHT = FloorColours(plate=(0.86, 0.88, 0.90), line=(0.66, 0.69, 0.73))
-DARK = FloorColours(plate=(0.17, 0.18, 0.20), line=(0.32, 0.34, 0.37))
+LIGHT = FloorColours(plate=(0.93, 0.94, 0.95), line=(0.80, 0.82, 0.84))
+DARK = FloorColours(plate=(0.30, 0.31, 0.33), line=(0.44, 0.46, 0.49))
 
 
 class Floor:
@@ -122,4 +122,5 @@ def _plates(rectangles: tuple[Rectangle, ...]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _rgb8(rgb: Rgb) -> np.ndarray:
-    return np.round(255 * np.array(rgb)).astype(np.uint8)
+    # viser hands the numbers on as they are, and three.js takes them for linear.
+    return np.round(255 * linear_rgb(rgb)).astype(np.uint8)

@@ -128,8 +128,14 @@ def multiply_wxyz(left: np.ndarray, right: np.ndarray) -> np.ndarray:
     )
 
 
+def linear_rgb(rgb: Rgb) -> np.ndarray:
+    """A colour as shares of linear light [3], as renderers count."""
+    shown = np.array(rgb)
+    return np.where(shown > 0.04045, ((shown + 0.055) / 1.055) ** 2.4, shown / 12.92)
+
+
 def _pieces_of_bodies(mj_model: mujoco.MjModel) -> dict[int, tuple[Piece, ...]]:
-    """What is seen of every moving body; what only collides if nothing else is there."""
+    """What is seen of every moving body, or what collides if nothing is to be seen."""
     moving = np.flatnonzero(mj_model.body_weldid[mj_model.geom_bodyid] != 0)
     solid = moving[mj_model.geom_rgba[moving, 3] > 0]
     seen = solid[mj_model.geom_group[solid] < _SEEN_GROUPS]

@@ -11,7 +11,7 @@ import trimesh
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from .geometry import BodyMesh, Rgb, RobotGeometry
+from .geometry import BodyMesh, Rgb, RobotGeometry, linear_rgb
 from .solids import Solid
 
 LEFT_RGB: Rgb = (0.20, 0.47, 0.93)
@@ -59,7 +59,7 @@ def _glb(mesh: BodyMesh, side: Rgb) -> bytes:
 def _trimesh(solids: list[Solid], rgb: Rgb) -> trimesh.Trimesh:
     starts = np.cumsum([0, *(len(solid.vertices) for solid in solids[:-1])])
     # glTF states colours in linear light.
-    linear = [((c + 0.055) / 1.055) ** 2.4 if c > 0.04 else c / 12.92 for c in rgb]
+    linear = linear_rgb(rgb).tolist()
     material = PBRMaterial(
         baseColorFactor=[*linear, 1.0], metallicFactor=0.05, roughnessFactor=0.55
     )

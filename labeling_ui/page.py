@@ -169,7 +169,8 @@ class Page:
             scene.darken(self._habits.dark)
         elif name == "curves":
             self._transport.toggle_curves()
-            self._set_clock(self._clock)
+            if self._showing is not None:
+                self._transport.fill(self._showing.motions, self._clock)
 
     def _verdict(self, verdict: Verdict) -> None:
         late = time.monotonic() - self._note_at < NOTE_RECENT_S
@@ -258,8 +259,8 @@ class Page:
 
     def _set_clock(self, clock: Playback) -> None:
         self._clock = clock
-        if self._showing is not None:
-            self._transport.fill(self._showing.motions, clock)
+        if self._showing is not None and self._showing.motions is not None:
+            self._transport.align(clock)
 
     def _welcome(self) -> None:
         if self._desk.rater_id not in self._shared.welcomed:

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 import viser
 from viser import BatchedGlbHandle, SceneApi
+
 # The one private name: its message moves and turns a mesh in one, the setters need two.
 from viser._messages import SceneNodeUpdateMessage
 
@@ -43,8 +44,8 @@ class Shot:
 
 
 SHOTS: dict[View, Shot] = {
-    "treadmill": Shot((0.0, -2.35, 0.78), (0.0, 0.0, 0.10)),
-    "lanes": Shot((-1.15, -1.75, 1.05), (0.1, 0.0, 0.10)),
+    "treadmill": Shot((0.0, -2.85, 0.92), (0.0, 0.0, 0.04)),
+    "lanes": Shot((-1.3, -2.0, 1.2), (0.15, 0.0, 0.02)),
 }
 FOV_RAD = 0.72
 
@@ -76,7 +77,7 @@ class RobotView:
                 f"/robot_{NAMES[side]}/{geometry.key}/{index}",
                 file,
                 batched_positions=np.zeros((count, 3), dtype=np.float32),
-                batched_wxyzs=np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
+                batched_wxyzs=np.tile((1.0, 0.0, 0.0, 0.0), (count, 1)),
                 # Coarser meshes for far robots would cost a worker; none is far here.
                 lod="off",
                 visible=False,
@@ -148,7 +149,8 @@ class PairScene:
         poses = (left, right)
         paths = [np.zeros(2) if pose is None else pose.path for pose in poses]
         if self.view == "lanes":
-            shared = sum(paths) / max(sum(pose is not None for pose in poses), 1)
+            shown = [pose.path for pose in poses if pose is not None]
+            shared = np.mean(shown, axis=0) if shown else np.zeros(2)
             grounds, centers = [shared, shared], [(0.0, y) for y in _LANE_Y_M]
             self._floors["lanes"].scroll(np.array([shared]))
         else:
@@ -156,7 +158,7 @@ class PairScene:
             self._floors["treadmill"].scroll(np.array(paths))
         for side, pose in enumerate(poses):
             if pose is not None:
-                shift = np.array([*(centers[side] - grounds[side]), 0.0])
+                shift = np.array([*(np.array(centers[side]) - grounds[side]), 0.0])
                 self._draw_robot(side, pose, shift.astype(np.float32))
 
     def look(self, view: View) -> None:

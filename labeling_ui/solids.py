@@ -30,7 +30,7 @@ class Solid:
     """[F, 3] vertex indices, counter-clockwise from outside."""
 
     def moved(self, position: np.ndarray, wxyz: np.ndarray) -> Solid:
-        """The solid after turning it by `wxyz` [4] and shifting it by `position` [3]."""
+        """The solid turned by `wxyz` [4], then shifted by `position` [3] m."""
         turn = rotation_matrix(wxyz)
         return Solid(
             self.vertices @ turn.T + position, self.normals @ turn.T, self.faces
