@@ -113,6 +113,13 @@ class TokenStore:
         message = "\n".join((name, tokens[name].sha256, text))
         return hmac.new(key, message.encode(), hashlib.sha256).hexdigest()
 
+    def is_signed(self, name: str, text: str, signature: str) -> bool:
+        """Whether this text was signed for a rater who still has the same token."""
+        expected = self.signature(name, text)
+        if expected is None:
+            return False
+        return hmac.compare_digest(expected.encode(), signature.encode())
+
     def _read(self) -> tuple[dict[str, Token], bytes]:
         with self._mutex:
             try:
