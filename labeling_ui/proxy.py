@@ -103,7 +103,7 @@ class Proxy:
 
     def _application(self) -> web.Application:
         app = web.Application(
-            middlewares=[web.middleware(self._guard)], client_max_size=_MAX_FORM_BYTES
+            middlewares=[self._guard], client_max_size=_MAX_FORM_BYTES
         )
         app.add_routes(
             [
@@ -119,6 +119,7 @@ class Proxy:
         app.on_response_prepare.append(add_security_headers)
         return app
 
+    @web.middleware
     async def _guard(
         self, request: web.Request, handler: Handler
     ) -> web.StreamResponse:
