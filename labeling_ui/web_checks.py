@@ -81,7 +81,8 @@ def page_policy(host: str) -> str:
 
     Its bundle is an inline script that unpacks itself with WebAssembly and starts a
     worker from a blob. Inline handlers and `eval` stay forbidden, and so is every
-    foreign address.
+    foreign address. (viser's sorter of Gaussian splats wants `eval` and does not start;
+    the page has none.)
     """
     # Older browsers do not count a websocket to the same host as 'self'.
     sockets = f"ws://{host} wss://{host}"
