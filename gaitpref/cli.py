@@ -59,6 +59,10 @@ def _home_of(command: options.Command) -> tuple[str, str]:
     match command:
         case options.Raters():
             return "raters_command", "label"
+        case options.Label():
+            return "label_command", "label"
+        case options.Play():
+            return "play_command", "train,label"
         case _:
             return "commands", "train"
 

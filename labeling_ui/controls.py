@@ -138,8 +138,8 @@ def head(rater_id: str, showing: Showing) -> str:
     if question is None:
         lines.append("<b>No open pairs.</b>")
         lines.append(
-            "This page goes on by itself when there are more: leave it open, or ask for "
-            "pairs with <code>gaitpref pairs --dataset DIR --count 50</code>."
+            "Leave this page open: it goes on by itself when there are more. "
+            "<code>gaitpref pairs --dataset DIR --count 50</code> asks for some."
         )
     else:
         lines.append("<b>Which one walks better?</b>")

@@ -56,9 +56,13 @@ class Desk:
         """What is on the desk."""
         return self._showing("", None)
 
-    def changed(self, shown: Showing) -> Showing | None:
-        """What is on the desk if it is no longer `shown`; renews the lease."""
-        question = self._session.current()
+    def changed(self, shown: Showing, *, active: bool) -> Showing | None:
+        """What is on the desk if it is no longer `shown`.
+
+        Args:
+            active: The rater is there, so that the lease is renewed.
+        """
+        question = self._session.current(active=active)
         question_id = None if question is None else question.question_id
         if question_id != shown.question_id:
             return self.look()

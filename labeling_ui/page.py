@@ -26,6 +26,8 @@ from .status import LoopStatus
 from .theme import set_theme
 from .transport import Transport
 
+ACTIVE_S = 300.0
+"""Without an event for longer than this, nobody is there."""
 REFRESH_S = 1.0
 """How often the desk is asked whether something else is to be shown."""
 NOTE_LATE_S = 0.1
@@ -62,6 +64,7 @@ class Page:
         self._desk, self._shared = desk, shared
         self._events: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
         self._busy = False
+        self._sign_of_life = time.monotonic()
         self._modal: Dialog | None = None
         self._showing: Showing | None = None
         self._clock = Playback(duration_s=1.0, frame_s=0.02)
@@ -110,6 +113,8 @@ class Page:
         return Pose(*motion.pose(self._clock.time_s), fallen=motion.fell and over)
 
     def _handle(self, name: str, value: Any) -> None:
+        if name not in ("showing", "idle"):
+            self._sign_of_life = time.monotonic()
         match name:
             case "showing":
                 self._show(value)
@@ -211,7 +216,8 @@ class Page:
         if self._refresh_in_s <= 0 and self._showing is not None and not self._busy:
             self._refresh_in_s = REFRESH_S
             shown = self._showing
-            self._at_desk(lambda desk: desk.changed(shown))
+            active = time.monotonic() - self._sign_of_life < ACTIVE_S
+            self._at_desk(lambda desk: desk.changed(shown, active=active))
 
     def _at_desk(self, task: Task) -> None:
         """Have a worker do `task`, then show what came of it, then load ahead."""

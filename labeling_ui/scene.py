@@ -29,6 +29,7 @@ _PLATES = (
     Rectangle(center=(-0.60, 0.0), size=(1.0, 0.75)),
     Rectangle(center=(0.60, 0.0), size=(1.0, 0.75)),
 )
+_ONE_PLATE = (Rectangle(center=(0.0, 0.0), size=(1.5, 1.0)),)
 _LANES = (Rectangle(center=(0.0, 0.0), size=(3.0, 1.5)),)
 _LANE_Y_M = (0.36, -0.36)
 _LABEL_HEIGHT_M = 0.56
@@ -105,13 +106,16 @@ class RobotView:
 class PairScene:
     """The 3D part of the page of one client."""
 
-    def __init__(self, client: viser.ClientHandle) -> None:
+    def __init__(self, client: viser.ClientHandle, *, robots: int = 2) -> None:
+        """Make the floors; `robots` is 1 or 2."""
         self._client = client
+        self._plates = _PLATES if robots == 2 else _ONE_PLATE
+        self._lane_y = _LANE_Y_M if robots == 2 else (0.0,)
         scene = client.scene
         scene.set_up_direction("+z")
         self.view: View = "treadmill"
         self._floors: dict[View, Floor] = {
-            "treadmill": Floor(scene, "/plates", _PLATES),
+            "treadmill": Floor(scene, "/plates", self._plates),
             "lanes": Floor(scene, "/lanes", _LANES),
         }
         self._robots: tuple[dict[str, RobotView], ...] = ({}, {})
@@ -151,11 +155,11 @@ class PairScene:
         if self.view == "lanes":
             shown = [pose.path for pose in poses if pose is not None]
             shared = np.mean(shown, axis=0) if shown else np.zeros(2)
-            grounds, centers = [shared, shared], [(0.0, y) for y in _LANE_Y_M]
+            grounds, centers = [shared, shared], [(0.0, y) for y in self._lane_y]
             self._floors["lanes"].scroll(np.array([shared]))
         else:
-            grounds, centers = paths, [plate.center for plate in _PLATES]
-            self._floors["treadmill"].scroll(np.array(paths))
+            grounds, centers = paths, [plate.center for plate in self._plates]
+            self._floors["treadmill"].scroll(np.array(paths[: len(self._plates)]))
         for side, pose in enumerate(poses):
             if pose is not None:
                 shift = np.array([*(np.array(centers[side]) - grounds[side]), 0.0])
@@ -167,7 +171,7 @@ class PairScene:
         for name, floor in self._floors.items():
             floor.visible = name == view
         plates = view == "treadmill"
-        for side, (x, y) in enumerate(plate.center for plate in _PLATES):
+        for side, (x, y) in enumerate(plate.center for plate in self._plates):
             if plates:
                 self._labels[side].position = (x, y, _LABEL_HEIGHT_M)
         camera, shot = self._client.camera, SHOTS[view]

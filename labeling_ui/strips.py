@@ -23,7 +23,7 @@ FALL_CSS = "#e03131"
 _ROW = 9.0
 _GAP = 3.0
 _STYLE = """<style>
-.gp{font:11px/1.2 inherit;color:inherit}
+.gp{font-size:11px;line-height:1.2;color:inherit}
 .gp svg{display:block;width:100%;overflow:visible}
 .gp .t{opacity:.14}
 .gp .row{display:flex;align-items:center;gap:8px;height:48px;margin:0 0 6px}
@@ -57,10 +57,31 @@ class Curve:
 def footfalls(left: Motion, right: Motion, duration_s: float) -> str:
     """The feet on the ground over time: a bar is a foot that stands."""
     rows = "".join(
-        _row(NAMES[side], _css(side), _legs(), _contact_svg(motion, duration_s, side))
+        _row(
+            NAMES[side],
+            _css(side),
+            _legs(),
+            _contact_svg(
+                motion.contact, motion.dt_s, duration_s, side, fell=motion.fell
+            ),
+        )
         for side, motion in enumerate((left, right))
     )
     return _framed(rows, duration_s)
+
+
+def live_footfalls(contacts: list[np.ndarray], dt_s: float, duration_s: float) -> str:
+    """The last `duration_s` of each robot's `contacts` [T, 4], newest to the right."""
+    rows = "".join(
+        _row(
+            NAMES[side],
+            _css(side),
+            _legs(),
+            _contact_svg(contact, dt_s, duration_s, side, fell=False),
+        )
+        for side, contact in enumerate(contacts)
+    )
+    return f'{_STYLE}<div class="gp">{rows}</div>'
 
 
 def curves(left: Motion, right: Motion, duration_s: float) -> str:
@@ -129,28 +150,29 @@ def _legs() -> str:
     return "<br>".join(LEGS)
 
 
-def _contact_svg(motion: Motion, duration_s: float, side: int) -> str:
+def _contact_svg(
+    contact: np.ndarray, dt_s: float, duration_s: float, side: int, *, fell: bool
+) -> str:
     """Four bars, one a leg; the part of the clock behind the clip stays empty."""
     height = 4 * (_ROW + _GAP)
+    length = len(contact) * dt_s / duration_s * 1000
     bars = []
     for leg in range(4):
         y = leg * (_ROW + _GAP) + _GAP / 2
-        width = motion.duration_s / duration_s * 1000
         bars.append(
-            f'<rect class="t" x="0" y="{y}" width="{width:.1f}" height="{_ROW}" '
+            f'<rect class="t" x="0" y="{y}" width="{length:.1f}" height="{_ROW}" '
             f'rx="1" fill="currentColor"/>'
         )
-        for first, last in stance_phases(motion.contact[:, leg]):
-            x = first * motion.dt_s / duration_s * 1000
-            wide = (last - first) * motion.dt_s / duration_s * 1000
+        for first, last in stance_phases(contact[:, leg]):
+            x = first * dt_s / duration_s * 1000
+            wide = (last - first) * dt_s / duration_s * 1000
             bars.append(
                 f'<rect x="{x:.1f}" y="{y}" width="{wide:.1f}" height="{_ROW}" '
                 f'fill="{_css(side)}"/>'
             )
-    if motion.fell:
-        x = motion.duration_s / duration_s * 1000
+    if fell:
         bars.append(
-            f'<rect x="{x - 5:.1f}" y="0" width="5" height="{height}" '
+            f'<rect x="{length - 5:.1f}" y="0" width="5" height="{height}" '
             f'fill="{FALL_CSS}"><title>falls here</title></rect>'
         )
     return (
