@@ -15,8 +15,10 @@ def at(seconds: float) -> datetime.datetime:
     return START + datetime.timedelta(seconds=seconds)
 
 
-def judgement(question_id: str, verdict: Verdict = "left", **more: bool) -> Judgement:
-    return Judgement(question_id=question_id, verdict=verdict, **more)
+def judgement(
+    question_id: str, verdict: Verdict = "left", *, dialog_open: bool = False
+) -> Judgement:
+    return Judgement(question_id=question_id, verdict=verdict, dialog_open=dialog_open)
 
 
 def answered(
@@ -41,9 +43,7 @@ def answered(
 def test_a_held_key_answers_once(delay_s: float, period_s: float) -> None:
     """For ten seconds, whatever the keyboard's delay and rate."""
     repeats = [delay_s + period_s * number for number in range(round(10 / period_s))]
-    events: list[tuple[float, Verdict]] = [(0.0, "left")]
-    events += [(time_s, "left") for time_s in repeats]
-    assert answered(events) == [0.0]
+    assert answered([(time_s, "left") for time_s in [0.0, *repeats]]) == [0.0]
 
 
 @pytest.mark.parametrize("gap_s", [0.05, 0.2, 0.5, 0.9])
