@@ -74,24 +74,33 @@ def walk(
 
 
 def walking_dataset(
-    root: Path, *, pairs: int, clip_steps: int = 60, episodes: int = 12
+    root: Path,
+    *,
+    pairs: int,
+    clip_steps: int = 60,
+    episodes: int = 12,
+    steps: int = 300,
 ) -> Dataset:
-    """A data set of trots of different pace, with `pairs` open pairs."""
+    """A data set of trots of different pace, with `pairs` open pairs.
+
+    Every fourth episode of the usual length ends early, in a fall.
+    """
     dataset = Dataset.create(root)
     entries = dataset.add_episodes(
         walk(
-            300 if index % 4 else 150,
+            steps // 2 if _falls(index, steps) else steps,
             seed=index,
             step_hz=1.5 + 0.1 * index,
             lift=0.2 + 0.03 * index,
-            fell=index % 4 == 0,
+            fell=_falls(index, steps),
         )
         for index in range(episodes)
     )
     clips = [
         Clip(entry.sha256, start, min(clip_steps, entry.num_steps - start))
         for entry in entries
-        for start in range(0, entry.num_steps - 20, 20)
+        for start in range(0, max(entry.num_steps - clip_steps, 1) + 20, 20)
+        if entry.num_steps - start >= 20
     ]
     rng = np.random.default_rng(0)
     chosen = []
@@ -102,3 +111,7 @@ def walking_dataset(
     with dataset.answers() as store:
         store.add_pairs(chosen)
     return dataset
+
+
+def _falls(index: int, steps: int) -> bool:
+    return index % 4 == 0 and steps <= 300

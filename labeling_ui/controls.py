@@ -25,6 +25,15 @@ Post = Callable[..., None]
 """Takes the name of an event and its value; never blocks."""
 
 PANEL_WIDTH_PX = 316
+_FLOATING_PX = (560, 900)
+
+
+def floating_width_px(client: viser.ClientHandle) -> int:
+    """Width of the panel below the robots, so that it ends before the docked one."""
+    low, high = _FLOATING_PX
+    return min(max(client.camera.image_width - PANEL_WIDTH_PX - 64, low), high)
+
+
 CLOCK_BUTTONS: tuple[Name, ...] = (
     "play", "replay", "back", "on", "slower", "faster",
 )  # fmt: skip
@@ -191,8 +200,7 @@ def _boxed(inner: str) -> str:
 
 _LINKS = _boxed(
     '<a href="figures" target="_blank">My figures</a> · '
-    '<a href="guidelines" target="_blank">Guidelines in a window</a> · '
-    '<a href="logout">Log out</a>'
+    '<a href="guidelines" target="_blank">Guidelines in a window</a>'
 )
 
 

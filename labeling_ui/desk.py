@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from data.answers import Answer
+from data.answers import Answer, Pair
 from data.errors import GaitprefError
 
 from .judgement import Judgement, Outcome, Past, Progress, Question
@@ -84,9 +84,13 @@ class Desk:
         """Leave a reopened question as it was."""
         return self._after(self._session.cancel())
 
-    def load_ahead(self) -> None:
-        """Have the clips that probably come next ready."""
-        for pair in self._session.upcoming(LOAD_AHEAD):
+    def upcoming(self) -> list[Pair]:
+        """The pairs that probably come next."""
+        return self._session.upcoming(LOAD_AHEAD)
+
+    def load(self, pairs: list[Pair]) -> None:
+        """Have the clips of `pairs` ready; may run beside everything else."""
+        for pair in pairs:
             try:
                 self._motions.of_pair(pair)
             except (GaitprefError, OSError) as error:

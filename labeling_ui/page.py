@@ -48,7 +48,9 @@ class Shared:
     """What all pages of a server use."""
 
     submit: Callable[[Callable[[], None]], None]
-    """Has a worker do something."""
+    """Has a worker do something, one thing after the other."""
+    submit_late: Callable[[Callable[[], None]], None]
+    """Has another worker do what nobody waits for."""
     guidelines: str
     habits: dict[str, Habits] = field(default_factory=dict)
     welcomed: set[str] = field(default_factory=set)
@@ -228,7 +230,8 @@ class Page:
                 showing = task(self._desk)
                 if showing is not None:
                     self.post("showing", showing)
-                    self._desk.load_ahead()
+                    pairs = self._desk.upcoming()
+                    self._shared.submit_late(lambda: self._desk.load(pairs))
             finally:
                 self.post("idle")
 

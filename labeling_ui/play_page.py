@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 import viser
 
-from .controls import PANEL_WIDTH_PX, posts, posts_value
+from .controls import PANEL_WIDTH_PX, floating_width_px, posts, posts_value
 from .figures import RaterFigures
 from .live import HISTORY_S, Drive, LivePolicy, LiveRobot
 from .proxy_cfg import ProxyCfg
@@ -142,7 +142,7 @@ class PlayPage:
         panel = gui.add_panel()
         with panel.add_tab(f"Footfalls of the last {HISTORY_S:g} s"):
             self._strip = gui.add_html("")
-        panel.float(x=12, y=-12, width=900)
+        panel.float(x=12, y=-12, width=floating_width_px(self._client))
 
     def _show_figures(self) -> None:
         dt_s = self._robots[0].policy.control_dt_s

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
@@ -13,6 +13,7 @@ from data.dataset import Dataset
 
 from .desk import Desk
 from .figures import rater_figures
+from .guard import GuardCfg
 from .guidelines import load_guidelines
 from .motion import MotionCache
 from .page import Page, Shared
@@ -39,7 +40,8 @@ class LabelCfg:
     """Its private key, PEM."""
     auth: bool = True
     """Ask for a token; only loopback may go without."""
-    queue: QueueCfg = field(default_factory=QueueCfg)
+    # A browser that draws in software sends the repeats of a held key in bursts.
+    queue: QueueCfg = QueueCfg(guard=GuardCfg(repeat_gap_s=0.6))
     """How questions are handed out."""
 
 
@@ -86,7 +88,11 @@ class LabelServer:
             figures=lambda rater_id: rater_figures(self._store, rater_id),
             status=self._status,
         )
-        self._shared = Shared(submit=self._site.submit, guidelines=self._guidelines)
+        self._shared = Shared(
+            submit=self._site.submit,
+            submit_late=self._site.submit_late,
+            guidelines=self._guidelines,
+        )
         try:
             self._site.start(self._new_page)
         except BaseException:

@@ -55,6 +55,8 @@ class Site:
         )
         self._ticker = Ticker(status)
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="desk")
+        # Loading ahead must not keep an answer waiting.
+        self._loader = ThreadPoolExecutor(max_workers=1, thread_name_prefix="loader")
         self._loop = _LoopThread()
         self._furnish()
 
@@ -95,17 +97,11 @@ class Site:
 
     def submit(self, work: Callable[[], None]) -> None:
         """Have the worker do something; errors end up in the log."""
+        _submit(self._worker, work)
 
-        def logged() -> None:
-            try:
-                work()
-            except Exception:
-                logger.exception("a task of the page failed")
-
-        try:
-            self._worker.submit(logged)
-        except RuntimeError:
-            logger.debug("the server is stopping; a task is dropped")
+    def submit_late(self, work: Callable[[], None]) -> None:
+        """Have the loader do something nobody waits for."""
+        _submit(self._loader, work)
 
     def _furnish(self) -> None:
         """What all visitors share: the light and where the camera starts."""
@@ -119,6 +115,7 @@ class Site:
 
     def _shut(self) -> None:
         self._ticker.stop()
+        self._loader.shutdown(wait=True, cancel_futures=True)
         self._worker.shutdown(wait=True, cancel_futures=True)
         self._loop.stop()
         self._viser.stop()
@@ -128,6 +125,19 @@ class Site:
         # It may have left while the page was made, before there was one to remove.
         if client.client_id not in self._viser.get_clients():
             self._ticker.remove(client.client_id)
+
+
+def _submit(pool: ThreadPoolExecutor, work: Callable[[], None]) -> None:
+    def logged() -> None:
+        try:
+            work()
+        except Exception:
+            logger.exception("a task of the page failed")
+
+    try:
+        pool.submit(logged)
+    except RuntimeError:
+        logger.debug("the server is stopping; a task is dropped")
 
 
 class _LoopThread:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import viser
 
 from .actions import SHORTCUTS
-from .controls import CLOCK_BUTTONS, Post, posts_value
+from .controls import CLOCK_BUTTONS, Post, floating_width_px, posts_value
 from .motion import Motion
 from .playback import Playback
 from .strips import curve_playheads, curves, footfalls, playhead
 
-_WIDTH_PX = 900
 _ECHO_S = 0.2
 _SLIDER_REST_S = 0.6
 
@@ -29,7 +28,7 @@ class Transport:
             self._slider = gui.add_slider("time, s", 0.0, 1.0, 0.01, 0.0)
             labels = tuple(SHORTCUTS[name].label for name in CLOCK_BUTTONS)
             self._buttons = gui.add_button_group("clock", labels)
-        self._panel.float(x=12, y=-12, width=_WIDTH_PX)
+        self._panel.float(x=12, y=-12, width=floating_width_px(client))
         names = dict(zip(labels, CLOCK_BUTTONS, strict=True))
         self._echo_in_s = 0.0
         self._aligned = 0
