@@ -28,6 +28,7 @@ CLOSE_BROKEN = 1011
 CLOSE_REPLACED = 4001
 CLOSE_LOGGED_OUT = 4003
 _WATCH_S = 1.0
+_NOT_UP = "The page is not up; try again."
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +84,11 @@ class Relay:
             return redirect(str(URL("/").with_query(allowed)))
         accepted = {"Accept-Encoding": request.headers.get("Accept-Encoding", "")}
         url = f"http://{self._upstream}/"
-        async with self._client.get(url, headers=accepted) as answer:
-            body = await answer.read()
+        try:
+            async with self._client.get(url, headers=accepted) as answer:
+                body = await answer.read()
+        except aiohttp.ClientError:
+            return refused(502, _NOT_UP)
         kept = ("Content-Type", "Content-Encoding")
         headers = {
             name: answer.headers[name] for name in kept if name in answer.headers
@@ -120,7 +124,7 @@ class Relay:
                 await _pump(browser, viser)
         except aiohttp.ClientError:
             if not browser.prepared:
-                return refused(502, "The page is not there yet; try again.")
+                return refused(502, _NOT_UP)
         finally:
             self._visitors.leave(visit)
         return browser
