@@ -429,7 +429,7 @@ def test_threads_share_a_store(store: AnswerStore) -> None:
 CHILD = """
 import sys
 from pathlib import Path
-from test_data_answers import make_answer, make_pair
+from tests.test_data_answers import make_answer, make_pair
 from data.answers import AnswerStore
 name, number = sys.argv[2], 0
 with AnswerStore.open(Path(sys.argv[1])) as store:

@@ -11,7 +11,12 @@ from typing import Any
 import aiohttp
 import pytest
 import viser
-from labeling_visitor import (
+
+from labeling_ui.proxied import lock_down, new_secret, proxied_rater
+from labeling_ui.relay import CLOSE_LOGGED_OUT, CLOSE_REPLACED
+from labeling_ui.tokens import TokenStore
+
+from .labeling_visitor import (
     CAMERA,
     House,
     close_code,
@@ -21,10 +26,6 @@ from labeling_visitor import (
     open_socket,
     send,
 )
-
-from labeling_ui.proxied import lock_down, new_secret, proxied_rater
-from labeling_ui.relay import CLOSE_LOGGED_OUT, CLOSE_REPLACED
-from labeling_ui.tokens import TokenStore
 
 
 @dataclass

@@ -10,8 +10,6 @@ from typing import Any
 
 import aiohttp
 import pytest
-from labeling_visitor import house
-from test_labeling_figures import row
 
 from data.errors import GaitprefError
 from labeling_ui.figures import figures
@@ -19,6 +17,9 @@ from labeling_ui.tokens import TokenStore
 from labeling_ui.visitors import Attempts, Visitors
 from labeling_ui.web_checks import address_block, host_name, is_loopback, same_origin
 from labeling_ui.web_pages import guidelines_page, login_page
+
+from .labeling_visitor import house
+from .test_labeling_figures import row
 
 
 def start(root: Path, **cfg: Any) -> str:

@@ -393,6 +393,7 @@ def test_known_answers_are_mixed_in(open_session: Open, store: AnswerStore) -> N
     assert kinds == {"new": 100, "gold": 3}
 
 
+@settings(deadline=None)
 @given(st.text(min_size=1, max_size=8), st.integers(0, 50))
 def test_every_block_of_twenty_has_one_repeat(rater_id: str, block: int) -> None:
     """And at most one known answer; at a place that differs between raters."""

@@ -6,11 +6,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from test_labeling_figures import row
 
 from data.dataset import Dataset
 from gaitpref.cli import main
 from labeling_ui.tokens import TokenStore
+
+from .test_labeling_figures import row
 
 
 @pytest.fixture
