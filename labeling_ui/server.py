@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 
@@ -23,6 +23,9 @@ from .site import Site
 from .status import StatusSource, no_status
 from .tokens import TokenStore
 
+_GUARD = GuardCfg(repeat_gap_s=0.6)
+"""A browser that draws in software sends the repeats of a held key in bursts."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class LabelCfg:
@@ -40,8 +43,9 @@ class LabelCfg:
     """Its private key, PEM."""
     auth: bool = True
     """Ask for a token; only loopback may go without."""
-    # A browser that draws in software sends the repeats of a held key in bursts.
-    queue: QueueCfg = QueueCfg(guard=GuardCfg(repeat_gap_s=0.6))
+    shadows: bool = True
+    """Draw shadows; without a graphics card they take most of the time."""
+    queue: QueueCfg = field(default_factory=lambda: QueueCfg(guard=_GUARD))
     """How questions are handed out."""
 
 
@@ -87,6 +91,7 @@ class LabelServer:
             tokens=TokenStore(self._dataset.root),
             figures=lambda rater_id: rater_figures(self._store, rater_id),
             status=self._status,
+            shadows=cfg.shadows,
         )
         self._shared = Shared(
             submit=self._site.submit,

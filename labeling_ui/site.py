@@ -39,8 +39,13 @@ class Site:
         tokens: TokenStore,
         figures: Callable[[str], RaterFigures],
         status: StatusSource,
+        shadows: bool = True,
     ) -> None:
-        """Start viser on loopback; nobody gets a page before `start`."""
+        """Start viser on loopback; nobody gets a page before `start`.
+
+        Args:
+            shadows: Draw them; without a graphics card they take most of the time.
+        """
         # A visitor may leave between two writes; viser would warn about each.
         warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
         self._viser = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
@@ -58,7 +63,7 @@ class Site:
         # Loading ahead must not keep an answer waiting.
         self._loader = ThreadPoolExecutor(max_workers=1, thread_name_prefix="loader")
         self._loop = _LoopThread()
-        self._furnish()
+        self._furnish(shadows)
 
     @property
     def url(self) -> str:
@@ -103,11 +108,12 @@ class Site:
         """Have the loader do something nobody waits for."""
         _submit(self._loader, work)
 
-    def _furnish(self) -> None:
+    def _furnish(self, shadows: bool) -> None:
         """What all visitors share: the light and where the camera starts."""
         set_theme(self._viser.gui, dark=False)
         scene, camera = self._viser.scene, self._viser.initial_camera
         scene.world_axes.visible = False
+        scene.configure_default_lights(cast_shadow=shadows)
         scene.configure_environment_map("studio", environment_intensity=0.35)
         shot = SHOTS["treadmill"]
         camera.position, camera.look_at = shot.position, shot.look_at
