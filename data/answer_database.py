@@ -11,7 +11,7 @@ from pathlib import Path
 
 from data.errors import AnswerError
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 APPLICATION_ID = 0x50524546
 """"PREF" in ASCII."""
 _OLDEST_SQLITE = (3, 37, 0)

@@ -14,7 +14,7 @@ PAIR_COLUMNS = (
 )
 ANSWER_COLUMNS = (
     "answer_id, pair_id, rater_id, choice, p_a, shown_left, shown_ms, watched_ms, "
-    "response_ms, confidence, note, reason, supersedes, client_json, created_utc"
+    "response_ms, confidence, note, reason, supersedes, client_json, created_utc, role"
 )
 SELECT_CURRENT = (
     f"SELECT {', '.join('p.' + name for name in PAIR_COLUMNS.split(', '))}, "
