@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import os
 import secrets
@@ -43,6 +44,8 @@ def write_atomically(path: Path, content: bytes) -> None:
     temporary = path.with_name(f".{path.name[:64]}.{secrets.token_hex(8)}.tmp")
     try:
         with temporary.open("xb") as file:
+            # Tells a recovery that the file still has a writer.
+            fcntl.flock(file, fcntl.LOCK_SH)
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
