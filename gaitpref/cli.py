@@ -16,11 +16,11 @@ EXIT_INTERRUPTED = 130
 
 
 def parse(args: Sequence[str] | None = None) -> options.Command:
-    """The command of the arguments; exits like argparse on `--help` and on bad usage."""
+    """The command of the arguments; exits on `--help` and on bad usage."""
     return tyro.cli(
-        options.Command,  # type: ignore[arg-type]
+        options.Command,
         prog="gaitpref",
-        description="Turns preferences between gaits into a reward, and that into a policy.",
+        description="Turns preferences between gaits into a better policy.",
         args=args,
         config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes),
     )

@@ -121,8 +121,8 @@ def _pairs(command: options.Pairs) -> None:
     dataset = Dataset.open(command.dataset)
     if command.strategy == "disagreement" and command.reward is None:
         raise RewardError(
-            "--strategy disagreement needs an ensemble: give --reward REWARD_DIR, which "
-            "`gaitpref fit` makes"
+            "--strategy disagreement needs an ensemble: give --reward REWARD_DIR, "
+            "which `gaitpref fit` makes"
         )
     unsure = command.reward is not None and command.strategy != "uniform"
     model = load_reward(command.reward) if command.reward and unsure else None
@@ -160,8 +160,8 @@ def _context_of(dataset: Dataset) -> CriterionContext:
     entries = dataset.entries()
     if not entries:
         raise DatasetError(
-            f"{dataset.root} holds no episode: `gaitpref record --policy POLICY --dataset "
-            f"{dataset.root}` adds some"
+            f"{dataset.root} holds no episode: `gaitpref record --policy POLICY "
+            f"--dataset {dataset.root}` adds some"
         )
     episode = dataset.read(entries[0].sha256)
     meta = episode.meta
@@ -189,7 +189,8 @@ def _evaluate(command: options.Evaluate) -> None:
         print(json.dumps(asdict(result)))
         return
     print(
-        f"return          {result.return_mean:.2f} ± {result.return_ci95:.2f} ({command.reward})"
+        f"return          {result.return_mean:.2f} ± {result.return_ci95:.2f} "
+        f"under {command.reward}"
     )
     print(f"tracking error  {result.tracking_error_m_s:.3f} m/s")
     print(f"falls           {result.falls} ({result.falls_per_minute:.2f} a minute)")

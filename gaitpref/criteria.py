@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import cast
 
 import torch
 from torch import Tensor
@@ -109,8 +110,8 @@ def checked(name: str, criterion: Criterion) -> Criterion:
         except Exception as error:
             raise CriterionError(
                 f"criterion {name} raised {type(error).__name__}: "
-                f"{' '.join(str(error).split())[:200]}; it is called with a float32 tensor "
-                f"features [..., {FEATURE_DIM}]"
+                f"{' '.join(str(error).split())[:200]}; it is called with a float32 "
+                f"tensor features [..., {FEATURE_DIM}]"
             ) from error
         if not isinstance(score, Tensor) or score.shape != features.shape[:-1]:
             got = (
@@ -137,8 +138,8 @@ def _import(name: str) -> Criterion:
     module_name, _, attribute = name.partition(":")
     if not module_name or not attribute:
         raise CriterionError(
-            f"there is no criterion {name!r}; take one of {', '.join(BUILT_IN)}, or give "
-            f"your own as package.module:function"
+            f"there is no criterion {name!r}; take one of {', '.join(BUILT_IN)}, or "
+            f"give your own as package.module:function"
         )
     here = str(Path.cwd())
     if here not in sys.path:
@@ -155,7 +156,7 @@ def _import(name: str) -> Criterion:
         raise CriterionError(
             f"criterion {name} is a {type(found).__name__}, not callable"
         )
-    return found
+    return cast(Criterion, found)
 
 
 def _probe_rows(context: CriterionContext) -> Tensor:

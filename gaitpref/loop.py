@@ -9,7 +9,7 @@ from policy.robot import load_robot
 
 from .criteria import load_criterion
 from .options import Loop
-from .report import write_report
+from .report import PAGE_NAME, write_report
 from .rewards import criterion_context
 from .run_config import LoopCfg, claim, resolve
 from .stages import (
@@ -52,5 +52,5 @@ def run_configured(run: Path, cfg: LoopCfg) -> Path:
             answers_stage(cfg, round, dataset, criterion)
             fit_stage(cfg, round, dataset)
         report_stage(cfg, round, criterion)
-        page = write_report(run)
-    return page
+        write_report(run)
+    return run / PAGE_NAME

@@ -22,18 +22,19 @@ class Loop:
     run: Path
     """Directory of the run; everything it makes is in there."""
     rounds: int | None = None
-    """Times questions are asked and the policy is retrained; the preset's by default."""
+    """Times questions are asked and the policy retrained; the preset's by default."""
     labels: int | None = None
     """Answers in all, over all rounds; the preset's by default."""
     rater: Literal["simulated", "human"] = "simulated"
     """Who answers."""
     criterion: str = "high_step"
-    """What the simulated rater looks for: task, smooth, high_step, crouch, low_energy, or
-    your own as package.module:function, a callable features [..., F] -> score [...]."""
+    """What the simulated rater looks for: task, smooth, high_step, crouch, low_energy,
+    or your own as package.module:function, a callable features [..., F] -> score
+    [...]."""
     base: str = "task"
     """What the learned reward is added to: `task`, a policy first trained on the
-    hand-written walking reward; `none`, a new policy and the known safety terms only; or
-    a policy file."""
+    hand-written walking reward; `none`, a new policy and the known safety terms only;
+    or a policy file."""
     preset: Literal["quick", "standard"] = "standard"
     """Sets what is not given: quick takes about ten minutes on two cores."""
     robot: Path | None = None
@@ -49,8 +50,8 @@ class Train:
     out: Path
     """Directory of the training run."""
     reward: str
-    """`task`, a criterion (built-in name or package.module:function), or the directory of
-    a learned reward. Others than `task` are added to the known safety terms."""
+    """`task`, a criterion (built-in name or package.module:function), or the directory
+    of a learned reward. Others than `task` are added to the known safety terms."""
     steps: int = 1_500_000
     """Environment steps, counted over all environments."""
     envs: int = 256
@@ -67,7 +68,7 @@ class Train:
 
 @dataclass(frozen=True, kw_only=True)
 class Record:
-    """Roll a policy and its earlier checkpoints out and log the episodes to a data set."""
+    """Roll a policy and its earlier checkpoints out; log the episodes to a data set."""
 
     policy: Path
     """Policy file."""

@@ -18,7 +18,7 @@ from rich.progress import (
 
 from policy.ppo import IterationStats
 
-console = Console(stderr=True, highlight=False)
+console = Console(stderr=True, highlight=False, soft_wrap=True)
 
 
 class TrainingBar:

@@ -5,18 +5,25 @@ from __future__ import annotations
 import html
 import io
 import json
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from data.files import write_atomically
 
 from .run_config import LoopCfg, RunError, read_config
 
+PAGE_NAME = Path("report") / "index.html"
+"""The page, from the directory of the run."""
+
 _BLUE, _GREY = "#2563a8", "#8a94a0"
+
+_NO_METADATA = {"Creator": None, "Date": None, "Format": None, "Type": None}
 
 _STYLE = """
 :root { color-scheme: light dark; --line: #d5dae0; --soft: #66707c; }
@@ -24,7 +31,8 @@ body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto
        padding: 0 1rem; }
 h1 { font-size: 1.6rem; margin-bottom: .2rem; } p.lead { color: var(--soft); }
 table { border-collapse: collapse; width: 100%; margin: 1rem 0; }
-th, td { text-align: right; padding: .3rem .6rem; border-bottom: 1px solid var(--line); }
+th, td { text-align: right; padding: .3rem .6rem;
+         border-bottom: 1px solid var(--line); }
 th:first-child, td:first-child { text-align: left; }
 .curves { display: grid; grid-template-columns: repeat(auto-fit, minmax(17rem, 1fr));
           gap: 1rem; }
@@ -36,14 +44,14 @@ code, pre { font-size: .9rem; } pre { overflow-x: auto; }
 
 
 def write_report(run: Path) -> Path:
-    """Write `report/index.html` of the run from its rounds' report.json; gives its path.
+    """Write `report/index.html` of the run; gives its path.
 
     Raises:
         RunError: the directory holds no run, or no round is finished yet.
     """
     cfg = read_config(run)
     rounds = read_rounds(run)
-    page = run / "report" / "index.html"
+    page = run / PAGE_NAME
     page.parent.mkdir(exist_ok=True)
     write_atomically(page, render(run.name, cfg, rounds).encode())
     return page
@@ -79,10 +87,11 @@ def render(name: str, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
     criterion = html.escape(cfg.criterion)
     done = f"{len(rounds) - 1} of {cfg.rounds} retrainings"
     verdict = (
-        f"Return under <code>{criterion}</code>: {_interval(first)} with the first policy, "
-        f"{_interval(last)} with the last. Tracking error "
+        f"Return under <code>{criterion}</code>: {_interval(first)} with the first "
+        f"policy, {_interval(last)} with the last. Tracking error "
         f"{first['tracking_error_m_s']:.2f} to {last['tracking_error_m_s']:.2f} m/s, "
-        f"falls {first['falls_per_minute']:.2f} to {last['falls_per_minute']:.2f} a minute."
+        f"falls {first['falls_per_minute']:.2f} to {last['falls_per_minute']:.2f} "
+        f"a minute."
     )
     settings = html.escape(
         f"base {cfg.base}, {cfg.labels} answers in {cfg.rounds} rounds by the "
@@ -94,10 +103,11 @@ def render(name: str, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
         f"<style>{_STYLE}</style><h1>{title}</h1>"
         f'<p class="lead">{settings}; {done} done.</p><p>{verdict}</p>'
         f'<div class="curves">{_curves(criterion, rounds)}</div>{_table(rounds)}'
-        f"<p>Returns are means over {last['episodes']} episodes on a fixed grid of commands, "
-        f"without exploration noise, with 95 % intervals. Held-out accuracy is measured on "
-        f"episodes the model of their fold has not seen. The learned return is that of the "
-        f"reward a policy was trained against, which is new in every round.</p></html>\n"
+        f"<p>Returns are means over {last['episodes']} episodes on a fixed grid of "
+        f"commands, without exploration noise, with 95 % intervals. Held-out accuracy "
+        f"is measured on episodes the model of their fold has not seen. The learned "
+        f"return is that of the reward a policy was trained against, which is new in "
+        f"every round.</p></html>\n"
     )
 
 
@@ -115,7 +125,7 @@ def _curves(criterion: str, rounds: list[dict[str, Any]]) -> str:
     returns.errorbar(*zip(*points, strict=True), yerr=widths, color=_BLUE, capsize=3)
 
     learned = _axes("Learned return: before and after training on it")
-    for before, after in zip(rounds, rounds[1:], strict=False):
+    for before, after in pairwise(rounds):
         if "learned_return_next" in before and "learned_return" in after:
             pair = (before["learned_return_next"], after["learned_return"])
             learned.plot((before["round"], after["round"]), pair, "o-", color=_BLUE)
@@ -150,7 +160,7 @@ def _axes(title: str) -> Axes:
     axes.set_title(title, fontsize=10)
     axes.set_xlabel("round", fontsize=9)
     axes.tick_params(labelsize=8)
-    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(alpha=0.3)
     return axes
@@ -160,7 +170,7 @@ def _svg(axes: Axes) -> str:
     figure, text = axes.figure, io.StringIO()
     # A fixed salt and no date: equal runs give equal pages.
     with matplotlib.rc_context({"svg.hashsalt": "gaitpref", "svg.fonttype": "none"}):
-        figure.savefig(text, format="svg", metadata={"Date": None})  # type: ignore[union-attr]
+        figure.savefig(text, format="svg", metadata=_NO_METADATA)  # type: ignore[union-attr]
     svg = text.getvalue()
     return svg[svg.index("<svg") :]
 
@@ -186,14 +196,14 @@ def _table(rounds: list[dict[str, Any]]) -> str:
 
 def _cells(round: dict[str, Any]) -> tuple[str, ...]:
     evaluation, fit = round["evaluation"], round.get("fit")
-    accuracy = "–"
+    accuracy = "-"
     if fit and fit["held_out_accuracy"] is not None:
         low, high = fit["held_out_interval"]
-        accuracy = f"{fit['held_out_accuracy']:.2f} ({low:.2f}–{high:.2f})"
+        accuracy = f"{fit['held_out_accuracy']:.2f} ({low:.2f} to {high:.2f})"
     return (
         str(round["round"]),
         f"{round['policy_steps']:,}",
-        str(fit["answers"]) if fit else "–",
+        str(fit["answers"]) if fit else "-",
         accuracy,
         _interval(evaluation),
         f"{evaluation['tracking_error_m_s']:.3f} m/s",

@@ -104,7 +104,7 @@ def score_of_criterion(criterion: Criterion) -> RewardFn:
 
 
 def load_score(reward: str, context: CriterionContext) -> RewardFn:
-    """The score named by a built-in criterion, `package.module:function` or a directory.
+    """The score named by a criterion or by the directory of a learned reward.
 
     Raises:
         GaitprefError: it is none of these, or cannot be used.

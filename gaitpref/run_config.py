@@ -1,4 +1,4 @@
-"""The configuration of a loop: presets, what is written down, what a resume compares."""
+"""The configuration of a loop: presets, and what a resume is held to."""
 
 from __future__ import annotations
 
@@ -99,7 +99,8 @@ class LoopCfg:
         if self.labels < 4 * self.rounds:
             raise RunError(
                 f"--labels {self.labels} is too few for {self.rounds} rounds: a round "
-                f"needs 4 answers, so give at least {4 * self.rounds}, or fewer --rounds"
+                f"needs 4 answers, so give at least {4 * self.rounds}, or fewer "
+                f"--rounds"
             )
 
     @property
@@ -174,8 +175,8 @@ def claim(run: Path, cfg: LoopCfg) -> None:
     if changed:
         shown = ", ".join(f"{k} {old.get(k)} -> {new.get(k)}" for k in changed[:4])
         raise RunError(
-            f"{run} was started with other settings ({shown}): repeat its command to go "
-            f"on, or give another --run"
+            f"{run} was started with other settings ({shown}): repeat its command to "
+            f"go on, or give another --run"
         )
 
 

@@ -1,8 +1,8 @@
 """The stages of a round, each a function from finished files to finished files.
 
-A stage writes under a temporary name or adds what is named by its content, and ends with
-one rename; one that finds its result already there does nothing. So the loop can be
-killed anywhere and started again.
+A stage writes under a temporary name or adds what is named by its content, and ends
+with one rename; one that finds its result already there does nothing. So the loop can
+be killed anywhere and started again.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def seed_of(cfg: LoopCfg, *purpose: int) -> int:
 
 
 def policy_stage(cfg: LoopCfg, round: Round, robot: Robot) -> None:
-    """Train the round's policy: the first on the base, the others on the last reward."""
+    """Train the round's policy: the first on the base, later ones on the reward."""
     if round.policy.exists():
         return
     partial = round.root / "policy.partial"
@@ -154,7 +154,7 @@ def record_stage(cfg: LoopCfg, round: Round, dataset: Dataset) -> None:
 
 
 def pairs_stage(cfg: LoopCfg, round: Round, dataset: Dataset) -> None:
-    """Add the round's questions: some at random, the rest where the ensemble disagrees."""
+    """Add the round's questions, most of them where the ensemble disagrees."""
     with dataset.answers() as store:
         if store.pairs(round=round.number):
             return
@@ -229,7 +229,10 @@ def fit_summary(report: FitReport) -> str:
             f"{report.held_out_accuracy:.2f} on held-out episodes "
             f"({low:.2f} to {high:.2f}, {report.held_out_pairs} answers)"
         )
-    return f"fitted {report.answers} answers in {report.seconds:.1f} s, accuracy {held_out}"
+    return (
+        f"fitted {report.answers} answers in {report.seconds:.1f} s, "
+        f"accuracy {held_out}"
+    )
 
 
 def report_stage(cfg: LoopCfg, round: Round, criterion: Criterion) -> None:

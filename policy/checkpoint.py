@@ -1,4 +1,4 @@
-"""Policy files: RSL-RL's state dictionaries plus all that is needed to use them alone."""
+"""Policy files: RSL-RL's state dictionaries and all that is needed to use them."""
 
 from __future__ import annotations
 

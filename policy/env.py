@@ -49,7 +49,7 @@ class QuadrupedEnv(VecEnv):
             keep_final: Put the states before any reset into `extras["final"]`.
         """
         self.robot = robot
-        self.cfg: EnvCfg = cfg
+        self.cfg: EnvCfg = cfg  # pyright: ignore[reportIncompatibleVariableOverride]
         self.task = task or task_reward_for(robot)
         self.sim = sim or BatchSim(robot, num_envs)
         self.num_envs = num_envs
@@ -127,7 +127,7 @@ class QuadrupedEnv(VecEnv):
             "features": features,
             "starts": starts,
             "targets": targets,
-            # Aborted episodes are bootstrapped like time-outs: the policy is not blamed.
+            # Aborted episodes are bootstrapped too: the policy is not to blame.
             "time_outs": time_outs | aborted,
             "aborted": aborted,
             "fallen": fallen,

@@ -20,7 +20,7 @@ from .ppo import RewardFn
 from .rollout import first_episodes
 
 GRID_SPEEDS = 8
-"""Forward speeds of the grid, evenly spaced over the range trained on."""
+"""Forward speeds of the grid, evenly spaced."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,8 +49,8 @@ class Evaluation:
 
 
 def command_grid(cfg: EnvCfg, episodes: int) -> Tensor:
-    """Commands [N, 3]: forward speeds over the trained range, in turn."""
-    speeds = torch.linspace(*cfg.commands.forward_m_s, GRID_SPEEDS)
+    """Commands [N, 3]: forward speeds over `evaluated_m_s`, in turn."""
+    speeds = torch.linspace(*cfg.commands.evaluated_m_s, GRID_SPEEDS)
     command = torch.zeros(episodes, 3)
     command[:, 0] = speeds[torch.arange(episodes) % GRID_SPEEDS]
     return command

@@ -106,8 +106,8 @@ def to_rsl_rl(cfg: PpoCfg) -> dict[str, Any]:
 class RewardPpo(PPO):
     """PPO that scores a whole rollout at once with a `RewardFn`, once it is collected.
 
-    Without one it uses the environment's own reward. Scoring once per rollout costs less
-    than step by step and lets a reward look at more than one row.
+    Without one it uses the environment's own reward. Scoring once per rollout costs
+    less than step by step and lets a reward look at more than one row.
     """
 
     reward_fn: RewardFn | None = None
@@ -187,7 +187,7 @@ class IterationStats:
 class Runner(OnPolicyRunner):
     """RSL-RL's runner, reporting to a callback instead of to the console."""
 
-    alg: RewardPpo
+    alg: RewardPpo  # pyright: ignore[reportIncompatibleVariableOverride]
     env: QuadrupedEnv
 
     def __init__(self, env: QuadrupedEnv, cfg: PpoCfg) -> None:

@@ -43,7 +43,7 @@ class RecordCfg:
 
 def recorded_commands(cfg: CommandCfg) -> list[tuple[float, float, float]]:
     """The few commands that are recorded, so that many clips share one."""
-    low, high = cfg.forward_m_s
+    low, high = cfg.evaluated_m_s
     middle = (low + high) / 2
     return [
         (low, 0.0, 0.0),

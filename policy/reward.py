@@ -44,8 +44,8 @@ class TaskRewardCfg:
     """Sum of squared speeds of feet in contact, m^2/s^2."""
     clearance: float = -2.0
     """Sum over feet of squared deviation from `clearance_m` times foot speed."""
-    swing: float = 1.0
-    """Each foot: +1 per second of swing up to 0.5 s, less `swing_min_s` a lift-off."""
+    swing: float = 2.0
+    """Air time less `swing_min_s`, s, once for every swing of a foot."""
     fall: float = -1.0
     """Once, when the robot falls."""
     height_m: float = 0.28
@@ -81,7 +81,8 @@ def task_terms(
 
     The swing term is the usual bonus for air time at touch-down, paid step by step: a
     swing of `a` seconds earns `a` less `swing_min_s`, the latter at its first step, so
-    that the term needs one row only.
+    that the term needs one row only. It pays for 0.5 s at most and only while two feet
+    support the robot, or leaping into a fall would earn four swings at once.
     """
     command = features[..., column("command")]
     velocity = features[..., column("base_lin_vel_b")]
@@ -91,7 +92,8 @@ def task_terms(
     lift = features[..., column("foot_height")] - cfg.clearance_m
     air = features[..., column("foot_air_time")]
     lift_off = (air > 0) & (air < 1.5 * control_dt_s)
-    swinging = (air > 0) & (air < 0.5)
+    supported = contact.sum(dim=-1, keepdim=True) >= 2
+    swinging = (air > 0) & (air < 0.5) & supported
     return {
         "track_planar": torch.exp(
             -_square(command[..., :2] - velocity[..., :2]) / 0.25
@@ -109,7 +111,7 @@ def task_terms(
         "slip": (contact * speed.square()).sum(dim=-1),
         "clearance": (lift.square() * speed).sum(dim=-1),
         "swing": (
-            swinging.float() - lift_off.float() * (cfg.swing_min_s / control_dt_s)
+            swinging.float() * control_dt_s - lift_off.float() * cfg.swing_min_s
         ).sum(dim=-1),
         "fall": features[..., column("fallen")][..., 0] / control_dt_s,
     }

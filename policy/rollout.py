@@ -41,7 +41,7 @@ class RolloutStep:
     aborted: Tensor
     """[N] this step ended it because the simulation diverged"""
     final: tuple[np.ndarray, np.ndarray, Tensor] | None
-    """qpos, qvel and obs after the step and before any reset, where the env keeps them"""
+    """qpos, qvel, obs after the step and before any reset, where the env keeps them"""
 
 
 @torch.inference_mode()

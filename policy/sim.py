@@ -123,9 +123,9 @@ class BatchSim:
             int(robot.mj_model.jnt_qposadr[joint]),
             int(robot.mj_model.jnt_dofadr[joint]),
         )
-        self._warned = batch.warning[:, _UNSTABLE, 1].sum(axis=1)
         batch.reset()
         batch.forward(stage=_VEL)
+        self._warned = self._warnings()
 
     def set_targets(self, joint_pos: Tensor) -> None:
         """See `Sim.set_targets`."""
@@ -139,8 +139,8 @@ class BatchSim:
             self._batch.step(nstep=substeps, stage=_VEL)
         except SimulationError as error:
             bad[torch.from_numpy(np.asarray(error.ids, dtype=np.int64))] = True
-        warned = self._batch.warning[:, _UNSTABLE, 1].sum(axis=1)
-        bad |= torch.from_numpy(warned != self._warned)
+        warned = self._warnings()
+        bad |= torch.from_numpy(warned > self._warned)
         self._warned = warned
         return bad
 
@@ -172,6 +172,7 @@ class BatchSim:
             :, self.robot.qpos_adr
         ]
         self._batch.forward(rows, stage=_VEL)
+        self._warned = self._warnings()
 
     def raw_state(self) -> tuple[np.ndarray, np.ndarray]:
         """See `Sim.raw_state`."""
@@ -194,6 +195,10 @@ class BatchSim:
             )
         self._batch.state[:] = snapshot.numpy()
         self._batch.forward(stage=_VEL)
+
+    def _warnings(self) -> np.ndarray:
+        """How often each simulation [N] was found unstable since its last reset."""
+        return self._batch.warning[:, _UNSTABLE, 1].sum(axis=1)
 
 
 def _sensor_adr(robot: Robot, name: str) -> int:

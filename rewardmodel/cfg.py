@@ -6,6 +6,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 
+def _require_members(num_members: int) -> None:
+    if num_members < 2:
+        raise ValueError(f"spread of an ensemble needs 2 members, got {num_members}")
+
+
 @dataclass(frozen=True, kw_only=True)
 class LinearCfg:
     """The default: a reward linear in the gait descriptors."""
@@ -14,6 +19,13 @@ class LinearCfg:
     """Models fitted to resampled answers; their spread measures what is unknown."""
     prior_precision: float = 1.0
     """Of the Gaussian prior on each weight; larger means weaker opinions."""
+
+    def __post_init__(self) -> None:
+        _require_members(self.num_members)
+        if self.prior_precision <= 0.0:
+            raise ValueError(
+                f"prior_precision must be positive, got {self.prior_precision}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,11 +36,11 @@ class MlpCfg:
     """Networks fitted to resampled answers."""
     hidden_size: int = 64
     """Units in each of the two hidden layers."""
-    num_updates: int = 150
+    num_updates: int = 100
     """Gradient steps of a fit."""
     batch_size: int = 64
     """Answers in a gradient step."""
-    learning_rate: float = 1e-3
+    learning_rate: float = 2e-3
     """AdamW step size."""
     weight_decay: float = 0.1
     """AdamW weight decay."""
@@ -38,8 +50,11 @@ class MlpCfg:
     """On the squared mean reward of a batch: it holds what no answer fixes."""
     min_crop: float = 0.7
     """Shortest random piece of a clip a gradient step looks at, as a share of it."""
-    steps_per_clip: int = 12
+    steps_per_clip: int = 8
     """Steps looked at in that piece."""
+
+    def __post_init__(self) -> None:
+        _require_members(self.num_members)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,8 +4,7 @@ Raw rewards are in logits: the difference of two clips' mean raw rewards is the 
 that the left one is better. What PPO gets is centred and scaled once, at the fit.
 
 Shapes: M ensemble members, B clips, T steps, N environments, F features,
-D descriptors,
-K steps.
+D descriptors, K steps.
 """
 
 from __future__ import annotations
@@ -96,7 +95,12 @@ class RewardModel(nn.Module):
         return self.clip_returns(left) - self.clip_returns(right)
 
     def clip_returns(self, clips: ClipBatch) -> Tensor:
-        """Mean raw reward [M, B] of clips, less the fixed price of a fall."""
-        rewards = self.members(clips.features.transpose(0, 1), clips.starts.mT)
+        """Mean raw reward [M, B] of clips, less the fixed price of a fall.
+
+        Wherever the model lives, clips and result live on the CPU.
+        """
+        device = self.reward_mean.device
+        features = clips.features.transpose(0, 1).to(device)
+        rewards = self.members(features, clips.starts.mT.to(device)).mT.cpu()
         price = self.provenance.cfg.fall_logit
-        return mean_over(rewards.mT, clips.scored) - price * clips.fell.float()
+        return mean_over(rewards, clips.scored) - price * clips.fell.float()

@@ -112,7 +112,10 @@ def _current_answers(datasets: Sequence[Dataset]) -> list[tuple[Pair, Answer]]:
         with dataset.answers() as store:
             for pair, answer in store.current_answers():
                 answers[answer.answer_id] = (pair, answer)
-    return sorted(answers.values(), key=lambda row: _line(*row))
+    # A copy of a data set may not know that its answer was corrected elsewhere.
+    corrected = {answer.supersedes for _, answer in answers.values()}
+    current = [row for row in answers.values() if row[1].answer_id not in corrected]
+    return sorted(current, key=lambda row: _line(*row))
 
 
 def _owners(datasets: Sequence[Dataset]) -> Callable[[str], Dataset]:
@@ -135,9 +138,10 @@ def _label_set(used: Sequence[tuple[Pair, Answer]]) -> str:
 def _too_few(
     datasets: Sequence[Dataset], used: int, collected: int, needed: int
 ) -> str:
-    roots = " and ".join(str(dataset.root) for dataset in datasets) or "no data set"
+    roots = [str(dataset.root) for dataset in datasets] or ["DIR"]
     return (
-        f"{roots}: {used} of {collected} answers prefer a clip or call both equal, "
-        f"a fit needs at least {needed}; collect {needed - used} more on the labeling "
-        "page or with `gaitpref answer --dataset DIR --criterion C`"
+        f"{' and '.join(roots)}: {used} of {collected} answers prefer a clip or call "
+        f"both equal, a fit needs at least {needed}; collect {needed - used} more on "
+        f"the labeling page or with `gaitpref answer --dataset {roots[0]} "
+        "--criterion C`"
     )

@@ -1,0 +1,66 @@
+"""The house: who may import whom, and whose packages these are."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+OURS = {"data", "gaitpref", "labeling_ui", "policy", "rewardmodel"}
+FORBIDDEN = {
+    "data": {
+        "aiohttp",
+        "gaitpref",
+        "labeling_ui",
+        "mujoco",
+        "policy",
+        "rewardmodel",
+        "rsl_rl",
+        "torch",
+        "viser",
+    },
+    "rewardmodel": {"gaitpref", "labeling_ui", "mujoco", "policy", "rsl_rl", "viser"},
+    "policy": {"aiohttp", "gaitpref", "labeling_ui", "rewardmodel", "viser"},
+    "labeling_ui": {"gaitpref", "policy", "rewardmodel", "rsl_rl", "torch"},
+}
+
+
+def imported_packages(source: str) -> set[str]:
+    """Top-level packages a module imports absolutely, at any depth of its code."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.partition(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            found.add(node.module.partition(".")[0])
+    return found
+
+
+@pytest.mark.parametrize("package", FORBIDDEN)
+def test_a_room_knows_only_what_it_needs(package: str) -> None:
+    """No module of a package imports what its package may not know."""
+    wrong = {
+        str(path.relative_to(ROOT)): sorted(imports)
+        for path in (ROOT / package).rglob("*.py")
+        if (imports := imported_packages(path.read_text()) & FORBIDDEN[package])
+    }
+    assert not wrong
+
+
+@pytest.mark.parametrize("package", sorted(OURS))
+def test_the_names_are_this_checkouts(package: str) -> None:
+    """`data` and `policy` also exist on the package index: ours are imported here."""
+    module = importlib.import_module(package)
+    assert module.__file__ is not None
+    assert Path(module.__file__).resolve().parent == ROOT / package
+
+
+def test_help_needs_no_torch() -> None:
+    """The options import neither torch nor a simulator."""
+    heavy = {"mujoco", "numpy", "rsl_rl", "torch", "viser"}
+    for name in ("options.py", "cli.py"):
+        source = (ROOT / "gaitpref" / name).read_text()
+        assert not imported_packages(source) & heavy, name

@@ -1,0 +1,206 @@
+"""Which pairs are asked: rules, preferences and determinism."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+import torch
+
+from data.answers import Pair
+from data.clips import Clip
+from data.dataset import EpisodeEntry
+from data.episode import EpisodeMeta
+from data.features import FEATURE_DIM, column
+from rewardmodel import (
+    Disagreement,
+    FitCfg,
+    FitReport,
+    RewardError,
+    RewardModel,
+    Uniform,
+    choose_pairs,
+    fold_of,
+)
+from rewardmodel.acquisition import Strategy
+from rewardmodel.descriptors import DESCRIPTOR_NAMES
+from rewardmodel.linear import LinearScorer
+from rewardmodel.model import Provenance
+from rewardmodel.normaliser import Normaliser
+
+
+def entry(index: int, *, speed: float = 0.5, policy: str = "p") -> EpisodeEntry:
+    meta = EpisodeMeta(
+        task="flat",
+        seed=index,
+        env_index=0,
+        command=(speed, 0.0, 0.0),
+        policy_sha256=policy,
+        policy_step=0,
+        stochastic=True,
+        control_dt_s=0.02,
+        physics_dt_s=0.005,
+        robot="primitive",
+        model_sha256="m",
+    )
+    sha256 = hashlib.sha256(bytes([index])).hexdigest()
+    return EpisodeEntry(sha256, f"rollouts/{sha256}.mcap", 1, 40, "truncated", meta)
+
+
+def clips_of(entries: Sequence[EpisodeEntry], each: int = 3) -> list[Clip]:
+    return [Clip(e.sha256, 10 * k, 10) for e in entries for k in range(each)]
+
+
+def choose(
+    entries: Sequence[EpisodeEntry],
+    count: int,
+    *,
+    clips: Sequence[Clip] | None = None,
+    strategy: Strategy | None = None,
+    known: Sequence[Pair] = (),
+    seed: int = 0,
+) -> list[Pair]:
+    return choose_pairs(
+        entries,
+        clips_of(entries) if clips is None else clips,
+        count,
+        strategy=strategy or Uniform(),
+        round=2,
+        known_pairs=known,
+        rng=np.random.default_rng(seed),
+    )
+
+
+MANY = [entry(k, speed=0.3 + 0.4 * (k % 2), policy=f"p{k % 3}") for k in range(60)]
+
+
+def test_pairs_obey_one_command_within_one_fold() -> None:
+    speeds = {e.sha256: e.meta.command for e in MANY}
+    pairs = choose(MANY, 20)
+    assert len(pairs) == 20
+    for pair in pairs:
+        a, b = pair.a.rollout, pair.b.rollout
+        assert a != b
+        assert speeds[a] == speeds[b]
+        assert fold_of(a) == fold_of(b)
+        assert (pair.strategy, pair.round) == ("uniform", 2)
+
+
+def test_a_batch_holds_no_look_alikes() -> None:
+    """No two episodes meet twice, and no clip comes twice while others are left."""
+    pairs = choose(MANY, 40)
+    meetings = Counter(frozenset((p.a.rollout, p.b.rollout)) for p in pairs)
+    clips = Counter(clip for pair in pairs for clip in (pair.a, pair.b))
+    assert max(meetings.values()) == 1
+    assert max(clips.values()) == 1
+
+
+def test_clips_come_again_when_no_others_are_left() -> None:
+    """Three episodes of one clip each can meet in three ways, and no more."""
+    three = [entry(k) for k in range(3)]
+    pairs = choose(three, 10, clips=clips_of(three, each=1))
+    assert len({frozenset((p.a, p.b)) for p in pairs}) == len(pairs) == 3
+
+
+def test_known_pairs_never_come_back_in_either_order() -> None:
+    few = [entry(k) for k in range(6)]
+    clips = clips_of(few, each=1)
+    known: list[Pair] = []
+    while batch := choose(few, 4, clips=clips, known=known, seed=len(known)):
+        known += [
+            Pair.make(p.b, p.a, strategy=p.strategy, round=p.round) for p in batch
+        ]
+    assert len({frozenset((p.a, p.b)) for p in known}) == len(known) == 15
+
+
+def test_two_checkpoints_are_preferred_but_not_forced() -> None:
+    """Of two checkpoints, half the pairs would mix them by chance."""
+    policy = {e.sha256: e.meta.policy_sha256 for e in MANY}
+    pairs = [pair for seed in range(5) for pair in choose(MANY, 20, seed=seed)]
+    mixed = sum(policy[p.a.rollout] != policy[p.b.rollout] for p in pairs)
+    assert 0.75 * len(pairs) < mixed < len(pairs)
+    alone = [entry(k) for k in range(20)]
+    assert len(choose(alone, 5)) == 5
+
+
+def test_folds_are_crossed_only_to_fill_up() -> None:
+    """Two episodes of one fold and one of another: the pair within the fold leads."""
+    by_fold: dict[int, list[EpisodeEntry]] = {}
+    for index in range(60):
+        by_fold.setdefault(fold_of(entry(index).sha256), []).append(entry(index))
+    three = [*by_fold[0][:2], by_fold[1][0]]
+    (first, *others) = choose(three, 3)
+    assert {first.a.rollout, first.b.rollout} == {e.sha256 for e in three[:2]}
+    assert len(others) == 2
+
+
+def test_left_and_right_are_a_coin_toss() -> None:
+    pairs = [pair for seed in range(10) for pair in choose(MANY, 20, seed=seed)]
+    left = sum(pair.a < pair.b for pair in pairs)
+    assert 0.4 * len(pairs) < left < 0.6 * len(pairs)
+
+
+def test_one_generator_state_gives_one_batch() -> None:
+    assert choose(MANY, 20, seed=5) == choose(MANY, 20, seed=5)
+    assert choose(MANY, 20, seed=5) != choose(MANY, 20, seed=6)
+
+
+def test_nothing_to_compare_is_refused() -> None:
+    lonely = [entry(k, speed=0.1 * k) for k in range(4)]
+    with pytest.raises(
+        RewardError,
+        match=r"no two of 12 clips .* \(4 episodes, 4 commands\); record more",
+    ):
+        choose(lonely, 1)
+
+
+def test_nothing_at_all_is_refused() -> None:
+    with pytest.raises(RewardError, match=r"no two of 0 clips .* \(0 episodes, 0"):
+        choose([], 1)
+
+
+def quarrelling_model() -> RewardModel:
+    """Two members who agree on everything but the best height of the base."""
+    scorer = LinearScorer(2, len(DESCRIPTOR_NAMES))
+    scorer.weights[:, DESCRIPTOR_NAMES.index("height")] = torch.tensor([1.0, -1.0])
+    report = FitReport(
+        answers=0,
+        answers_without_target=0,
+        ties=0,
+        train_accuracy=None,
+        train_log_likelihood=0.0,
+        held_out_pairs=0,
+        held_out_accuracy=None,
+        held_out_interval=None,
+        held_out_log_likelihood=None,
+        seconds=0.0,
+    )
+    provenance = Provenance(FitCfg(), report, "")
+    return RewardModel(Normaliser(len(DESCRIPTOR_NAMES)), scorer, provenance)
+
+
+def test_disagreement_asks_where_the_members_differ() -> None:
+    """Clips at heights 0, 1, 2, ...: the farthest apart are asked about first.
+
+    A lead of 2 gives probabilities 0.8808 and 0.1192, whose deviation is 0.5386.
+    """
+    few = [e for e in (entry(k) for k in range(40)) if fold_of(e.sha256) == 0][:4]
+    height = {e.sha256: float(k) for k, e in enumerate(few)}
+
+    def clip_rows(clip: Clip) -> np.ndarray:
+        rows = np.zeros((clip.steps, FEATURE_DIM), np.float32)
+        rows[:, column("base_height")] = height[clip.rollout]
+        return rows
+
+    strategy = Disagreement(quarrelling_model(), clip_rows)
+    pairs = choose(few, 2, clips=clips_of(few, each=1), strategy=strategy)
+    leads = [abs(height[p.a.rollout] - height[p.b.rollout]) for p in pairs]
+    assert leads == [3.0, 1.0]
+    assert {p.strategy for p in pairs} == {"disagreement"}
+
+    ends = [Clip(few[0].sha256, 0, 10), Clip(few[2].sha256, 0, 10)]
+    worth = strategy(ends, np.array([[1, 0]]), np.random.default_rng(0))
+    assert worth == pytest.approx([0.5386], abs=1e-4)

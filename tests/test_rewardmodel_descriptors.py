@@ -1,0 +1,155 @@
+"""Gait descriptors and clip means, on rows made by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from torch import Tensor
+
+from data.features import FEATURE_DIM, column
+from rewardmodel.clips import ClipBatch, mean_over, pad_clips
+from rewardmodel.descriptors import DESCRIPTOR_NAMES, DESCRIPTORS, describe
+
+
+def standing_row() -> Tensor:
+    """A robot that stands still, 0.3 m high, though asked to walk at 0.5 m/s."""
+    row = torch.zeros(FEATURE_DIM)
+    row[column("gravity_b")] = torch.tensor([0.0, 0.0, -1.0])
+    row[column("base_height")] = 0.3
+    row[column("command")] = torch.tensor([0.5, 0.0, -0.2])
+    row[column("foot_contact")] = 1.0
+    row[column("joint_torque")] = 2.0
+    return row
+
+
+def described(row: Tensor) -> dict[str, float]:
+    return dict(zip(DESCRIPTOR_NAMES, describe(row).tolist(), strict=True))
+
+
+def changed(**columns: list[float] | float) -> dict[str, float]:
+    row = standing_row()
+    for name, value in columns.items():
+        row[column(name)] = torch.as_tensor(value)
+    return described(row)
+
+
+def test_a_standing_robot_by_hand() -> None:
+    """Everything that is not zero: errors, height, 12 * 2^2 of torque, four feet."""
+    expected = dict.fromkeys(DESCRIPTOR_NAMES, 0.0) | {
+        "planar_error": 0.5,
+        "planar_error_sq": 0.25,
+        "yaw_rate_error": 0.2,
+        "yaw_rate_error_sq": 0.04,
+        "height": 0.3,
+        "height_sq": 0.09,
+        "torque_sq": 48.0,
+        "contacts": 4.0,
+    }
+    assert described(standing_row()) == pytest.approx(expected)
+
+
+def test_power_counts_braking() -> None:
+    """Eleven joints at 1 rad/s with 2 N m, one turning against its torque."""
+    assert changed(joint_vel=[-1.0] + [1.0] * 11)["power"] == pytest.approx(24.0)
+
+
+def test_slip_counts_only_feet_on_the_ground() -> None:
+    found = changed(foot_contact=[1, 0, 0, 1], foot_speed=[0.5, 9.0, 9.0, 1.0])
+    assert found["slip"] == pytest.approx(1.25)
+
+
+@pytest.mark.parametrize(
+    ("contact", "name"),
+    [
+        ([1, 0, 0, 1], "diagonal_support"),
+        ([0, 1, 1, 0], "diagonal_support"),
+        ([1, 0, 1, 0], "lateral_support"),
+        ([0, 1, 0, 1], "lateral_support"),
+        ([1, 1, 0, 0], "end_support"),
+        ([0, 0, 1, 1], "end_support"),
+        ([1, 1, 1, 0], None),
+        ([1, 1, 1, 1], None),
+        ([0, 0, 0, 0], None),
+    ],
+)
+def test_two_feet_on_the_ground_name_the_gait(
+    contact: list[float], name: str | None
+) -> None:
+    """Feet in the order FR, FL, RR, RL."""
+    found = changed(foot_contact=contact)
+    supports = [key for key in found if key.endswith("_support") and found[key] == 1.0]
+    assert supports == ([name] if name else [])
+
+
+def test_mirrored_legs_are_symmetric_and_hips_do_not_count() -> None:
+    """Thigh and calf alike on both sides; the hips turn opposite ways."""
+    legs = [0.3, 0.1, -0.2, -0.3, 0.1, -0.2] * 2
+    found = changed(joint_pos_offset=legs)
+    assert found["joint_asymmetry_sq"] == 0.0
+    assert found["hip_spread_sq"] == pytest.approx(4 * 0.09)
+    legs[1] += 0.5
+    assert changed(joint_pos_offset=legs)["joint_asymmetry_sq"] == pytest.approx(0.25)
+
+
+def test_a_clip_and_a_live_batch_are_described_alike() -> None:
+    rows = torch.randn(24, 8, FEATURE_DIM, generator=torch.Generator().manual_seed(0))
+    assert torch.equal(describe(rows)[:, 3], describe(rows[:, 3]))
+    assert describe(rows).shape == (24, 8, len(DESCRIPTORS))
+    assert describe(rows).dtype == torch.float32
+
+
+@given(st.lists(st.floats(width=32, allow_nan=False, allow_infinity=False), min_size=1))
+def test_every_finite_row_has_finite_descriptors(values: list[float]) -> None:
+    row = torch.from_numpy(np.resize(np.array(values, np.float32), FEATURE_DIM))
+    assert describe(row).isfinite().all()
+
+
+def test_a_row_that_is_not_finite_does_not_vanish() -> None:
+    row = standing_row()
+    row[column("base_height")] = torch.nan
+    assert not describe(row).isfinite().all()
+
+
+def test_names_are_unique_and_every_descriptor_is_explained() -> None:
+    assert len(set(DESCRIPTOR_NAMES)) == len(DESCRIPTORS)
+    assert all(item.unit and item.meaning for item in DESCRIPTORS)
+
+
+def clip_of(heights: list[float], *, falls: bool = False) -> np.ndarray:
+    rows = np.zeros((len(heights), FEATURE_DIM), dtype=np.float32)
+    rows[:, column("base_height")] = np.array(heights)[:, None]
+    rows[-1, column("fallen")] = falls
+    return rows
+
+
+def mean_heights(clips: ClipBatch) -> list[float]:
+    heights = clips.features[..., column("base_height")][..., 0]
+    return mean_over(heights, clips.scored).tolist()
+
+
+def test_clips_of_unequal_length_are_compared_by_their_means() -> None:
+    """(1 + 2 + 3) / 3 = 2 and (4 + 0) / 2 = 2, whatever the padding."""
+    clips = pad_clips([clip_of([1.0, 2.0, 3.0]), clip_of([4.0, 0.0])])
+    assert clips.valid.tolist() == [[True, True, True], [True, True, False]]
+    assert mean_heights(clips) == [2.0, 2.0]
+
+
+def test_the_row_of_a_fall_is_left_out_of_the_mean() -> None:
+    clips = pad_clips([clip_of([1.0, 3.0, 9.0], falls=True), clip_of([1.0, 3.0, 8.0])])
+    assert clips.fell.tolist() == [True, False]
+    assert mean_heights(clips) == [2.0, 4.0]
+
+
+def test_a_clip_that_falls_at_once_counts_as_average() -> None:
+    clips = pad_clips([clip_of([5.0], falls=True)])
+    assert mean_heights(clips) == [0.0]
+
+
+def test_clips_that_cannot_be_are_refused() -> None:
+    with pytest.raises(ValueError, match="at least one clip, and each clip a step"):
+        pad_clips([])
+    with pytest.raises(ValueError, match="not finite"):
+        pad_clips([clip_of([np.nan])])

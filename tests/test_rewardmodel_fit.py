@@ -1,0 +1,318 @@
+"""Fitting, holding out, saving and loading, on synthetic clips with a planted taste."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from data.features import FEATURE_DIM, FEATURES, column
+from rewardmodel import (
+    AnsweredPairs,
+    FitCfg,
+    RewardError,
+    RewardModel,
+    fit_reward,
+    fold_of,
+    load_reward,
+    save_reward,
+)
+from rewardmodel.cfg import LinearCfg, MlpCfg
+from rewardmodel.clips import ClipBatch, mean_over, pad_clips
+from rewardmodel.descriptors import DESCRIPTOR_NAMES, describe
+from rewardmodel.linear import LinearScorer, fit_linear
+from rewardmodel.report import wilson_interval
+from rewardmodel.training import TrainingPairs
+
+EPISODES = [hashlib.sha256(bytes([index])).hexdigest() for index in range(60)]
+HABITS = (
+    ("base_lin_vel_b", "base_ang_vel_b"),
+    ("gravity_b",),
+    ("joint_pos_offset", "action"),
+    ("joint_vel", "joint_torque", "action_rate"),
+    ("foot_height", "foot_speed", "foot_air_time"),
+)
+"""Features that are strong or weak together in a clip."""
+
+DISLIKED = {"torque_sq": 12.0, "tilt_sq": 2.0, "slip": 2.0}
+"""Descriptors the planted taste adds up, in units of the number given."""
+
+
+def gait(rng: np.random.Generator, steps: int) -> np.ndarray:
+    """Rows of noise with habits of their own: how strong each group of features is."""
+    rows = rng.normal(size=(steps, FEATURE_DIM))
+    for habit in HABITS:
+        strength = rng.uniform(0.5, 1.5)
+        for name in habit:
+            rows[:, column(name)] *= strength
+    for name in ("foot_height", "foot_speed", "foot_air_time"):
+        rows[:, column(name)] = np.abs(rows[:, column(name)])
+    rows[:, column("foot_contact")] = rng.random((steps, 4)) < rng.random()
+    rows[:, column("command")] = (0.5, 0.0, 0.0)
+    rows[:, column("fallen")] = 0.0
+    return rows.astype(np.float32)
+
+
+def taste(clips: ClipBatch) -> Tensor:
+    """The planted criterion [B]: three habits are disliked."""
+    means = mean_over(describe(clips.features).mT, clips.scored[:, None])
+    return -sum(
+        (
+            means[:, DESCRIPTOR_NAMES.index(name)] / unit
+            for name, unit in DISLIKED.items()
+        ),
+        start=torch.zeros(len(clips)),
+    )
+
+
+def answered(
+    count: int, *, seed: int, flipped: float = 0.0, steps: int = 20
+) -> AnsweredPairs:
+    """Pairs within a fold, answered by `taste`; a share of the answers is wrong."""
+    rng = np.random.default_rng(seed)
+    left = pad_clips([gait(rng, steps) for _ in range(count)])
+    right = pad_clips([gait(rng, steps) for _ in range(count)])
+    better = (taste(left) > taste(right)).numpy()
+    wrong = rng.random(count) < flipped
+    folds = [[e for e in EPISODES if fold_of(e) == fold] for fold in range(5)]
+    drawn = [rng.choice(folds[fold], 2, False) for fold in rng.integers(5, size=count)]
+    return AnsweredPairs(
+        left=left,
+        right=right,
+        target=torch.from_numpy(better != wrong).float(),
+        episodes=tuple((str(pair[0]), str(pair[1])) for pair in drawn),
+        raters=("planted",) * count,
+        commands=torch.tensor([[0.5, 0.0, 0.0]]).expand(count, 3),
+        rounds=(0,) * count,
+        num_without_target=0,
+        answers_sha256="0" * 64,
+    )
+
+
+def accuracy(model: RewardModel, pairs: AnsweredPairs) -> float:
+    lead = model.leads(pairs.left, pairs.right).mean(dim=0)
+    return ((lead > 0) == (pairs.target > 0.5)).float().mean().item()
+
+
+@pytest.mark.parametrize(("flipped", "least"), [(0.0, 0.9), (0.2, 0.8)])
+def test_the_linear_model_recovers_a_planted_taste(
+    flipped: float, least: float
+) -> None:
+    """From a hundred answers, also when a fifth is wrong; judged on fresh pairs."""
+    fresh = answered(400, seed=99)
+    found = []
+    for seed in range(4):
+        pairs = answered(100, seed=seed, flipped=flipped)
+        model, report = fit_reward(pairs, FitCfg(), seed=0)
+        found.append(accuracy(model, fresh))
+        assert (report.answers, report.held_out_pairs) == (100, 100)
+    assert np.mean(found) > least
+
+
+def test_the_network_recovers_a_planted_taste_less_well() -> None:
+    pairs = answered(100, seed=0)
+    model, report = fit_reward(pairs, FitCfg(kind="mlp", folds=2), seed=0)
+    assert accuracy(model, answered(400, seed=99)) > 0.8
+    assert report.seconds > 0
+
+
+def test_the_reward_has_mean_zero_and_deviation_one_on_the_fitted_clips() -> None:
+    pairs = answered(40, seed=3)
+    model, _ = fit_reward(pairs, FitCfg(), seed=0)
+    rewards = torch.cat(
+        [
+            model(clips.features.transpose(0, 1), clips.starts.T).flatten()
+            for clips in (pairs.left, pairs.right)
+        ]
+    )
+    assert rewards.mean().item() == pytest.approx(0.0, abs=1e-4)
+    assert rewards.std().item() == pytest.approx(1.0, abs=1e-3)
+
+
+def test_members_mean_and_spread_belong_together() -> None:
+    """The reward is the members' mean and the spread their deviation, rescaled."""
+    pairs = answered(40, seed=3)
+    model, _ = fit_reward(pairs, FitCfg(), seed=0)
+    rows, starts = pairs.left.features.transpose(0, 1), pairs.left.starts.T
+    members = model.members(rows, starts)
+    assert members.shape == (5, 20, 40)
+    mean = (members.mean(dim=0) - model.reward_mean) / model.reward_std
+    assert torch.allclose(model(rows, starts), mean)
+    spread = members.std(dim=0) / model.reward_std
+    assert torch.allclose(model.spread(rows, starts), spread)
+
+
+def test_a_fall_costs_its_fixed_price() -> None:
+    """The same clip with a fallen row appended loses by exactly `fall_logit`."""
+    model, _ = fit_reward(answered(40, seed=3), FitCfg(fall_logit=2.5), seed=0)
+    rows = gait(np.random.default_rng(0), 10)
+    fallen = np.concatenate([rows, rows[-1:]])
+    fallen[-1, column("fallen")] = 1.0
+    lead = model.leads(pad_clips([rows]), pad_clips([fallen]))
+    assert lead.flatten().tolist() == pytest.approx([2.5] * 5, abs=1e-5)
+
+
+def test_swapping_all_sides_changes_nothing() -> None:
+    """Left and right are only names: the mirrored answers give the same reward."""
+    pairs = answered(40, seed=3)
+    mirrored = replace(
+        pairs, left=pairs.right, right=pairs.left, target=1 - pairs.target
+    )
+    model, _ = fit_reward(pairs, FitCfg(), seed=0)
+    twin, _ = fit_reward(mirrored, FitCfg(), seed=0)
+    leads = model.leads(pairs.left, pairs.right)
+    assert torch.allclose(twin.leads(pairs.left, pairs.right), leads, atol=1e-3)
+
+
+def test_answers_that_are_all_equal_give_no_reward() -> None:
+    pairs = answered(12, seed=3)
+    ties = replace(pairs, target=torch.full_like(pairs.target, 0.5))
+    model, report = fit_reward(ties, FitCfg(), seed=0)
+    rewards = model(pairs.left.features.transpose(0, 1), pairs.left.starts.T)
+    assert rewards.abs().max().item() == 0.0
+    assert (report.ties, report.train_accuracy) == (12, None)
+    assert (report.held_out_pairs, report.held_out_accuracy) == (0, None)
+
+
+def test_no_test_episode_is_in_the_training_pairs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A fold's model is fitted to the pairs with no clip in it, the last to all."""
+    pairs = answered(60, seed=4)
+    crossing = (EPISODES[0], EPISODES[1])
+    pairs = replace(pairs, episodes=(crossing, *pairs.episodes[1:]))
+    fitted: list[int] = []
+
+    def counting(
+        training: TrainingPairs, cfg: FitCfg, *, generator: torch.Generator
+    ) -> LinearScorer:
+        fitted.append(len(training))
+        return fit_linear(training, cfg, generator=generator)
+
+    monkeypatch.setattr("rewardmodel.fit.fit_linear", counting)
+    _, report = fit_reward(pairs, FitCfg(), seed=0)
+    folds = [{fold_of(sha256) for sha256 in pair} for pair in pairs.episodes]
+    without = [sum(fold not in pair for pair in folds) for fold in range(5)]
+    assert fold_of(crossing[0]) != fold_of(crossing[1])
+    assert fitted == [60, *without]
+    assert report.held_out_pairs == 59
+
+
+def test_folds_depend_on_the_episode_alone() -> None:
+    """Pinned, because old and new data sets must agree; all folds occur."""
+    assert [fold_of(sha256) for sha256 in EPISODES[:6]] == [1, 0, 0, 1, 2, 1]
+    assert {fold_of(sha256) for sha256 in EPISODES} == {0, 1, 2, 3, 4}
+
+
+def test_wilson_interval_by_hand() -> None:
+    """8 of 10: (0.8 + 0.192) / 1.384 +- 0.227; none of 4 starts at 0."""
+    assert wilson_interval(8, 10) == pytest.approx((0.4902, 0.9433), abs=1e-4)
+    assert wilson_interval(0, 4)[0] == 0.0
+
+
+@pytest.mark.parametrize("kind", ["linear", "mlp"])
+def test_save_and_load_bit_for_bit(
+    kind: Literal["linear", "mlp"], tmp_path: Path
+) -> None:
+    """Two fits with one seed write the same bytes; loading gives the same reward."""
+    pairs = answered(20, seed=5)
+    cfg = FitCfg(kind=kind, mlp=MlpCfg(num_updates=5))
+    for name in ("one", "two"):
+        model, _ = fit_reward(pairs, cfg, seed=7)
+        save_reward(model, tmp_path / name)
+    for name in ("reward.safetensors", "reward.json"):
+        first = (tmp_path / "one" / name).read_bytes()
+        assert first == (tmp_path / "two" / name).read_bytes()
+    rows, starts = pairs.left.features.transpose(0, 1), pairs.left.starts.T
+    loaded = load_reward(tmp_path / "one")
+    assert torch.equal(loaded.members(rows, starts), model.members(rows, starts))
+    assert torch.equal(loaded(rows, starts), model(rows, starts))
+    assert loaded.provenance == model.provenance
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["one", "two"]
+
+
+def test_another_seed_gives_another_ensemble() -> None:
+    pairs = answered(20, seed=5)
+    weights = [
+        fit_reward(pairs, FitCfg(), seed=seed)[0].state_dict()["scorer.weights"]
+        for seed in (0, 1)
+    ]
+    assert not torch.equal(*weights)
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    directory = tmp_path_factory.mktemp("saved") / "reward"
+    save_reward(fit_reward(answered(12, seed=5), FitCfg(), seed=0)[0], directory)
+    return directory
+
+
+def rewrite(saved: Path, directory: Path, **facts: object) -> Path:
+    """A copy of the saved reward with other facts."""
+    directory.mkdir()
+    tensors = (saved / "reward.safetensors").read_bytes()
+    (directory / "reward.safetensors").write_bytes(tensors)
+    found = json.loads((saved / "reward.json").read_text())
+    (directory / "reward.json").write_text(json.dumps(found | facts))
+    return directory
+
+
+def test_a_missing_file_is_refused(saved: Path, tmp_path: Path) -> None:
+    with pytest.raises(RewardError, match=r"reward.json is missing, so .* no reward"):
+        load_reward(tmp_path)
+    directory = rewrite(saved, tmp_path / "copy")
+    (directory / "reward.safetensors").unlink()
+    with pytest.raises(RewardError, match=r"reward.safetensors is missing"):
+        load_reward(directory)
+
+
+def test_other_descriptors_are_refused_by_name(saved: Path, tmp_path: Path) -> None:
+    names = [*DESCRIPTOR_NAMES[:-1], "wagging"]
+    directory = rewrite(saved, tmp_path / "copy", descriptors=names)
+    with pytest.raises(
+        RewardError, match=r"lacks: air_time_max; it has besides: wagging"
+    ):
+        load_reward(directory)
+
+
+def test_other_features_are_refused_by_name(saved: Path, tmp_path: Path) -> None:
+    names = [feature.name for feature in FEATURES] + ["tail"]
+    directory = rewrite(saved, tmp_path / "copy", features=names)
+    with pytest.raises(RewardError, match=r"lacks: none; it has besides: tail"):
+        load_reward(directory)
+
+
+def test_features_of_other_units_are_refused(saved: Path, tmp_path: Path) -> None:
+    directory = rewrite(saved, tmp_path / "copy", features_sha256="0" * 64)
+    with pytest.raises(RewardError, match="same names but other widths or units"):
+        load_reward(directory)
+
+
+@pytest.mark.parametrize("name", ["reward.json", "reward.safetensors"])
+def test_a_damaged_file_is_refused(saved: Path, tmp_path: Path, name: str) -> None:
+    directory = rewrite(saved, tmp_path / "copy")
+    content = bytearray((directory / name).read_bytes())
+    content[-40] ^= 1
+    (directory / name).write_bytes(content[: -20 if name == "reward.json" else None])
+    with pytest.raises(RewardError, match=r"holds a damaged reward model .*fit it"):
+        load_reward(directory)
+
+
+def test_settings_out_of_range_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"error_share must lie in \[0, 1\), got 1"):
+        FitCfg(error_share=1.0)
+    with pytest.raises(
+        ValueError, match="spread of an ensemble needs 2 members, got 1"
+    ):
+        LinearCfg(num_members=1)
+    with pytest.raises(ValueError, match="prior_precision must be positive, got 0"):
+        LinearCfg(prior_precision=0)
+    with pytest.raises(ValueError, match="folds must be at least 2, got 1"):
+        FitCfg(folds=1)
