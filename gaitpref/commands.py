@@ -70,7 +70,9 @@ def _train(command: options.Train) -> int:
     reward_fn = None
     if command.reward != "task":
         score = load_score(command.reward, criterion_context(robot, env))
-        reward_fn = total_reward(score, robot, env, known=KnownTermsCfg())
+        reward_fn = total_reward(
+            score, robot, env, known=KnownTermsCfg(), keep_task=command.keep_task
+        )
     cfg = TrainCfg(
         steps=command.steps,
         env=env,
@@ -83,7 +85,7 @@ def _train(command: options.Train) -> int:
             robot,
             cfg,
             reward_fn=reward_fn,
-            reward_name=command.reward,
+            reward_name=command.reward + " and task" * command.keep_task,
             init=command.init,
             resume=command.resume,
             on_iteration=bar,

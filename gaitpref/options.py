@@ -58,6 +58,9 @@ class Train:
     """Environments side by side."""
     init: Path | None = None
     """Policy file to start from."""
+    keep_task: bool = False
+    """Keep the hand-written walking reward beside the given one, so that a style does
+    not cost the walk."""
     resume: bool = False
     """Go on from where an interrupted run in the same directory stopped."""
     robot: Path | None = None

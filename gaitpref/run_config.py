@@ -136,9 +136,11 @@ def resolve(options: Loop) -> LoopCfg:
             labels=labels,
             base_steps=0,
             round_steps=250_000,
-            last_round_steps=1_600_000 if quick else 2_500_000,
+            last_round_steps=1_200_000 if quick else 2_500_000,
             learned_weight=1.0,
             exploration=ExplorationCfg(),
+            # Beside clips without noise, those with it teach that moving is bad.
+            record=RecordCfg(noisy_share=1.0),
             **common,
         )
     rounds, labels = options.rounds or (3 if quick else 5), options.labels or 60

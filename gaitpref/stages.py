@@ -241,12 +241,19 @@ def report_stage(cfg: LoopCfg, round: Round, criterion: Criterion) -> None:
         return
     policy = load_policy(round.policy)
     # One seed for all rounds: their policies start from the same states.
-    features, lengths, dt_s = rollout_features(
-        policy, episodes=cfg.evaluation_episodes, seed=seed_of(cfg, 0, 6)
+    env = policy.info.env
+    features, lengths = rollout_features(
+        policy,
+        policy.robot(),
+        env,
+        episodes=cfg.evaluation_episodes,
+        seed=seed_of(cfg, 0, 6),
     )
 
     def measured(score_fn: RewardFn) -> dict[str, Any]:
-        return asdict(summarise(features, lengths, score_fn, control_dt_s=dt_s))
+        return asdict(
+            summarise(features, lengths, score_fn, control_dt_s=env.control_dt_s)
+        )
 
     result: dict[str, Any] = {
         "round": round.number,

@@ -5,7 +5,7 @@ Shapes: T steps, N episodes, F feature columns.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -17,7 +17,8 @@ from .checkpoint import Policy
 from .config import EnvCfg
 from .env import QuadrupedEnv
 from .ppo import RewardFn
-from .rollout import first_episodes
+from .robot import Robot
+from .rollout import Actor, first_episodes
 
 GRID_SPEEDS = 8
 """Forward speeds of the grid, evenly spaced."""
@@ -57,26 +58,22 @@ def command_grid(cfg: EnvCfg, episodes: int) -> Tensor:
 
 
 def rollout_features(
-    policy: Policy, *, episodes: int, seed: int
-) -> tuple[Tensor, Tensor, float]:
-    """Feature rows [T, N, F] over the grid, lengths [N] and the control step in s.
+    actor: Actor, robot: Robot, cfg: EnvCfg, *, episodes: int, seed: int
+) -> tuple[Tensor, Tensor]:
+    """Feature rows [T, N, F] over the grid, and the episodes' lengths [N].
 
     Rows behind an episode's end are zero; an aborted episode has length 0.
     """
-    cfg = replace(
-        policy.info.env,
-        commands=replace(policy.info.env.commands, resample_s=float("inf")),
-    )
-    env = QuadrupedEnv(policy.robot(), cfg, episodes, seed=seed)
+    env = QuadrupedEnv(robot, cfg, episodes, seed=seed)
     env.fix_commands(command_grid(cfg, episodes))
     rows, lengths = [], torch.zeros(episodes, dtype=torch.long)
     aborted = torch.zeros(episodes, dtype=torch.bool)
-    for step in first_episodes(policy, env):
+    for step in first_episodes(actor, env):
         rows.append(step.features * step.alive[:, None])
         lengths += step.alive
         aborted |= step.aborted
     lengths[aborted] = 0
-    return torch.stack(rows), lengths, cfg.control_dt_s
+    return torch.stack(rows), lengths
 
 
 def evaluate(
@@ -95,8 +92,25 @@ def evaluate(
     """
     if episodes < 1:
         raise ValueError(f"an evaluation needs at least 1 episode, got {episodes}")
-    features, lengths, dt_s = rollout_features(policy, episodes=episodes, seed=seed)
-    return summarise(features, lengths, score_fn, control_dt_s=dt_s)
+    return evaluate_actor(
+        policy, policy.robot(), policy.info.env, score_fn, episodes=episodes, seed=seed
+    )
+
+
+def evaluate_actor(
+    actor: Actor,
+    robot: Robot,
+    cfg: EnvCfg,
+    score_fn: RewardFn,
+    *,
+    episodes: int = 64,
+    seed: int = 0,
+) -> Evaluation:
+    """`evaluate` for anything that acts."""
+    features, lengths = rollout_features(
+        actor, robot, cfg, episodes=episodes, seed=seed
+    )
+    return summarise(features, lengths, score_fn, control_dt_s=cfg.control_dt_s)
 
 
 def summarise(

@@ -102,11 +102,7 @@ def _record_one(
     policy: Policy, cfg: RecordCfg, count: int, *, seed: int, round: int
 ) -> Iterator[Episode]:
     info = policy.info
-    env_cfg = replace(
-        info.env,
-        episode_s=min(cfg.episode_s, info.env.episode_s),
-        commands=replace(info.env.commands, resample_s=float("inf")),
-    )
+    env_cfg = replace(info.env, episode_s=min(cfg.episode_s, info.env.episode_s))
     robot = policy.robot()
     env = QuadrupedEnv(robot, env_cfg, count, seed=seed, keep_final=True)
     choices = recorded_commands(env_cfg.commands)

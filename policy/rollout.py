@@ -7,13 +7,26 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from .checkpoint import Policy
 from .env import QuadrupedEnv
+
+
+class Actor(Protocol):
+    """Anything that acts: a `Policy`, or a test's own."""
+
+    def __call__(self, obs: Tensor, noise: Tensor | None = None) -> Tensor:
+        """Actions [N, 12] for `obs` [N, 48] and standard normal draws [N, 12]."""
+        ...
+
+
+def hold_home(obs: Tensor, noise: Tensor | None = None) -> Tensor:
+    """The actor every gait is measured against: hold the home pose."""
+    return torch.zeros(len(obs), 12)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +59,7 @@ class RolloutStep:
 
 @torch.inference_mode()
 def first_episodes(
-    policy: Policy,
+    actor: Actor,
     env: QuadrupedEnv,
     *,
     noise: Tensor | None = None,
@@ -55,7 +68,7 @@ def first_episodes(
     """Step a fresh `env` until the first episode of every environment has ended.
 
     Args:
-        policy: Who acts.
+        actor: Who acts.
         env: A fresh environment; its later episodes are to be ignored by `alive`.
         noise: Scale [N] of the exploration noise per environment; None for none.
         rng: Source of that noise.
@@ -67,7 +80,7 @@ def first_episodes(
         draws = None
         if noise is not None:
             draws = noise[:, None] * torch.randn(env.num_envs, 12, generator=rng)
-        action = policy(obs, draws)
+        action = actor(obs, draws)
         _, reward, dones, extras = env.step(action)
         yield RolloutStep(
             qpos=qpos,

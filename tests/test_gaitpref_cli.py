@@ -1,0 +1,223 @@
+"""The command line: it parses, it teaches, and it meets bad input with one line."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from data.dataset import Dataset
+from gaitpref import options
+from gaitpref.cli import main, parse
+from policy.config import EnvCfg
+from policy.ppo import PpoCfg
+from policy.robot import load_robot
+from policy.train import TrainCfg, train
+
+COMMANDS = {
+    "loop": (["--run", "r"], options.Loop(run=Path("r"))),
+    "train": (
+        ["--out", "o", "--reward", "task"],
+        options.Train(out=Path("o"), reward="task"),
+    ),
+    "record": (
+        ["--policy", "p", "--dataset", "d"],
+        options.Record(policy=Path("p"), dataset=Path("d")),
+    ),
+    "pairs": (
+        ["--dataset", "d", "--count", "3"],
+        options.Pairs(dataset=Path("d"), count=3),
+    ),
+    "answer": (
+        ["--dataset", "d", "--criterion", "task"],
+        options.Answer(dataset=Path("d"), criterion="task"),
+    ),
+    "fit": (
+        ["--dataset", "d", "--dataset", "e", "--out", "o"],
+        options.Fit(dataset=[Path("d"), Path("e")], out=Path("o")),
+    ),
+    "evaluate": (["--policy", "p"], options.Evaluate(policy=Path("p"))),
+    "report": (["--run", "r"], options.Report(run=Path("r"))),
+}
+
+
+@pytest.fixture(scope="module")
+def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A policy of one iteration, its checkpoint and all."""
+    out = tmp_path_factory.mktemp("policy")
+    ppo = PpoCfg(num_envs=4, hidden_sizes=(8,))
+    robot = load_robot(physics_dt_s=EnvCfg().physics_dt_s)
+    return train(out, robot, TrainCfg(steps=96, env=EnvCfg(), ppo=ppo)).policy
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_parses_with_its_defaults(name: str) -> None:
+    """What must be given is given, the rest has a default."""
+    arguments, expected = COMMANDS[name]
+    assert parse([name, *arguments]) == expected
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_help(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """`--help` describes each option and exits 0."""
+    with pytest.raises(SystemExit) as caught:
+        main([name, "--help"])
+    assert caught.value.code == 0
+    text = capsys.readouterr().out
+    for argument in COMMANDS[name][0]:
+        if argument.startswith("--"):
+            assert argument in text
+
+
+def _refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    """The one line a command is refused with."""
+    assert main(arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    (line,) = captured.err.splitlines()
+    assert line.startswith("gaitpref: ")
+    return line
+
+
+def test_the_stages_work_one_by_one(
+    policy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Record, ask, answer, fit, train on it, evaluate: each from its own command."""
+    dataset, reward = str(tmp_path / "dataset"), str(tmp_path / "reward")
+    record = ["record", "--policy", str(policy), "--dataset", dataset]
+    assert main([*record, "--episodes", "40"]) == 0
+    assert main(["pairs", "--dataset", dataset, "--count", "12"]) == 0
+    assert main(["answer", "--dataset", dataset, "--criterion", "crouch"]) == 0
+    assert main(["fit", "--dataset", dataset, "--out", reward]) == 0
+    more = ["pairs", "--dataset", dataset, "--count", "4", "--reward", reward]
+    assert main([*more, "--strategy", "disagreement"]) == 0
+    out = str(tmp_path / "out")
+    learn = ["train", "--out", out, "--reward", reward, "--steps", "96"]
+    assert main([*learn, "--envs", "4"]) == 0
+    capsys.readouterr()
+    evaluate = ["evaluate", "--policy", f"{out}/policy.pt", "--reward", reward]
+    assert main([*evaluate, "--episodes", "8", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["episodes"] == 8
+    assert {
+        "return_mean",
+        "return_ci95",
+        "episode_length_s",
+        "tracking_error_m_s",
+        "falls_per_minute",
+    } <= set(result)
+
+
+def test_missing_and_corrupt_policies(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The file is named; no data set is begun."""
+    bad = tmp_path / "policy.pt"
+    record = ["record", "--policy", str(bad), "--dataset", str(tmp_path / "d")]
+    assert "there is no policy file" in _refused(record, capsys)
+    bad.write_bytes(b"PK\x03\x04 nonsense")
+    assert "not a policy file" in _refused(record, capsys)
+    assert "not a policy file" in _refused(["evaluate", "--policy", str(bad)], capsys)
+    assert not (tmp_path / "d").exists()
+
+
+def test_a_robot_without_a_free_joint(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Said before anything is written."""
+    xml = tmp_path / "arm.xml"
+    xml.write_text(
+        "<mujoco><worldbody><body><joint type='hinge'/><geom size='.1' mass='1'/>"
+        "</body></worldbody></mujoco>"
+    )
+    out = tmp_path / "out"
+    for command in (
+        ["train", "--out", str(out), "--reward", "task", "--robot", str(xml)],
+        ["loop", "--run", str(out), "--robot", str(xml)],
+    ):
+        line = _refused(command, capsys)
+        assert "free" in line
+        assert "arm.xml" in line
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("raise KeyError('base')", "raised KeyError"),
+        ("return features[..., 0] / 0 * 0", "NaN"),
+        ("return features[0]", "one score per row"),
+    ],
+)
+def test_a_criterion_that_misbehaves_starts_no_loop(
+    body: str,
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """One line, and no run directory."""
+    module = f"taste_{abs(hash(body))}"
+    (tmp_path / f"{module}.py").write_text(f"def f(features):\n    {body}\n")
+    monkeypatch.chdir(tmp_path)
+    loop = ["loop", "--run", "run", "--criterion", f"{module}:f"]
+    assert message in _refused(loop, capsys)
+    assert not Path("run").exists()
+
+
+def test_too_few_answers(
+    policy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The number there is, the number needed, and what to run."""
+    dataset, reward = tmp_path / "dataset", tmp_path / "reward"
+    main(["record", "--policy", str(policy), "--dataset", str(dataset)])
+    capsys.readouterr()
+    line = _refused(["fit", "--dataset", str(dataset), "--out", str(reward)], capsys)
+    assert "answer" in line
+    assert not reward.exists()
+
+
+def test_a_data_set_that_is_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The directory is named, and what makes one."""
+    line = _refused(["pairs", "--dataset", str(tmp_path), "--count", "1"], capsys)
+    assert "gaitpref record" in line
+    empty = Dataset.create(tmp_path / "empty").root
+    line = _refused(["pairs", "--dataset", str(empty), "--count", "1"], capsys)
+    assert "gaitpref record" in line
+
+
+def test_a_run_with_other_settings(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A foreign directory is left alone; no round yet is no report."""
+    (tmp_path / "notes.txt").write_text("mine")
+    assert "not empty" in _refused(["loop", "--run", str(tmp_path)], capsys)
+    assert "gaitpref loop" in _refused(["report", "--run", str(tmp_path)], capsys)
+    line = _refused(["loop", "--run", str(tmp_path / "r"), "--labels", "5"], capsys)
+    assert "--labels 5" in line
+    assert not (tmp_path / "r").exists()
+
+
+def test_bad_usage_exits_with_2(capsys: pytest.CaptureFixture[str]) -> None:
+    """An option that does not exist, a number that is none."""
+    for arguments in (["loop", "--no-such"], ["train", "--steps", "many"]):
+        with pytest.raises(SystemExit) as caught:
+            main(arguments)
+        assert caught.value.code == 2
+
+
+def test_json_is_all_there_is_on_standard_output(policy: Path) -> None:
+    """In a process of its own, nothing else is printed there."""
+    command = [sys.executable, "-m", "gaitpref.cli", "evaluate", "--json"]
+    done = subprocess.run(
+        [*command, "--policy", str(policy), "--episodes", "2"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert json.loads(done.stdout)["episodes"] == 2

@@ -1,0 +1,140 @@
+"""Criteria, the simulated rater, and the total reward."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor
+
+from data.features import FEATURE_DIM, column
+from gaitpref.criteria import (
+    BUILT_IN,
+    CriterionContext,
+    CriterionError,
+    load_criterion,
+)
+from gaitpref.rater import judge
+from gaitpref.rewards import total_reward
+from policy.config import EnvCfg
+from policy.reward import KnownTermsCfg
+from policy.robot import load_robot
+
+CONTEXT = CriterionContext(walking_height_m=0.28, control_dt_s=0.02)
+
+
+def _row(**values: float | list[float]) -> Tensor:
+    """A standing row with some features replaced."""
+    row = torch.zeros(FEATURE_DIM)
+    row[column("gravity_b")] = torch.tensor([0.0, 0.0, -1.0])
+    row[column("base_height")] = 0.28
+    row[column("foot_contact")] = 1.0
+    for name, value in values.items():
+        row[column(name)] = torch.tensor(value)
+    return row
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_built_in_criteria_keep_the_leading_shape(name: str) -> None:
+    """One finite score per row, for a clip and for a batch alike."""
+    criterion = load_criterion(name, CONTEXT)
+    rows = torch.randn(7, 5, FEATURE_DIM, generator=torch.Generator().manual_seed(0))
+    assert criterion(rows).shape == (7, 5)
+    assert criterion(rows).isfinite().all()
+    assert criterion(rows)[3, 2].allclose(criterion(rows[3, 2]))
+
+
+@pytest.mark.parametrize(
+    ("name", "better", "worse"),
+    [
+        ("task", {"command": [0.5, 0.0, 0.0], "base_lin_vel_b": [0.5, 0.0, 0.0]},
+         {"command": [0.5, 0.0, 0.0]}),
+        ("smooth", {}, {"action_rate": 0.3}),
+        ("high_step", {"foot_contact": [1.0, 0.0, 0.0, 1.0],
+                       "foot_height": [0.0, 0.1, 0.1, 0.0]}, {}),
+        ("crouch", {"base_height": 0.21}, {}),
+        ("low_energy", {}, {"joint_torque": 5.0, "joint_vel": 2.0}),
+    ],
+)  # fmt: skip
+def test_built_in_criteria_prefer_what_they_are_named_for(
+    name: str, better: dict, worse: dict
+) -> None:
+    """The better of two rows gets the higher score."""
+    criterion = load_criterion(name, CONTEXT)
+    assert criterion(_row(**better)) > criterion(_row(**worse))
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("raise RuntimeError('boom')", "raised RuntimeError: boom"),
+        ("return features[..., 0] * float('nan')", "gave NaN or infinity for 6 of 6"),
+        ("return features", r"one score per row"),
+        ("return 3.0", "got float: one score per row"),
+    ],
+)
+def test_a_criterion_that_misbehaves_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, body: str, message: str
+) -> None:
+    """One line that says what it did and what it should do."""
+    name = f"wishes_{abs(hash(body))}"
+    (tmp_path / f"{name}.py").write_text(f"def wish(features):\n    {body}\n")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(CriterionError, match=message) as caught:
+        load_criterion(f"{name}:wish", CONTEXT)
+    assert f"{name}:wish" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["no_such", "no.such.module:f", "math:no_such", ":"])
+def test_an_unknown_criterion_is_named(name: str) -> None:
+    """So is one that cannot be found."""
+    with pytest.raises(CriterionError, match="criterion"):
+        load_criterion(name, CONTEXT)
+
+
+def test_the_rater_calls_equal_scores_equal() -> None:
+    """The better clip wins; equal scores tie, up to rounding."""
+    assert judge(1.0, 0.5) == "a"
+    assert judge(-1.0, -0.5) == "b"
+    assert judge(0.3, 0.3 + 1e-9) == "equal"
+
+
+def test_the_total_is_the_learned_part_and_the_known_terms() -> None:
+    """By hand: weight 2, score 3 a second, 20 ms; alive 1 a second; a fall costs 1."""
+    robot = load_robot(physics_dt_s=0.005)
+
+    def three(features: Tensor, starts: Tensor) -> Tensor:
+        return torch.full(starts.shape, 3.0)
+
+    reward = total_reward(
+        three, robot, EnvCfg(), known=KnownTermsCfg(torque=-1e-3), weight=2.0
+    )
+    walking, falling = _row(joint_torque=5.0), _row(fallen=1.0)
+    features = torch.stack([walking, falling])[:, None]
+    starts = torch.zeros(2, 1, dtype=torch.bool)
+    total = reward(features, starts)[:, 0]
+    assert float(total[0]) == pytest.approx(0.02 * (2 * 3 + 1 - 1e-3 * 12 * 25))
+    assert float(total[1]) == pytest.approx(-1.0)
+    parts = reward.parts(features, starts)
+    assert set(parts) == {"score", "alive", "fall", "torque", "joint_limits"}
+
+
+def test_joints_near_their_limits_cost() -> None:
+    """Beyond 95 % of the range the distance counts; inside it nothing does."""
+    robot = load_robot(physics_dt_s=0.005)
+
+    def zero(features: Tensor, starts: Tensor) -> Tensor:
+        return torch.zeros(starts.shape)
+
+    reward = total_reward(
+        zero, robot, EnvCfg(), known=KnownTermsCfg(alive=0, torque=0, joint_limits=-1)
+    )
+    row = _row()
+    low, high = robot.joint_range[0] - robot.home_joint_pos[0]
+    row[column("joint_pos_offset")][0] = high
+    starts = torch.zeros(1, 1, dtype=torch.bool)
+    expected = -0.02 * 0.025 * (high - low)
+    assert float(reward(row[None, None], starts)) == pytest.approx(expected, rel=1e-4)
+    assert float(reward(_row()[None, None], starts)) == 0.0
