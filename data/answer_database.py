@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from importlib import resources
 from pathlib import Path
+from urllib.parse import quote
 
 from data.errors import AnswerError
 
@@ -50,6 +51,43 @@ def connect(path: Path) -> sqlite3.Connection:
                 ) from error
         # SQLite does not wait when two connections turn a new file to WAL at once.
         time.sleep(0.01)
+
+
+def connect_copy(path: Path) -> sqlite3.Connection:
+    """A connection to an up-to-date copy in memory; an empty one if there is no file.
+
+    Raises:
+        AnswerError: the file is no store of answers, damaged, or of a newer version.
+    """
+    copy = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False)
+    try:
+        if path.exists():
+            with closing(open_unchanged(path)) as source:
+                _version(source, path)
+                source.backup(copy)
+        _set_up(copy, path)
+    except BaseException as error:
+        copy.close()
+        if isinstance(error, sqlite3.Error):
+            raise AnswerError(
+                f"{path} cannot be read as a store of answers ({error}); restore it "
+                "from a copy"
+            ) from error
+        raise
+    return copy
+
+
+def open_unchanged(path: Path) -> sqlite3.Connection:
+    """A connection that can only read, even where nobody may write.
+
+    Raises:
+        sqlite3.Error: the file cannot be read.
+    """
+    uri = f"file:{quote(str(path.resolve()))}?mode=ro"
+    # Without a log beside it the file is all there is, and no lock has to be made.
+    if not path.with_name(path.name + "-wal").exists():
+        uri += "&immutable=1"
+    return sqlite3.connect(uri, uri=True, isolation_level=None)
 
 
 def _connect_once(path: Path) -> sqlite3.Connection:

@@ -21,6 +21,7 @@ SELECT_CURRENT = (
     f"{', '.join('c.' + name for name in ANSWER_COLUMNS.split(', '))} "
     "FROM answer_current AS c JOIN pair AS p USING (pair_id)"
 )
+SELECT_ALL = SELECT_CURRENT.replace("answer_current", "answer")
 _NUM_PAIR_COLUMNS = len(PAIR_COLUMNS.split(", "))
 _ANSWER_FIELDS = ANSWER_COLUMNS.replace("client_json", "client").split(", ")
 _CLIENT_IDX = _ANSWER_FIELDS.index("client")

@@ -6,6 +6,7 @@ one. A write that returned is on the disk.
 
 from __future__ import annotations
 
+import json
 import sqlite3
 import threading
 from collections.abc import Iterable, Iterator
@@ -14,7 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, get_args
 
-from data.answer_database import connect
+from data.answer_database import connect, connect_copy
 from data.answer_records import QUESTION as QUESTION
 from data.answer_records import Answer as Answer
 from data.answer_records import Choice as Choice
@@ -24,6 +25,7 @@ from data.answer_records import to_json, utc_text
 from data.answer_rows import (
     ANSWER_COLUMNS,
     PAIR_COLUMNS,
+    SELECT_ALL,
     SELECT_CURRENT,
     decode_answer,
     decode_pair,
@@ -54,6 +56,18 @@ class AnswerStore:
             AnswerError: the file is something else, or of a newer version.
         """
         return AnswerStore(connect(path), path)
+
+    @staticmethod
+    def snapshot(path: Path) -> AnswerStore:
+        """A copy in memory of the store at `path`, brought up to date.
+
+        Empty if there is no file. It never waits for a writer, and takes a file nobody
+        may write. What is added to it is forgotten.
+
+        Raises:
+            AnswerError: the file is something else, damaged, or of a newer version.
+        """
+        return AnswerStore(connect_copy(path), path)
 
     def close(self) -> None:
         """Close the file; nothing is pending."""
@@ -94,6 +108,13 @@ class AnswerStore:
                     f"rater {rater_id!r} in {self.path} is {found}, not {kind}; "
                     "choose another rater id"
                 )
+
+    def raters(self) -> list[tuple[str, RaterKind, dict[str, Any]]]:
+        """Id, kind and info of every rater, by id."""
+        rows = self._rows(
+            "SELECT rater_id, kind, info_json FROM rater ORDER BY rater_id"
+        )
+        return [(rater, kind, json.loads(info)) for rater, kind, info in rows]
 
     def add_pairs(self, pairs: Iterable[Pair]) -> int:
         """Add all pairs or none; those known already stay as they are.
@@ -158,10 +179,9 @@ class AnswerStore:
                 to the same pair.
         """
         with self._transaction():
-            query = f"SELECT {ANSWER_COLUMNS} FROM answer WHERE answer_id = ?"
-            known = self._rows(query, (answer.answer_id,))
-            if known:
-                if decode_answer(known[0]) == answer:
+            known = self.find_answer(answer.answer_id)
+            if known is not None:
+                if known == answer:
                     return False
                 raise AnswerError(
                     f"answer {answer.answer_id!r} is in {self.path} with another "
@@ -177,6 +197,12 @@ class AnswerStore:
             )
             return True
 
+    def find_answer(self, answer_id: str) -> Answer | None:
+        """The answer with this id, corrected or not."""
+        query = f"SELECT {ANSWER_COLUMNS} FROM answer WHERE answer_id = ?"
+        rows = self._rows(query, (answer_id,))
+        return decode_answer(rows[0]) if rows else None
+
     def current_answers(self, round: int | None = None) -> list[tuple[Pair, Answer]]:
         """Answers nobody corrected, by pair and then as they came.
 
@@ -188,6 +214,11 @@ class AnswerStore:
             "ORDER BY p.position, c.position",
             {"round": round},
         )
+        return [decode_pair_and_answer(row) for row in rows]
+
+    def all_answers(self) -> list[tuple[Pair, Answer]]:
+        """Every answer as it came, those corrected later included."""
+        rows = self._rows(f"{SELECT_ALL} ORDER BY c.position")
         return [decode_pair_and_answer(row) for row in rows]
 
     def history(self, rater_id: str, limit: int = 20) -> list[tuple[Pair, Answer]]:

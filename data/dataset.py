@@ -120,6 +120,20 @@ class Dataset:
         self._list(added)
         return added
 
+    def adopt(self, paths: Iterable[Path]) -> list[EpisodeEntry]:
+        """List files that lie in their place already, as after a crash.
+
+        Raises:
+            EpisodeError: one cannot be read.
+            DatasetError: as for `add_episodes`.
+        """
+        added: list[EpisodeEntry] = []
+        for path in paths:
+            content = path.read_bytes()
+            added.append(_entry_of(content, decode_episode(content, str(path))))
+        self._list(added)
+        return added
+
     def unlist(self, hashes: Iterable[str]) -> None:
         """Take episodes out of the manifest; their files stay.
 
@@ -219,9 +233,33 @@ class Dataset:
         """
         return AnswerStore.open(self.root / ANSWERS_NAME)
 
+    def answers_copy(self) -> AnswerStore:
+        """A copy of them in memory, as they are now; for those who only read.
+
+        Raises:
+            AnswerError: the data base cannot be used.
+        """
+        return AnswerStore.snapshot(self.root / ANSWERS_NAME)
+
     def _list(self, added: Iterable[EpisodeEntry]) -> None:
         new = {entry.sha256: entry for entry in added}
         self._manifest.change(lambda known: known | new)
+
+    def path_of(self, entry: EpisodeEntry) -> Path:
+        """Where the episode's file lies.
+
+        Raises:
+            DatasetError: it is, or lies behind, a link.
+        """
+        path = self.root
+        for part in Path(entry.path).parts:
+            path = path / part
+            if path.is_symlink():
+                raise DatasetError(
+                    f"{path} is a link, which could lead out of the data set; "
+                    "replace it by the file itself"
+                )
+        return path
 
     def _store(self, entry: EpisodeEntry, content: bytes) -> None:
         """Put the episode's file in its place; the manifest does not know it yet."""
@@ -235,15 +273,7 @@ class Dataset:
 
     @contextmanager
     def _file_expected(self, entry: EpisodeEntry) -> Iterator[Path]:
-        """The path of an episode file, which is there and no link."""
-        path = self.root
-        for part in Path(entry.path).parts:
-            path = path / part
-            if path.is_symlink():
-                raise DatasetError(
-                    f"{path} is a link, which could lead out of the data set; "
-                    "replace it by the file itself"
-                )
+        path = self.path_of(entry)
         try:
             yield path
         except FileNotFoundError:

@@ -107,8 +107,8 @@ def damaged(name: str, error: Exception) -> DatasetError:
     """What to say of a manifest that `error` happened to."""
     found = " ".join(f"{type(error).__name__}: {error}".split())[:200]
     return DatasetError(
-        f"{name} is damaged ({found}); restore it from a copy of the data set, or build "
-        "it anew from the files with `gaitpref data recover`"
+        f"{name} is damaged ({found}); restore it from a copy of the data set, or "
+        "build it anew from the files with `gaitpref data recover`"
     )
 
 

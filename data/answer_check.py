@@ -1,0 +1,56 @@
+"""Compares a store of answers with its checksums, row by row."""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from data.answer_database import SCHEMA_VERSION, connect_copy, open_unchanged
+
+_SCHEMA = "SELECT type, name, tbl_name, sql FROM sqlite_master ORDER BY type, name"
+
+
+@dataclass(frozen=True)
+class DamagedRow:
+    """Something of the store that is not as it was written."""
+
+    message: str
+    answers: tuple[str, ...] = ()
+    """Ids of the answers that are touched, where they can be told."""
+
+
+def damaged_rows(path: Path) -> list[DamagedRow]:
+    """Everything that is wrong with the store at `path`; nothing in it is changed.
+
+    Raises:
+        AnswerError, sqlite3.Error: it cannot be opened.
+    """
+    with closing(open_unchanged(path)) as connection:
+        found = [
+            DamagedRow(f"the data base is damaged: {row[0]}")
+            for row in connection.execute("PRAGMA integrity_check")
+            if row[0] != "ok"
+        ]
+        found += [
+            DamagedRow(f"a row of {row[0]} points to a missing row of {row[2]}")
+            for row in connection.execute("PRAGMA foreign_key_check")
+        ]
+        (version,) = connection.execute("PRAGMA user_version").fetchone()
+        if version == SCHEMA_VERSION and not found:
+            found += _changed_schema(connection)
+    return found
+
+
+def _changed_schema(connection: sqlite3.Connection) -> list[DamagedRow]:
+    """Tables, views and triggers that are not those of a new store."""
+    with closing(connect_copy(Path("no such file"))) as new:
+        expected = set(new.execute(_SCHEMA).fetchall())
+    found = set(connection.execute(_SCHEMA).fetchall())
+    # What ANALYZE leaves behind says nothing about the answers.
+    changed = {row for row in expected ^ found if not row[1].startswith("sqlite_stat")}
+    return [
+        DamagedRow(f"the definition of {kind} {name} is not that of this version")
+        for kind, name in sorted({(row[0], row[1]) for row in changed})
+    ]
