@@ -8,8 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from data.answer_database import SCHEMA_VERSION, connect_copy, open_unchanged
+from data.answer_rows import ANSWER_COLUMNS, PAIR_COLUMNS, RATER_COLUMNS, row_crc32
 
 _SCHEMA = "SELECT type, name, tbl_name, sql FROM sqlite_master ORDER BY type, name"
+
+_TABLES = {"rater": RATER_COLUMNS, "pair": PAIR_COLUMNS, "answer": ANSWER_COLUMNS}
 
 
 @dataclass(frozen=True)
@@ -40,6 +43,15 @@ def damaged_rows(path: Path) -> list[DamagedRow]:
         (version,) = connection.execute("PRAGMA user_version").fetchone()
         if version == SCHEMA_VERSION and not found:
             found += _changed_schema(connection)
+            found += [
+                DamagedRow(
+                    f"the {table} {row[0]!r} is not as it was written",
+                    (str(row[0]),) if table == "answer" else (),
+                )
+                for table, columns in _TABLES.items()
+                for row in connection.execute(f"SELECT {columns} FROM {table}")
+                if row_crc32(*row[:-1]) != row[-1]
+            ]
     return found
 
 

@@ -10,9 +10,10 @@ from importlib import resources
 from pathlib import Path
 from urllib.parse import quote
 
+from data.answer_rows import row_crc32
 from data.errors import AnswerError
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 APPLICATION_ID = 0x50524546
 """"PREF" in ASCII."""
 _OLDEST_SQLITE = (3, 37, 0)
@@ -139,6 +140,7 @@ def _version(connection: sqlite3.Connection, path: Path) -> int:
 
 def _migrate(connection: sqlite3.Connection, path: Path) -> None:
     """Apply the missing migrations in one transaction."""
+    connection.create_function("row_crc32", -1, row_crc32, deterministic=True)
     connection.execute("BEGIN IMMEDIATE")
     try:
         # Asked again: another process may have been faster.

@@ -21,10 +21,11 @@ from data.answer_records import Answer as Answer
 from data.answer_records import Choice as Choice
 from data.answer_records import Pair as Pair
 from data.answer_records import RaterKind as RaterKind
-from data.answer_records import to_json, utc_text
+from data.answer_records import utc_text
 from data.answer_rows import (
     ANSWER_COLUMNS,
     PAIR_COLUMNS,
+    RATER_COLUMNS,
     SELECT_ALL,
     SELECT_CURRENT,
     decode_answer,
@@ -32,6 +33,7 @@ from data.answer_rows import (
     decode_pair_and_answer,
     encode_answer,
     encode_pair,
+    encode_rater,
 )
 from data.errors import AnswerError
 
@@ -97,8 +99,11 @@ class AnswerStore:
         if kind not in get_args(RaterKind):
             known = ", ".join(get_args(RaterKind))
             raise ValueError(f"a rater is one of {known}, got {kind!r}")
-        row = (rater_id, kind, to_json("info", info or {}))
-        query = "INSERT INTO rater VALUES (?, ?, ?) ON CONFLICT (rater_id) DO NOTHING"
+        row = encode_rater(rater_id, kind, info or {})
+        query = (
+            f"INSERT INTO rater ({RATER_COLUMNS}) VALUES (?, ?, ?, ?) "
+            "ON CONFLICT (rater_id) DO NOTHING"
+        )
         with self._transaction():
             self._rows(query, row)
             query = "SELECT kind FROM rater WHERE rater_id = ?"

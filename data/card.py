@@ -1,4 +1,4 @@
-"""The data card of a data set, in Markdown; what only its publisher knows stays open."""
+"""The data card of a data set, in Markdown; what only its publisher knows is open."""
 
 from __future__ import annotations
 
@@ -81,10 +81,10 @@ Answers:
 
 ## How to read it
 
-`gaitpref data info --dataset DIR` counts what is in it, `gaitpref data verify --dataset
-DIR` compares every byte with what was written. `manifest.json` lists the episodes, each
-an MCAP file under `rollouts/` named by its SHA-256; `preferences.sqlite` holds pairs and
-answers, and `gaitpref data labels` prints them as JSON lines, CSV or Parquet.
+`gaitpref data info --dataset DIR` counts what is in it, and `gaitpref data verify
+--dataset DIR` compares every byte with what was written. `manifest.json` lists the
+episodes, each an MCAP file under `rollouts/` named by its SHA-256. `preferences.sqlite`
+holds pairs and answers; `gaitpref data labels` prints them as JSON lines, CSV, Parquet.
 A clip is named by its episode's hash, its first control step and its number of steps.
 `target` is the probability that clip a is better; it is empty for "can't tell" and for
 clips that were called bad.
@@ -92,8 +92,8 @@ clips that were called bad.
 ## What to mind
 
 Raters are pseudonyms. Preferences are those of the raters above under the question
-`better_overall`, not a measure of quality. Split by episode, never by pair: clips of one
-episode resemble one another.
+`better_overall`, not a measure of quality. Split by episode, never by pair: clips of
+one episode resemble one another.
 """
 
 

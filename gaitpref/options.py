@@ -11,6 +11,8 @@ from typing import Annotated, Literal
 
 import tyro
 
+from .data_options import Data as Data
+
 
 @dataclass(frozen=True, kw_only=True)
 class Loop:
@@ -157,4 +159,5 @@ Command = (
     | Annotated[Fit, tyro.conf.subcommand("fit")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Report, tyro.conf.subcommand("report")]
+    | Annotated[Data, tyro.conf.subcommand("data")]
 )

@@ -268,9 +268,9 @@ def test_a_newer_version_is_refused_and_left_alone(store: AnswerStore) -> None:
     """The message says what to install."""
     store.close()
     with closing(sqlite3.connect(store.path)) as connection:
-        connection.execute("PRAGMA user_version = 2")
+        connection.execute("PRAGMA user_version = 3")
     before = store.path.read_bytes()
-    with pytest.raises(AnswerError, match="version 2, this gaitpref reads up to 1"):
+    with pytest.raises(AnswerError, match="version 3, this gaitpref reads up to 2"):
         AnswerStore.open(store.path)
     assert store.path.read_bytes() == before
 
@@ -305,7 +305,7 @@ def test_threads_share_a_store(store: AnswerStore) -> None:
 CHILD = """
 import sys
 from pathlib import Path
-from test_data_answers import make_answer, make_pair
+from tests.test_data_answers import make_answer, make_pair
 from data.answers import AnswerStore
 name, number = sys.argv[2], 0
 with AnswerStore.open(Path(sys.argv[1])) as store:

@@ -99,7 +99,7 @@ def test_the_order_of_adding_leaves_no_trace(dataset: Dataset, tmp_path: Path) -
 ADDER = """
 import sys
 from pathlib import Path
-from test_data_dataset import make_episode
+from tests.test_data_dataset import make_episode
 from data.dataset import Dataset
 dataset = Dataset.open(Path(sys.argv[1]))
 print("ready", flush=True)
