@@ -7,21 +7,26 @@ interrupted: every command in it goes on where it was (`--work`).
 from __future__ import annotations
 
 import json
+import resource
 import shutil
-from dataclasses import dataclass
+import time
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
 import torch
 import tyro
 
+from gaitpref.loop import run_configured
+from gaitpref.options import Loop
 from gaitpref.rewards import score_of_criterion
+from gaitpref.run_config import resolve
 from policy.checkpoint import Policy, load_policy
 from policy.evaluate import Evaluation, evaluate_actor
 from policy.reward import task_reward_for, task_score
 from policy.rollout import Actor, hold_home
 
-from .harness import Figure, gaitpref, median, publish
+from .harness import Figure, Run, gaitpref, median, publish
 
 GOALS = {
     "train_tracking_error_m_s": "at most 0.20",
@@ -123,12 +128,7 @@ def _scratch_run(options: Options, run: Path, seed: int) -> dict[str, Figure]:
     if not done.exists():
         # A run that was interrupted would be timed wrongly.
         shutil.rmtree(run, ignore_errors=True)
-        small = ("--rounds", "1", "--labels", "12") if options.quick else ()
-        base: tuple[str | Path, ...] = ("--base", "none")
-        result = gaitpref(
-            *("loop", "--run", run, "--criterion", "task", "--labels", "100"),
-            *(*base, "--preset", "quick", "--seed", str(seed), *small),
-        )
+        result = _small_loop(run) if options.quick else _scratch_loop(run, seed)
         figures = {
             f"scratch_wall_s_{seed}": result.wall_s,
             f"scratch_peak_mb_{seed}": result.peak_mb,
@@ -137,13 +137,36 @@ def _scratch_run(options: Options, run: Path, seed: int) -> dict[str, Figure]:
     return json.loads(done.read_text())
 
 
+def _scratch_loop(run: Path, seed: int) -> Run:
+    """The loop of the goal, by its command."""
+    loop = ("loop", "--run", run, "--base", "none", "--criterion", "task")
+    size = ("--labels", "100", "--preset", "quick", "--seed", str(seed))
+    return gaitpref(*loop, *size)
+
+
+def _small_loop(run: Path) -> Run:
+    """A loop of one round and few steps; the command line has none as small."""
+    cfg = resolve(Loop(run=run, base="none", criterion="task", rounds=1, labels=12))
+    start_s = time.perf_counter()
+    ppo = replace(cfg.ppo, num_envs=32, hidden_sizes=(16,))
+    small = replace(cfg, last_round_steps=1536, evaluation_episodes=8, ppo=ppo)
+    run_configured(run, small)
+    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return Run(time.perf_counter() - start_s, peak_mb, "")
+
+
 def _true_return(options: Options, steps: int) -> float:
     """Return of PPO on the task itself after as many steps."""
-    out = options.work / "true"
-    if not (out / "policy.pt").exists():
+    out, done = options.work / "true", options.work / "true.json"
+    if not done.exists():
+        if not out.exists():
+            # It goes on from the task's run, which had the same seed and settings.
+            shutil.copytree(options.work / "task", out)
         train = ("train", "--out", out, "--reward", "task", "--resume")
         gaitpref(*train, "--steps", str(steps))
-    return measure_file(out / "policy.pt").return_mean
+        result = measure_file(out / "policy.pt")
+        done.write_text(json.dumps({"true_return": result.return_mean}))
+    return json.loads(done.read_text())["true_return"]
 
 
 def fit_figures(options: Options) -> dict[str, Figure]:

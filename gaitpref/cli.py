@@ -35,12 +35,13 @@ def main(args: Sequence[str] | None = None) -> int:
         print(f"gaitpref: {' '.join(str(error).split())}", file=sys.stderr)
         return EXIT_BAD_INPUT
     except KeyboardInterrupt:
-        print("gaitpref: interrupted", file=sys.stderr)
+        print("gaitpref: interrupted; the same command goes on", file=sys.stderr)
         return EXIT_INTERRUPTED
 
 
 def run(command: options.Command) -> int:
     """Hand the command to its function."""
+    options.check(command)
     if isinstance(command, options.Data):
         from . import data_commands
 

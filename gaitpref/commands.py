@@ -11,14 +11,14 @@ import torch
 
 from data.dataset import Dataset
 from data.errors import DatasetError
-from policy.checkpoint import load_policy
+from policy.checkpoint import PolicyError, load_policy
 from policy.config import EnvCfg
 from policy.evaluate import evaluate
 from policy.ppo import PpoCfg
 from policy.record import RecordCfg, record
 from policy.reward import KnownTermsCfg, task_reward_for
 from policy.robot import load_robot, load_robot_xml
-from policy.train import TrainCfg, train
+from policy.train import POLICY_NAME, RESUME_NAME, TrainCfg, train
 from rewardmodel.cfg import FitCfg
 from rewardmodel.errors import RewardError
 from rewardmodel.fit import fit_reward
@@ -65,6 +65,12 @@ def run(command: options.Command) -> int:
 
 
 def _train(command: options.Train) -> int:
+    names = (POLICY_NAME, RESUME_NAME)
+    if not command.resume and any((command.out / name).exists() for name in names):
+        raise PolicyError(
+            f"{command.out} holds a training run: --resume goes on with it, or give "
+            f"another --out"
+        )
     env = EnvCfg()
     robot = load_robot(command.robot, physics_dt_s=env.physics_dt_s)
     reward_fn = None

@@ -11,6 +11,8 @@ from typing import Annotated, Literal
 
 import tyro
 
+from data.errors import GaitprefError
+
 from .data_options import Data as Data
 
 
@@ -148,6 +150,29 @@ class Report:
 
     run: Path
     """Directory of the run."""
+
+
+_MINIMUM = {
+    "count": 1,
+    "envs": 1,
+    "episodes": 1,
+    "labels": 1,
+    "rounds": 1,
+    "seed": 0,
+    "steps": 0,
+}
+
+
+def check(command: object) -> None:
+    """Refuse numbers no command can work with.
+
+    Raises:
+        GaitprefError: an option is below its smallest value.
+    """
+    for name, smallest in _MINIMUM.items():
+        value = getattr(command, name, None)
+        if value is not None and value < smallest:
+            raise GaitprefError(f"--{name} must be at least {smallest}, got {value}")
 
 
 Command = (

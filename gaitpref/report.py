@@ -107,7 +107,8 @@ def render(name: str, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
         f"commands, without exploration noise, with 95 % intervals. Held-out accuracy "
         f"is measured on episodes the model of their fold has not seen. The learned "
         f"return is that of the reward a policy was trained against, which is new in "
-        f"every round.</p></html>\n"
+        f"every round. The drift is the KL divergence per step from the policy of the "
+        f"round before.</p></html>\n"
     )
 
 
@@ -184,6 +185,7 @@ def _table(rounds: list[dict[str, Any]]) -> str:
         "return",
         "tracking error",
         "falls/min",
+        "drift",
     )
     rows = "".join(
         "<tr>" + "".join(f"<td>{cell}</td>" for cell in _cells(r)) + "</tr>"
@@ -196,6 +198,7 @@ def _table(rounds: list[dict[str, Any]]) -> str:
 
 def _cells(round: dict[str, Any]) -> tuple[str, ...]:
     evaluation, fit = round["evaluation"], round.get("fit")
+    drift = round.get("training", {}).get("policy/reference_kl", 0.0)
     accuracy = "-"
     if fit and fit["held_out_accuracy"] is not None:
         low, high = fit["held_out_interval"]
@@ -208,4 +211,5 @@ def _cells(round: dict[str, Any]) -> tuple[str, ...]:
         _interval(evaluation),
         f"{evaluation['tracking_error_m_s']:.3f} m/s",
         f"{evaluation['falls_per_minute']:.2f}",
+        f"{drift:.1f} nats" if drift else "-",
     )

@@ -130,10 +130,9 @@ def resolve(options: Loop) -> LoopCfg:
         "seed": options.seed,
     }
     if scratch:
-        rounds, labels = options.rounds or 8, options.labels or 100
         return LoopCfg(
-            rounds=rounds,
-            labels=labels,
+            rounds=8 if options.rounds is None else options.rounds,
+            labels=100 if options.labels is None else options.labels,
             base_steps=0,
             round_steps=250_000,
             last_round_steps=1_200_000 if quick else 2_500_000,
@@ -143,10 +142,10 @@ def resolve(options: Loop) -> LoopCfg:
             record=RecordCfg(noisy_share=1.0),
             **common,
         )
-    rounds, labels = options.rounds or (3 if quick else 5), options.labels or 60
+    rounds = 3 if quick else 5
     return LoopCfg(
-        rounds=rounds,
-        labels=labels,
+        rounds=rounds if options.rounds is None else options.rounds,
+        labels=60 if options.labels is None else options.labels,
         base_steps=1_300_000 if quick else 2_000_000,
         round_steps=300_000 if quick else 600_000,
         last_round_steps=600_000 if quick else 1_200_000,

@@ -22,7 +22,7 @@ from policy.evaluate import rollout_features, summarise
 from policy.ppo import RewardFn
 from policy.record import record
 from policy.robot import Robot
-from policy.train import POLICY_NAME, TrainCfg, train
+from policy.train import POLICY_NAME, SUMMARY_NAME, TrainCfg, train
 from rewardmodel.fit import fit_reward
 from rewardmodel.pairs import load_pairs
 from rewardmodel.report import FitReport
@@ -261,6 +261,9 @@ def report_stage(cfg: LoopCfg, round: Round, criterion: Criterion) -> None:
         "policy_sha256": policy.sha256,
         "evaluation": measured(score_of_criterion(criterion)),
     }
+    summary = round.policy.parent / SUMMARY_NAME
+    if summary.exists():
+        result["training"] = json.loads(summary.read_text())
     if round.number:
         trained_against = measured(load_reward(round.before.reward))
         result["learned_return"] = trained_against["return_mean"]

@@ -25,6 +25,7 @@ from .robot import Robot
 RESUME_NAME = "resume.pt"
 POLICY_NAME = "policy.pt"
 CHECKPOINTS_NAME = "checkpoints"
+SUMMARY_NAME = "summary.json"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +85,8 @@ def train(
     """Train a policy into the directory `out`.
 
     Args:
-        out: Gets policy.pt, checkpoints/, TensorBoard files and the state to resume.
+        out: Gets policy.pt, checkpoints/, summary.json (what the last iteration
+            measured), TensorBoard files and the state to resume.
         robot: The robot.
         cfg: Sizes, lengths and seed.
         reward_fn: Reward per step of feature rows; None is the task's own.
@@ -206,6 +208,11 @@ class _Session:
         finished = iteration >= cfg.iterations
         self._save_state()
         self._save_policy(self.out / POLICY_NAME, steps)
+        if last is not None:
+            summary = {"steps": steps, "finished": finished, **last.scalars}
+            write_atomically(
+                self.out / SUMMARY_NAME, json.dumps(summary, indent=1).encode()
+            )
         return TrainResult(
             finished=finished, steps=steps, policy=self.out / POLICY_NAME, stats=last
         )

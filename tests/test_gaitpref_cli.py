@@ -203,6 +203,30 @@ def test_a_run_with_other_settings(
     assert not (tmp_path / "r").exists()
 
 
+def test_numbers_that_cannot_be(
+    policy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The option, its value and the smallest possible one are named."""
+    train = ["train", "--out", str(tmp_path / "o"), "--reward", "task"]
+    assert "--envs must be at least 1, got 0" in _refused(
+        [*train, "--envs", "0"], capsys
+    )
+    assert "--seed" in _refused([*train, "--seed", "-1"], capsys)
+    loop = ["loop", "--run", str(tmp_path / "o"), "--rounds", "0"]
+    assert "--rounds must be at least 1, got 0" in _refused(loop, capsys)
+    assert not (tmp_path / "o").exists()
+
+
+def test_a_finished_training_is_not_overwritten(
+    policy: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Training into the directory of another run is refused."""
+    before = policy.read_bytes()
+    train = ["train", "--out", str(policy.parent), "--reward", "task"]
+    assert "--resume goes on" in _refused(train, capsys)
+    assert policy.read_bytes() == before
+
+
 def test_bad_usage_exits_with_2(capsys: pytest.CaptureFixture[str]) -> None:
     """An option that does not exist, a number that is none."""
     for arguments in (["loop", "--no-such"], ["train", "--steps", "many"]):

@@ -52,7 +52,9 @@ def test_an_episode_holds_what_happened(policy_file: Path) -> None:
         height = episode.features[:, column("base_height")][:, 0]
         assert height == pytest.approx(episode.qpos[1:, 2], abs=1e-5)
         command = episode.features[:, column("command")]
-        assert command == pytest.approx(np.tile(episode.meta.command, (len(command), 1)))
+        assert command == pytest.approx(
+            np.tile(episode.meta.command, (len(command), 1))
+        )
         clipped = np.clip(episode.action, -ENV.action_limit, ENV.action_limit)
         assert episode.features[:, column("action")] == pytest.approx(clipped)
         assert np.abs(episode.obs[1:, 0:3] - episode.features[:, 0:3]).max() < 1e-5
@@ -86,7 +88,7 @@ def test_equal_seeds_record_equal_episodes(policy_file: Path, tmp_path: Path) ->
 def test_a_diverged_simulation_reaches_no_clip(
     policy_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """NaN in one of the simulations: its episode is aborted, and no clip is cut of it."""
+    """One NaN: its episode is aborted, and no clip is cut out of it."""
     advance, calls = BatchSim.advance, 0
 
     def poisoned(sim: BatchSim, substeps: int) -> Tensor:
@@ -129,7 +131,7 @@ def test_an_evaluation_by_hand() -> None:
     features[:, 0, column("joint_torque")] = 2.0
     features[:, 0, column("joint_vel")] = -1.0
 
-    def score(rows: Tensor, starts: Tensor) -> Tensor:
+    def score(features: Tensor, starts: Tensor) -> Tensor:
         assert starts.tolist() == [[True, True], [False, False], [False, False]]
         return torch.tensor([[1.0, 2.0], [1.0, 2.0], [100.0, 2.0]])
 

@@ -1,0 +1,28 @@
+"""The benchmarks run in their small version, end to end."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+
+def test_learning(tmp_path: Path) -> None:
+    """Every figure of the goals is there, as a number, in one flat object."""
+    figures = tmp_path / "figures.json"
+    command = [sys.executable, "-m", "benchmarks.learning", "--quick"]
+    subprocess.run(
+        [*command, "--json", str(figures), "--work", str(tmp_path / "work")], check=True
+    )
+    result = json.loads(figures.read_text())
+    for name in (
+        "train_tracking_error_m_s",
+        "train_falls",
+        "fit_300_pairs_s",
+        "scratch_fraction_median",
+        "scratch_reached",
+        "scratch_wall_s_max",
+        "scratch_peak_mb",
+    ):
+        assert isinstance(result[name], int | float), name
