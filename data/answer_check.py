@@ -24,6 +24,30 @@ class DamagedRow:
     """Ids of the answers that are touched, where they can be told."""
 
 
+@dataclass(frozen=True)
+class Asked:
+    """What an answer is about, without what it says."""
+
+    answer_id: str
+    clips: tuple[tuple[str, int], tuple[str, int]]
+    """Episode and first step behind the clip, of both."""
+
+
+def asked(path: Path) -> list[Asked]:
+    """What every answer of the store is about, corrected ones too.
+
+    Raises:
+        AnswerError, sqlite3.Error: it cannot be read.
+    """
+    with closing(connect_copy(path)) as copy:
+        rows = copy.execute(
+            "SELECT answer_id, a_rollout, a_start + a_steps, b_rollout, "
+            "b_start + b_steps FROM answer JOIN pair USING (pair_id) "
+            "ORDER BY answer.position"
+        )
+        return [Asked(row[0], (row[1:3], row[3:5])) for row in rows]
+
+
 def damaged_rows(path: Path) -> list[DamagedRow]:
     """Everything that is wrong with the store at `path`; nothing in it is changed.
 

@@ -18,6 +18,7 @@ Choice = Literal["a", "b", "equal", "skip", "bad"]
 Side = Literal["a", "b"]
 RaterKind = Literal["human", "scripted", "model"]
 
+_CHOICES, _SIDES = get_args(Choice), get_args(Side)
 _PREFERENCES = {"a": 1.0, "b": 0.0, "equal": 0.5}
 
 
@@ -102,9 +103,9 @@ class Answer:
         for name in ("answer_id", "pair_id", "rater_id"):
             if not getattr(self, name):
                 raise ValueError(f"{name} must not be empty")
-        for name, allowed in (("choice", Choice), ("shown_left", Side)):
-            if getattr(self, name) not in get_args(allowed):
-                known = ", ".join(get_args(allowed))
+        for name, allowed in (("choice", _CHOICES), ("shown_left", _SIDES)):
+            if getattr(self, name) not in allowed:
+                known = ", ".join(allowed)
                 raise ValueError(f"{name} is one of {known}: {getattr(self, name)!r}")
         for name in ("p_a", "confidence"):
             value = getattr(self, name)
@@ -146,6 +147,8 @@ def to_json(name: str, value: dict[str, Any]) -> str:
     Raises:
         ValueError: it holds something JSON has no word for.
     """
+    if not value:
+        return "{}"
     try:
         return json.dumps(value, sort_keys=True, allow_nan=False)
     except (TypeError, ValueError) as error:

@@ -9,7 +9,9 @@ Shapes: T steps of an episode, F columns of the feature row.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -31,6 +33,7 @@ from data.manifest_file import MANIFEST_NAME as MANIFEST_NAME
 from data.manifest_file import ManifestFile, writable
 from data.mcap_records import tail_start
 
+_WRITERS = 4
 ANSWERS_NAME = "preferences.sqlite"
 
 
@@ -99,10 +102,17 @@ class Dataset:
             DatasetError: the manifest is damaged, or the disk is full or not writable.
         """
         added: list[EpisodeEntry] = []
-        for episode in episodes:
-            content = encode_episode(episode, compression=compression)
-            added.append(_entry_of(content, episode))
-            self._store(added[-1], content)
+        # Waiting for the disk takes longer than encoding, and can be done together.
+        with ThreadPoolExecutor(_WRITERS) as pool:
+            writes: deque[Future[None]] = deque()
+            for episode in episodes:
+                content = encode_episode(episode, compression=compression)
+                added.append(_entry_of(content, episode))
+                writes.append(pool.submit(self._store, added[-1], content))
+                if len(writes) > 2 * _WRITERS:
+                    writes.popleft().result()
+            for write in writes:
+                write.result()
         self._list(added)
         return added
 
@@ -267,9 +277,10 @@ class Dataset:
         # A file of another length was damaged after it was renamed into place.
         if not path.is_file() or path.stat().st_size != len(content):
             with writable(self.root):
-                path.parent.mkdir(parents=True, exist_ok=True)
+                if not path.parent.is_dir():
+                    path.parent.mkdir(parents=True, exist_ok=True)
+                    fsync_directory(path.parent.parent)
                 write_atomically(path, content)
-                fsync_directory(path.parent.parent)
 
     @contextmanager
     def _file_expected(self, entry: EpisodeEntry) -> Iterator[Path]:

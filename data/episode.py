@@ -220,8 +220,9 @@ def _supported_metadata(
         ("features_sha256", (features_sha256(),)),
     ):
         if metadata[key] not in expected:
+            found = " ".join(metadata[key][:64].split())
             raise UnsupportedSchema(
-                f"{name} has {key} {metadata[key][:64]}, this version reads "
+                f"{name} has {key} {found}, this version reads "
                 f"{' and '.join(expected)}; read it with the version of gaitpref that "
                 "wrote it"
             )

@@ -11,9 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from data.answer_check import damaged_rows
-from data.answer_records import Answer, Pair
-from data.answers import AnswerStore
+from data.answer_check import Asked, asked, damaged_rows
 from data.dataset import ANSWERS_NAME, Dataset
 from data.errors import AnswerError, DatasetError
 from data.files import sha256_file
@@ -118,55 +116,52 @@ def _file_damage(
     return None
 
 
-def _answers(path: Path) -> tuple[list[tuple[Pair, Answer]], list[Damage]]:
-    """All answers that can be read, and what is wrong with the store."""
+def _answers(path: Path) -> tuple[list[Asked], list[Damage]]:
+    """What the answers are about as far as it can be read, and what is wrong."""
     if not path.exists():
         return [], []
+    damages: list[Damage] = []
     try:
-        damages = [
+        damages += [
             Damage("answers", ANSWERS_NAME, row.message, answers=row.answers)
             for row in damaged_rows(path)
         ]
-        if damages:
-            return [], damages
-        with AnswerStore.snapshot(path) as store:
-            return store.all_answers(), []
-    except (AnswerError, sqlite3.Error, ValueError) as error:
+        return asked(path), damages
+    except (AnswerError, sqlite3.Error) as error:
         message = f"it cannot be read: {' '.join(str(error).split())}"
-        return [], [Damage("answers", ANSWERS_NAME, message)]
+        return [], [*damages, Damage("answers", ANSWERS_NAME, message)]
 
 
-def _answers_by_episode(
-    answered: Iterable[tuple[Pair, Answer]],
-) -> dict[str, tuple[str, ...]]:
+def _answers_by_episode(answered: Iterable[Asked]) -> dict[str, tuple[str, ...]]:
     """Ids of the answers about each episode."""
     found: dict[str, list[str]] = defaultdict(list)
-    for pair, answer in answered:
-        for rollout in {pair.a.rollout, pair.b.rollout}:
+    for answer in answered:
+        for rollout in {rollout for rollout, _ in answer.clips}:
             found[rollout].append(answer.answer_id)
     return {rollout: tuple(answers) for rollout, answers in found.items()}
 
 
 def _dangling(
-    answered: Iterable[tuple[Pair, Answer]], entries: Mapping[str, EpisodeEntry]
+    answered: Iterable[Asked], entries: Mapping[str, EpisodeEntry]
 ) -> list[Damage]:
     """Answers about what the data set does not have."""
     found: list[Damage] = []
-    for pair, answer in answered:
-        for clip in (pair.a, pair.b):
-            entry = entries.get(clip.rollout)
+    for answer in answered:
+        for rollout, stop in answer.clips:
+            entry = entries.get(rollout)
             if entry is None:
-                message = f"it is about the episode {clip.rollout}, which is not here"
-            elif clip.stop > entry.num_steps:
+                message = f"it is about the episode {rollout}, which is not here"
+            elif stop > entry.num_steps:
                 message = (
-                    f"it is about steps up to {clip.stop} of {clip.rollout}, which has "
+                    f"it is about steps up to {stop} of {rollout}, which has "
                     f"{entry.num_steps}"
                 )
             else:
                 continue
             name = f"answer {answer.answer_id}"
-            ids = (answer.answer_id,)
-            found.append(Damage("dangling", name, message, clip.rollout, ids))
+            found.append(
+                Damage("dangling", name, message, rollout, (answer.answer_id,))
+            )
     return found
 
 

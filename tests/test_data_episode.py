@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.writer import CompressionType, Writer
@@ -255,6 +255,7 @@ FLIPPABLE = encode_episode(make_episode(2))
 
 
 @settings(max_examples=300, deadline=None)
+@example(position=0.03125, patch=b"\n")
 @given(
     position=st.floats(0, 1, exclude_max=True), patch=st.binary(min_size=1, max_size=9)
 )
