@@ -8,10 +8,12 @@ from collections.abc import Iterator
 from contextlib import closing
 from importlib import resources
 from pathlib import Path
+from urllib.parse import quote
 
+from data.answer_rows import row_crc32
 from data.errors import AnswerError
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 APPLICATION_ID = 0x50524546
 """"PREF" in ASCII."""
 _OLDEST_SQLITE = (3, 37, 0)
@@ -50,6 +52,43 @@ def connect(path: Path) -> sqlite3.Connection:
                 ) from error
         # SQLite does not wait when two connections turn a new file to WAL at once.
         time.sleep(0.01)
+
+
+def connect_copy(path: Path) -> sqlite3.Connection:
+    """A connection to an up-to-date copy in memory; an empty one if there is no file.
+
+    Raises:
+        AnswerError: the file is no store of answers, damaged, or of a newer version.
+    """
+    copy = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False)
+    try:
+        if path.exists():
+            with closing(open_unchanged(path)) as source:
+                _version(source, path)
+                source.backup(copy)
+        _set_up(copy, path)
+    except BaseException as error:
+        copy.close()
+        if isinstance(error, sqlite3.Error):
+            raise AnswerError(
+                f"{path} cannot be read as a store of answers ({error}); restore it "
+                "from a copy"
+            ) from error
+        raise
+    return copy
+
+
+def open_unchanged(path: Path) -> sqlite3.Connection:
+    """A connection that can only read, even where nobody may write.
+
+    Raises:
+        sqlite3.Error: the file cannot be read.
+    """
+    uri = f"file:{quote(str(path.resolve()))}?mode=ro"
+    # Without a log beside it the file is all there is, and no lock has to be made.
+    if not path.with_name(path.name + "-wal").exists():
+        uri += "&immutable=1"
+    return sqlite3.connect(uri, uri=True, isolation_level=None)
 
 
 def _connect_once(path: Path) -> sqlite3.Connection:
@@ -101,6 +140,7 @@ def _version(connection: sqlite3.Connection, path: Path) -> int:
 
 def _migrate(connection: sqlite3.Connection, path: Path) -> None:
     """Apply the missing migrations in one transaction."""
+    connection.create_function("row_crc32", -1, row_crc32, deterministic=True)
     connection.execute("BEGIN IMMEDIATE")
     try:
         # Asked again: another process may have been faster.

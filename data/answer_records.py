@@ -22,7 +22,11 @@ back the answer it supersedes, and is none itself."""
 RaterKind = Literal["human", "scripted", "model"]
 
 _PREFERENCES = {"a": 1.0, "b": 0.0, "equal": 0.5}
-_ALLOWED = {"choice": Choice, "shown_left": Side, "role": Role}
+_ALLOWED = {
+    "choice": get_args(Choice),
+    "shown_left": get_args(Side),
+    "role": get_args(Role),
+}
 
 
 @dataclass(frozen=True)
@@ -120,8 +124,8 @@ class Answer:
             if not getattr(self, name):
                 raise ValueError(f"{name} must not be empty")
         for name, allowed in _ALLOWED.items():
-            if getattr(self, name) not in get_args(allowed):
-                known = ", ".join(get_args(allowed))
+            if getattr(self, name) not in allowed:
+                known = ", ".join(allowed)
                 raise ValueError(f"{name} is one of {known}: {getattr(self, name)!r}")
         for name in ("p_a", "confidence"):
             value = getattr(self, name)
@@ -165,6 +169,8 @@ def to_json(name: str, value: dict[str, Any]) -> str:
     Raises:
         ValueError: it holds something JSON has no word for.
     """
+    if not value:
+        return "{}"
     try:
         return json.dumps(value, sort_keys=True, allow_nan=False)
     except (TypeError, ValueError) as error:

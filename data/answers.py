@@ -6,6 +6,7 @@ one. A write that returned is on the disk.
 
 from __future__ import annotations
 
+import json
 import sqlite3
 import threading
 from collections.abc import Iterable, Iterator
@@ -14,7 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, get_args
 
-from data.answer_database import connect
+from data.answer_database import connect, connect_copy
 from data.answer_records import QUESTION as QUESTION
 from data.answer_records import Answer as Answer
 from data.answer_records import Choice as Choice
@@ -22,16 +23,18 @@ from data.answer_records import Pair as Pair
 from data.answer_records import RaterKind as RaterKind
 from data.answer_records import Role as Role
 from data.answer_records import Side as Side
-from data.answer_records import to_json
 from data.answer_rows import (
     ANSWER_COLUMNS,
     PAIR_COLUMNS,
+    RATER_COLUMNS,
+    SELECT_ALL,
     SELECT_CURRENT,
     decode_answer,
     decode_pair,
     decode_pair_and_answer,
     encode_answer,
     encode_pair,
+    encode_rater,
 )
 from data.errors import AnswerError
 
@@ -56,6 +59,18 @@ class AnswerStore:
             AnswerError: the file is something else, or of a newer version.
         """
         return AnswerStore(connect(path), path)
+
+    @staticmethod
+    def snapshot(path: Path) -> AnswerStore:
+        """A copy in memory of the store at `path`, brought up to date.
+
+        Empty if there is no file. It never waits for a writer, and takes a file nobody
+        may write. What is added to it is forgotten.
+
+        Raises:
+            AnswerError: the file is something else, damaged, or of a newer version.
+        """
+        return AnswerStore(connect_copy(path), path)
 
     def close(self) -> None:
         """Close the file; nothing is pending."""
@@ -85,8 +100,11 @@ class AnswerStore:
         if kind not in get_args(RaterKind):
             known = ", ".join(get_args(RaterKind))
             raise ValueError(f"a rater is one of {known}, got {kind!r}")
-        row = (rater_id, kind, to_json("info", info or {}))
-        query = "INSERT INTO rater VALUES (?, ?, ?) ON CONFLICT (rater_id) DO NOTHING"
+        row = encode_rater(rater_id, kind, info or {})
+        query = (
+            f"INSERT INTO rater ({RATER_COLUMNS}) VALUES (?, ?, ?, ?) "
+            "ON CONFLICT (rater_id) DO NOTHING"
+        )
         with self.transaction():
             self.query(query, row)
             query = "SELECT kind FROM rater WHERE rater_id = ?"
@@ -100,6 +118,13 @@ class AnswerStore:
     def raters(self) -> dict[str, RaterKind]:
         """Everybody who is known, in the order they came."""
         return dict(self.query("SELECT rater_id, kind FROM rater ORDER BY rowid"))
+
+    def rater_rows(self) -> list[tuple[str, RaterKind, dict[str, Any]]]:
+        """Id, kind and info of every rater, by id."""
+        rows = self.query(
+            "SELECT rater_id, kind, info_json FROM rater ORDER BY rater_id"
+        )
+        return [(rater, kind, json.loads(info)) for rater, kind, info in rows]
 
     def add_pairs(self, pairs: Iterable[Pair]) -> int:
         """Add all pairs or none; those known already stay as they are.
@@ -167,10 +192,9 @@ class AnswerStore:
                 to the same pair.
         """
         with self.transaction():
-            query = f"SELECT {ANSWER_COLUMNS} FROM answer WHERE answer_id = ?"
-            known = self.query(query, (answer.answer_id,))
-            if known:
-                if decode_answer(known[0]) == answer:
+            known = self.find_answer(answer.answer_id)
+            if known is not None:
+                if known == answer:
                     return False
                 raise AnswerError(
                     f"answer {answer.answer_id!r} is in {self.path} with another "
@@ -185,6 +209,12 @@ class AnswerStore:
                 encode_answer(answer),
             )
             return True
+
+    def find_answer(self, answer_id: str) -> Answer | None:
+        """The answer with this id, corrected or not."""
+        query = f"SELECT {ANSWER_COLUMNS} FROM answer WHERE answer_id = ?"
+        rows = self.query(query, (answer_id,))
+        return decode_answer(rows[0]) if rows else None
 
     def current_answers(self, round: int | None = None) -> list[tuple[Pair, Answer]]:
         """Answers nobody corrected, by pair and then as they came.
@@ -203,6 +233,11 @@ class AnswerStore:
         """The answer with this id; None if there is none, or it was corrected."""
         rows = self.query(f"{SELECT_CURRENT} WHERE c.answer_id = ?", (answer_id,))
         return decode_pair_and_answer(rows[0]) if rows else None
+
+    def all_answers(self) -> list[tuple[Pair, Answer]]:
+        """Every answer as it came, those corrected later included."""
+        rows = self.query(f"{SELECT_ALL} ORDER BY c.position")
+        return [decode_pair_and_answer(row) for row in rows]
 
     def history(self, rater_id: str, limit: int = 20) -> list[tuple[Pair, Answer]]:
         """The last current answers of a rater, newest first."""

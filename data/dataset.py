@@ -9,11 +9,9 @@ Shapes: T steps of an episode, F columns of the feature row.
 
 from __future__ import annotations
 
-import fcntl
-import os
-import threading
-from collections import OrderedDict
-from collections.abc import Iterable, Iterator
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -22,17 +20,21 @@ import numpy as np
 from data.answers import AnswerStore
 from data.clips import Clip
 from data.episode import Episode, decode_episode, decode_features
+from data.episode_chunks import Compression
+from data.episode_window import read_feature_window
 from data.episode_writer import encode_episode
 from data.errors import CorruptEpisode, DatasetError
+from data.feature_cache import FeatureCache
 from data.files import fsync_directory, sha256_bytes, write_atomically
 from data.manifest import EpisodeEntry as EpisodeEntry
-from data.manifest import decode_manifest, encode_manifest, rollout_path
+from data.manifest import rollout_path
+from data.manifest_file import LOCK_NAME as LOCK_NAME
+from data.manifest_file import MANIFEST_NAME as MANIFEST_NAME
+from data.manifest_file import ManifestFile, writable
+from data.mcap_records import tail_start
 
-MANIFEST_NAME = "manifest.json"
+_WRITERS = 4
 ANSWERS_NAME = "preferences.sqlite"
-LOCK_NAME = ".lock"
-FEATURE_CACHE_BYTES = 256 * 2**20
-"""Feature rows kept in memory; about 1,400 episodes of 500 steps."""
 
 
 class Dataset:
@@ -42,29 +44,25 @@ class Dataset:
         """Open `root`; prefer `Dataset.open` and `Dataset.create`.
 
         Raises:
-            DatasetError: `root` is no data set, or its manifest cannot be used.
+            DatasetError: `root` is no data set, or of another version.
         """
         self.root = root
-        self._mutex = threading.Lock()
-        self._manifest_stamp: tuple[int, int, int] | None = None
-        self._entries: dict[str, EpisodeEntry] = {}
+        self._manifest = ManifestFile(root)
         self._verified: set[str] = set()
-        self._features: OrderedDict[str, np.ndarray] = OrderedDict()
-        self._features_bytes = 0
-        self._refresh()
+        self._touched: set[str] = set()
+        self._features = FeatureCache()
 
     @staticmethod
     def create(root: Path) -> Dataset:
         """Make `root` a data set, or open it if it is one.
 
         Raises:
-            DatasetError: the manifest there cannot be used.
-            OSError: the directory cannot be made.
+            DatasetError: the manifest there cannot be used, or the directory cannot be
+                made.
         """
-        (root / "rollouts").mkdir(parents=True, exist_ok=True)
-        with _locked(root):
-            if not (root / MANIFEST_NAME).exists():
-                write_atomically(root / MANIFEST_NAME, encode_manifest([]))
+        with writable(root):
+            (root / "rollouts").mkdir(parents=True, exist_ok=True)
+        ManifestFile.create(root)
         return Dataset(root)
 
     @staticmethod
@@ -72,7 +70,7 @@ class Dataset:
         """Open the data set at `root`.
 
         Raises:
-            DatasetError: `root` is no data set, or its manifest cannot be used.
+            DatasetError: `root` is no data set, or of another version.
         """
         return Dataset(root)
 
@@ -80,42 +78,82 @@ class Dataset:
         """All episodes, sorted by hash; what others added meanwhile is included.
 
         Raises:
-            DatasetError: the manifest cannot be used any more.
+            DatasetError: the manifest is damaged.
         """
-        return tuple(self._refresh().values())
+        return tuple(self._manifest.entries().values())
 
     def entry(self, sha256: str) -> EpisodeEntry:
-        """The episode with this hash.
+        """The episode with this hash, found without reading the whole manifest.
 
         Raises:
-            DatasetError: there is none.
+            DatasetError: there is none, or the manifest is damaged.
         """
-        entry = self._entries.get(sha256) or self._refresh().get(sha256)
-        if entry is None:
-            raise DatasetError(
-                f"{self.root} has no episode {sha256[:64]!r} among its "
-                f"{len(self._entries)}; add the data set it was recorded in"
-            )
-        return entry
+        return self._manifest.entry(sha256)
 
-    def add_episodes(self, episodes: Iterable[Episode]) -> list[EpisodeEntry]:
+    def add_episodes(
+        self, episodes: Iterable[Episode], *, compression: Compression = ""
+    ) -> list[EpisodeEntry]:
         """Add episodes, one entry each in their order; one already there is left alone.
 
         The manifest is replaced once, after all files are on the disk: killed before
         that, the files lie there unlisted, and adding them again finds them.
 
         Raises:
-            DatasetError: the manifest cannot be used.
-            OSError: the disk is full or not writable.
+            DatasetError: the manifest is damaged, or the disk is full or not writable.
         """
-        added = [self._store(episode) for episode in episodes]
-        with _locked(self.root):
-            known = self._refresh()
-            merged = known | {entry.sha256: entry for entry in added}
-            if len(merged) > len(known):
-                manifest = encode_manifest(merged.values())
-                write_atomically(self.root / MANIFEST_NAME, manifest)
+        added: list[EpisodeEntry] = []
+        # Waiting for the disk takes longer than encoding, and can be done together.
+        with ThreadPoolExecutor(_WRITERS) as pool:
+            writes: deque[Future[None]] = deque()
+            for episode in episodes:
+                content = encode_episode(episode, compression=compression)
+                added.append(_entry_of(content, episode))
+                writes.append(pool.submit(self._store, added[-1], content))
+                if len(writes) > 2 * _WRITERS:
+                    writes.popleft().result()
+            for write in writes:
+                write.result()
+        self._list(added)
         return added
+
+    def add_from(self, source: Dataset, hashes: Iterable[str]) -> list[EpisodeEntry]:
+        """Copy episode files as they are, so that answers about them stay valid.
+
+        Raises:
+            DatasetError, CorruptEpisode: as for `add_episodes` and `read`.
+        """
+        added: list[EpisodeEntry] = []
+        for sha256 in hashes:
+            entry = source.entry(sha256)
+            self._store(entry, source.content(entry))
+            added.append(entry)
+        self._list(added)
+        return added
+
+    def adopt(self, paths: Iterable[Path]) -> list[EpisodeEntry]:
+        """List files that lie in their place already, as after a crash.
+
+        Raises:
+            EpisodeError: one cannot be read.
+            DatasetError: as for `add_episodes`.
+        """
+        added: list[EpisodeEntry] = []
+        for path in paths:
+            content = path.read_bytes()
+            added.append(_entry_of(content, decode_episode(content, str(path))))
+        self._list(added)
+        return added
+
+    def unlist(self, hashes: Iterable[str]) -> None:
+        """Take episodes out of the manifest; their files stay.
+
+        Raises:
+            DatasetError: as for `add_episodes`.
+        """
+        gone = frozenset(hashes)
+        self._manifest.change(
+            lambda known: {k: e for k, e in known.items() if k not in gone}
+        )
 
     def read(self, sha256: str) -> Episode:
         """Read a whole episode.
@@ -125,7 +163,8 @@ class Dataset:
             CorruptEpisode: the file is missing, or not what the manifest promises.
             EpisodeError: the file cannot be read by this version.
         """
-        return decode_episode(*self._content(self.entry(sha256)))
+        entry = self.entry(sha256)
+        return decode_episode(self.content(entry), str(self.root / entry.path))
 
     def features(self, sha256: str) -> np.ndarray:
         """The feature rows [T, F] of an episode, float32, read-only and cached.
@@ -133,33 +172,68 @@ class Dataset:
         Raises:
             DatasetError, EpisodeError: as for `read`.
         """
-        with self._mutex:
-            if sha256 in self._features:
-                self._features.move_to_end(sha256)
-                return self._features[sha256]
-        features = decode_features(*self._content(self.entry(sha256)))
-        with self._mutex:
-            if sha256 not in self._features:
-                self._features[sha256] = features
-                self._features_bytes += features.nbytes
-            while self._features_bytes > FEATURE_CACHE_BYTES:
-                _, oldest = self._features.popitem(last=False)
-                self._features_bytes -= oldest.nbytes
+        cached = self._features.get(sha256)
+        if cached is not None:
+            return cached
+        entry = self.entry(sha256)
+        content = self.content(entry)
+        features = decode_features(content, str(self.root / entry.path))
+        self._features.put(sha256, features)
         return features
 
     def clip_features(self, clip: Clip) -> np.ndarray:
         """The feature rows [clip.steps, F] of a clip.
 
+        The first clip of an episode is read alone, the second brings the whole file.
+
         Raises:
             DatasetError: the clip reaches beyond its episode; else as for `read`.
         """
-        features = self.features(clip.rollout)
-        if clip.stop > len(features):
+        entry = self.entry(clip.rollout)
+        if clip.stop > entry.num_steps:
             raise DatasetError(
                 f"clip {clip.key} ends at step {clip.stop}, its episode has "
-                f"{len(features)}; the answers belong to another data set"
+                f"{entry.num_steps}; the answers belong to another data set"
             )
-        return features[clip.rows]
+        if entry.tail_sha256 and clip.rollout not in self._touched:
+            self._touched.add(clip.rollout)
+            with self._file_expected(entry) as path:
+                return read_feature_window(path, entry, clip)
+        return self.features(clip.rollout)[clip.rows]
+
+    def each_clip_features(
+        self, clips: Sequence[Clip]
+    ) -> Iterator[tuple[int, np.ndarray]]:
+        """The position in `clips` and the feature rows of each, episode by episode.
+
+        Every file is read once, however many clips it holds and however few episodes
+        fit into memory.
+
+        Raises:
+            DatasetError, EpisodeError: as for `clip_features`.
+        """
+        self._touched.update(clip.rollout for clip in clips)
+        for position in sorted(range(len(clips)), key=lambda i: clips[i].rollout):
+            yield position, self.clip_features(clips[position])
+
+    def content(self, entry: EpisodeEntry) -> bytes:
+        """The bytes of an episode file, compared with the manifest on first use.
+
+        Raises:
+            DatasetError: the file is a link.
+            CorruptEpisode: it is missing, or not what the manifest promises.
+        """
+        with self._file_expected(entry) as path:
+            content = path.read_bytes()
+        if entry.sha256 not in self._verified:
+            found = sha256_bytes(content)
+            if found != entry.sha256:
+                raise CorruptEpisode(
+                    f"{path} has sha256 {found}, the manifest promises {entry.sha256}; "
+                    "restore it from a copy of the data set"
+                )
+            self._verified.add(entry.sha256)
+        return content
 
     def answers(self) -> AnswerStore:
         """Open the data set's pairs and answers; close it after use.
@@ -169,45 +243,24 @@ class Dataset:
         """
         return AnswerStore.open(self.root / ANSWERS_NAME)
 
-    def _refresh(self) -> dict[str, EpisodeEntry]:
-        """The manifest's entries by hash, read again if the file was replaced."""
-        path = self.root / MANIFEST_NAME
-        with self._mutex:
-            try:
-                with path.open("rb") as file:
-                    stat = os.fstat(file.fileno())
-                    stamp = (stat.st_ino, stat.st_size, stat.st_mtime_ns)
-                    if stamp != self._manifest_stamp:
-                        self._entries = decode_manifest(file.read(), str(path))
-                        self._manifest_stamp = stamp
-            except (FileNotFoundError, NotADirectoryError):
-                raise DatasetError(
-                    f"{self.root} is no data set, it has no {MANIFEST_NAME}; make one "
-                    f"with `gaitpref record --policy POLICY --dataset {self.root}`"
-                ) from None
-            return self._entries
+    def answers_copy(self) -> AnswerStore:
+        """A copy of them in memory, as they are now; for those who only read.
 
-    def _store(self, episode: Episode) -> EpisodeEntry:
-        """Put the episode's file in its place; the manifest does not know it yet."""
-        content = encode_episode(episode)
-        sha256 = sha256_bytes(content)
-        path = self.root / rollout_path(sha256)
-        # A file of another length was damaged after it was renamed into place.
-        if not path.is_file() or path.stat().st_size != len(content):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_atomically(path, content)
-            fsync_directory(path.parent.parent)
-        return EpisodeEntry(
-            sha256=sha256,
-            path=rollout_path(sha256),
-            bytes=len(content),
-            num_steps=episode.num_steps,
-            end_reason=episode.end_reason,
-            meta=episode.meta,
-        )
+        Raises:
+            AnswerError: the data base cannot be used.
+        """
+        return AnswerStore.snapshot(self.root / ANSWERS_NAME)
 
-    def _content(self, entry: EpisodeEntry) -> tuple[bytes, str]:
-        """The bytes of an episode file, checked on first use, and its name."""
+    def _list(self, added: Iterable[EpisodeEntry]) -> None:
+        new = {entry.sha256: entry for entry in added}
+        self._manifest.change(lambda known: known | new)
+
+    def path_of(self, entry: EpisodeEntry) -> Path:
+        """Where the episode's file lies.
+
+        Raises:
+            DatasetError: it is, or lies behind, a link.
+        """
         path = self.root
         for part in Path(entry.path).parts:
             path = path / part
@@ -216,27 +269,40 @@ class Dataset:
                     f"{path} is a link, which could lead out of the data set; "
                     "replace it by the file itself"
                 )
+        return path
+
+    def _store(self, entry: EpisodeEntry, content: bytes) -> None:
+        """Put the episode's file in its place; the manifest does not know it yet."""
+        path = self.root / entry.path
+        # A file of another length was damaged after it was renamed into place.
+        if not path.is_file() or path.stat().st_size != len(content):
+            with writable(self.root):
+                if not path.parent.is_dir():
+                    path.parent.mkdir(parents=True, exist_ok=True)
+                    fsync_directory(path.parent.parent)
+                write_atomically(path, content)
+
+    @contextmanager
+    def _file_expected(self, entry: EpisodeEntry) -> Iterator[Path]:
+        path = self.path_of(entry)
         try:
-            content = path.read_bytes()
+            yield path
         except FileNotFoundError:
             raise CorruptEpisode(
                 f"{path} is missing, the manifest promises {entry.bytes} bytes; "
                 "restore it from a copy of the data set"
             ) from None
-        if entry.sha256 not in self._verified:
-            found = sha256_bytes(content)
-            if found != entry.sha256:
-                raise CorruptEpisode(
-                    f"{path} has sha256 {found}, the manifest promises {entry.sha256}; "
-                    "restore it from a copy of the data set"
-                )
-            self._verified.add(entry.sha256)
-        return content, str(path)
 
 
-@contextmanager
-def _locked(root: Path) -> Iterator[None]:
-    """Hold the data set's lock against other processes and threads."""
-    with (root / LOCK_NAME).open("ab") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield
+def _entry_of(content: bytes, episode: Episode) -> EpisodeEntry:
+    sha256 = sha256_bytes(content)
+    tail = content[tail_start(content, len(content), sha256) :]
+    return EpisodeEntry(
+        sha256=sha256,
+        path=rollout_path(sha256),
+        bytes=len(content),
+        num_steps=episode.num_steps,
+        end_reason=episode.end_reason,
+        meta=episode.meta,
+        tail_sha256=sha256_bytes(tail),
+    )

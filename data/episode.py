@@ -8,12 +8,11 @@ Shapes: T steps of the episode, F columns of the feature row.
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import cast, get_args
 
 import numpy as np
 from mcap.opcode import Opcode
@@ -21,7 +20,6 @@ from mcap.records import (
     Attachment,
     AttachmentIndex,
     Channel,
-    Chunk,
     ChunkIndex,
     McapRecord,
     Metadata,
@@ -30,13 +28,14 @@ from mcap.records import (
 )
 
 from data import schema
+from data.episode_chunks import Compression
 from data.episode_records import END_REASONS as END_REASONS
 from data.episode_records import EndReason as EndReason
 from data.episode_records import Episode as Episode
 from data.episode_records import EpisodeMeta as EpisodeMeta
 from data.errors import CorruptEpisode, EpisodeError, UnsupportedSchema
 from data.features import features_sha256
-from data.mcap_records import checked_summary, messages, only, record_at
+from data.mcap_records import checked_summary, chunk_messages, only, record_at
 
 
 def read_episode(path: Path) -> Episode:
@@ -66,21 +65,21 @@ def decode_episode(content: bytes, name: str) -> Episode:
     Raises:
         EpisodeError: as for `read_episode`.
     """
-    with _corrupt_if_unreadable(name):
+    with corrupt_if_unreadable(name):
         parts = _open(content, name)
-        steps, final = parts.steps["body"], parts.final["body"]
         end_reason = parts.metadata["end_reason"]
         for flag in ("terminated", "truncated"):
-            expected = np.zeros(len(steps), dtype=np.uint8)
+            flags = parts.rows(flag)
+            expected = np.zeros(len(flags), dtype=np.uint8)
             expected[-1] = flag == end_reason
-            if not np.array_equal(steps[flag], expected):
+            if not np.array_equal(flags, expected):
                 raise ValueError(f"{flag} flags contradict end_reason {end_reason!r}")
         states = {
-            field: np.concatenate([steps[field], final[field]])
+            field: parts.rows(field, with_final=True)
             for field in ("qpos", "qvel", "obs")
         }
         rows = {
-            field: np.array(steps[field])
+            field: parts.rows(field)
             for field in ("action", "ctrl", "features", "reward")
         }
         return Episode(
@@ -98,14 +97,14 @@ def decode_features(content: bytes, name: str) -> np.ndarray:
     Raises:
         EpisodeError: as for `read_episode`.
     """
-    with _corrupt_if_unreadable(name):
-        features = np.array(_open(content, name).steps["body"]["features"])
+    with corrupt_if_unreadable(name):
+        features = _open(content, name).rows("features")
         features.setflags(write=False)
         return features
 
 
 @contextmanager
-def _corrupt_if_unreadable(name: str) -> Iterator[None]:
+def corrupt_if_unreadable(name: str) -> Iterator[None]:
     """Whatever parsing foreign bytes raises is one thing to a caller."""
     try:
         yield
@@ -122,43 +121,69 @@ def _corrupt_if_unreadable(name: str) -> Iterator[None]:
 class _Parts:
     """What both readers need of a file; views into its bytes."""
 
-    steps: np.ndarray
-    """[T] of `schema.STEP_RECORD`."""
+    steps: list[np.ndarray]
+    """[T] of `schema.STEP_RECORD` in all, chunk by chunk."""
     final: np.ndarray
     """[1] of `schema.FINAL_RECORD`."""
     metadata: dict[str, str]
     summary: list[McapRecord]
 
+    def rows(self, field: str, *, with_final: bool = False) -> np.ndarray:
+        """A field of all steps, [T, ...] or with the final state [T + 1, ...]."""
+        arrays = [chunk["body"][field] for chunk in self.steps]
+        return np.concatenate(
+            [*arrays, self.final["body"][field]] if with_final else arrays
+        )
+
 
 def _open(content: bytes, name: str) -> _Parts:
     """Check the file and find its messages."""
     summary = checked_summary(content, name)
-    channels = _supported_channels(summary, name)
+    step_channel, final_channel = supported_channels(summary, name)
     metadata = _supported_metadata(content, summary, name)
-    chunk_index = only(summary, ChunkIndex)
-    if chunk_index.compression:
-        raise UnsupportedSchema(
-            f"{name} is compressed with {chunk_index.compression[:20]!r}, episodes are "
-            "stored uncompressed; use the file that `gaitpref record` wrote"
-        )
-    start = chunk_index.chunk_start_offset
-    chunk = Chunk.read(record_at(content, start, Opcode.CHUNK))
-    if zlib.crc32(chunk.data) != chunk.uncompressed_crc:
-        raise ValueError("the checksum of the messages is wrong")
-
-    index = chunk_index.message_index_offsets
-    steps = messages(content, chunk.data, index, channels[0], schema.STEP_RECORD)
-    final = messages(content, chunk.data, index, channels[1], schema.FINAL_RECORD)
-    if len(final) != 1:
-        raise ValueError(f"{len(final)} final states, an episode has 1")
-    if metadata["n_steps"] != str(len(steps)):
-        raise ValueError(f"{len(steps)} steps, promised {metadata['n_steps'][:20]}")
-    if not np.array_equal(steps["body"]["step"], np.arange(len(steps))):
+    records = {step_channel: schema.STEP_RECORD, final_channel: schema.FINAL_RECORD}
+    steps: list[np.ndarray] = []
+    finals: list[np.ndarray] = []
+    for index in chunk_indexes(summary, name):
+        start = index.chunk_start_offset
+        stop = start + index.chunk_length + index.message_index_length
+        found = chunk_messages(content[start:stop], index, records)
+        steps.append(found[step_channel])
+        if final_channel in found:
+            finals.append(found[final_channel])
+    num_steps = sum(len(chunk) for chunk in steps)
+    num_finals = sum(len(chunk) for chunk in finals)
+    if num_finals != 1:
+        raise ValueError(f"{num_finals} final states, an episode has 1")
+    if metadata["n_steps"] != str(num_steps):
+        raise ValueError(f"{num_steps} steps, promised {metadata['n_steps'][:20]}")
+    parts = _Parts(steps, finals[0], metadata, summary)
+    if not np.array_equal(parts.rows("step"), np.arange(num_steps)):
         raise ValueError("the steps are not numbered 0, 1, 2, ...")
-    return _Parts(steps, final, metadata, summary)
+    return parts
 
 
-def _supported_channels(summary: list[McapRecord], name: str) -> tuple[int, int]:
+def chunk_indexes(summary: list[McapRecord], name: str) -> list[ChunkIndex]:
+    """The chunks of an episode in the order of time.
+
+    Raises:
+        UnsupportedSchema: they are compressed in a way this version does not read.
+        ValueError: there are none.
+    """
+    found = [record for record in summary if isinstance(record, ChunkIndex)]
+    if not found:
+        raise ValueError("no chunk of messages")
+    for index in found:
+        if index.compression not in get_args(Compression):
+            raise UnsupportedSchema(
+                f"{name} is compressed with {index.compression[:20]!r}, episodes are "
+                "stored uncompressed or with zstd; use the file that `gaitpref record` "
+                "wrote"
+            )
+    return sorted(found, key=lambda index: index.chunk_start_offset)
+
+
+def supported_channels(summary: list[McapRecord], name: str) -> tuple[int, int]:
     """Numbers of the step and the final channel, if their schemas are known."""
     schemas = {s.id: s for s in summary if isinstance(s, Schema)}
     by_topic = {c.topic: c for c in summary if isinstance(c, Channel)}
@@ -188,15 +213,18 @@ def _supported_metadata(
 ) -> dict[str, str]:
     offset = only(summary, MetadataIndex).offset
     metadata = Metadata.read(record_at(content, offset, Opcode.METADATA)).metadata
+    readable = tuple(str(version) for version in schema.READABLE_VERSIONS)
     for key, expected in (
-        ("format_version", str(schema.FORMAT_VERSION)),
-        ("schema_sha256", schema.schema_sha256()),
-        ("features_sha256", features_sha256()),
+        ("format_version", readable),
+        ("schema_sha256", (schema.schema_sha256(),)),
+        ("features_sha256", (features_sha256(),)),
     ):
-        if metadata[key] != expected:
+        if metadata[key] not in expected:
+            found = " ".join(metadata[key][:64].split())
             raise UnsupportedSchema(
-                f"{name} has {key} {metadata[key][:64]}, this version reads "
-                f"{expected}; read it with the version of gaitpref that wrote it"
+                f"{name} has {key} {found}, this version reads "
+                f"{' and '.join(expected)}; read it with the version of gaitpref that "
+                "wrote it"
             )
     return metadata
 

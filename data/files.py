@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import os
 import secrets
@@ -47,6 +48,8 @@ def write_atomically(path: Path, content: bytes, *, mode: int = 0o666) -> None:
     try:
         # The builtin, because `Path.open` cannot be told the permissions.
         with open(temporary, "xb", opener=lambda *a: os.open(*a, mode=mode)) as file:
+            # Tells a recovery that the file still has a writer.
+            fcntl.flock(file, fcntl.LOCK_SH)
             file.write(content)
             file.flush()
             os.fsync(file.fileno())

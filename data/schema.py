@@ -15,8 +15,9 @@ import numpy as np
 
 from data.features import FEATURE_DIM, FEATURES, JOINTS, LEGS
 
-FORMAT_VERSION = 1
-"""Version of the file layout around the messages."""
+FORMAT_VERSION = 2
+"""Version of the file layout around the messages; 1 had all of them in one chunk."""
+READABLE_VERSIONS = (1, 2)
 STEP_SCHEMA = "gaitpref/msg/StepV1"
 FINAL_SCHEMA = "gaitpref/msg/FinalV1"
 STEP_TOPIC = "/robot/step"

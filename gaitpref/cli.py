@@ -43,6 +43,10 @@ def main(args: Sequence[str] | None = None) -> int:
 def run(command: options.Command) -> int:
     """Hand the command to its function."""
     options.check(command)
+    if isinstance(command, options.Data):
+        from . import data_commands
+
+        return data_commands.run(command.action)
     # Imported here: the packages a command needs are heavy, and a labeler has no torch.
     module, extra = _home_of(command)
     try:

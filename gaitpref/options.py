@@ -13,6 +13,8 @@ import tyro
 
 from data.errors import GaitprefError
 
+from .data_options import Data as Data
+
 
 @dataclass(frozen=True, kw_only=True)
 class Loop:
@@ -235,4 +237,5 @@ Command = (
     | Annotated[Raters, tyro.conf.subcommand("raters")]
     | Annotated[Label, tyro.conf.subcommand("label")]
     | Annotated[Play, tyro.conf.subcommand("play")]
+    | Annotated[Data, tyro.conf.subcommand("data")]
 )

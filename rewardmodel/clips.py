@@ -9,7 +9,7 @@ Shapes: B clips, T steps of the longest, F features, M ensemble members.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,7 +44,8 @@ class ClipBatch:
                 f"valid must be {list(self.features.shape[:2])}, "
                 f"got {list(self.valid.shape)}"
             )
-        if not torch.isfinite(self.features).all():
+        # One pass without a mask as large as the features; NaN is passed on by both.
+        if not all(torch.isfinite(v) for v in self.features.aminmax()):
             raise ValueError("a clip holds feature rows that are not finite")
 
     def __len__(self) -> int:
@@ -83,12 +84,30 @@ def pad_clips(rows: Sequence[np.ndarray]) -> ClipBatch:
     Raises:
         ValueError: there is no clip, or one is empty or not finite.
     """
-    if not rows or min(len(clip) for clip in rows) == 0:
+    return fill_clips([len(clip) for clip in rows], enumerate(rows))
+
+
+def fill_clips(
+    steps: Sequence[int], rows: Iterable[tuple[int, np.ndarray]]
+) -> ClipBatch:
+    """Clips that come one by one in any order, padded to the longest.
+
+    Args:
+        steps: Number of steps of each clip.
+        rows: Position of a clip in `steps` and its feature rows [steps, F].
+
+    Raises:
+        ValueError: there is no clip, or one is empty or not finite.
+    """
+    if not steps or min(steps) == 0:
         raise ValueError("a batch needs at least one clip, and each clip a step")
-    tensors = [torch.from_numpy(np.array(clip, dtype=np.float32)) for clip in rows]
-    lengths = torch.tensor([len(clip) for clip in rows])
-    features = torch.nn.utils.rnn.pad_sequence(tensors, batch_first=True)
-    return ClipBatch(features, torch.arange(features.shape[1]) < lengths[:, None])
+    # Filled in place: the rows of many clips would not fit into memory twice.
+    features = np.zeros((len(steps), max(steps), FEATURE_DIM), dtype=np.float32)
+    for position, clip in rows:
+        features[position, : steps[position]] = clip
+    lengths = torch.tensor(steps)
+    valid = torch.arange(features.shape[1]) < lengths[:, None]
+    return ClipBatch(torch.from_numpy(features), valid)
 
 
 def mean_over(values: Tensor, counted: Tensor) -> Tensor:

@@ -6,16 +6,19 @@ Shapes: B pairs, T steps, F features. Left is clip `a` of a pair, right is clip 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from data.answers import Answer, Pair
+from data.clips import Clip
 from data.dataset import Dataset
 
-from .clips import ClipBatch, pad_clips
+from .clips import ClipBatch, fill_clips
 from .errors import RewardError
 
 MIN_ANSWERS = 8
@@ -90,7 +93,7 @@ def load_pairs(
     owner = _owners(datasets)
     pairs = [pair for pair, _ in used]
     sides = [pair.a for pair in pairs] + [pair.b for pair in pairs]
-    clips = pad_clips([owner(clip.rollout).clip_features(clip) for clip in sides])
+    clips = fill_clips([clip.steps for clip in sides], _rows(sides, owner))
     entries = [owner(pair.a.rollout).entry(pair.a.rollout) for pair in pairs]
     return AnsweredPairs(
         left=clips.part(slice(len(pairs))),
@@ -109,7 +112,7 @@ def _current_answers(datasets: Sequence[Dataset]) -> list[tuple[Pair, Answer]]:
     """Every current answer once, sorted by what it says."""
     answers: dict[str, tuple[Pair, Answer]] = {}
     for dataset in datasets:
-        with dataset.answers() as store:
+        with dataset.answers_copy() as store:
             for pair, answer in store.current_answers():
                 answers[answer.answer_id] = (pair, answer)
     # A copy of a data set may not know that its answer was corrected elsewhere.
@@ -121,8 +124,23 @@ def _current_answers(datasets: Sequence[Dataset]) -> list[tuple[Pair, Answer]]:
 def _owners(datasets: Sequence[Dataset]) -> Callable[[str], Dataset]:
     """Finds the data set of an episode; the first one if none has it, so that it says
     what is missing."""
+    if len(datasets) == 1:
+        return lambda sha256: datasets[0]
     owners = {e.sha256: dataset for dataset in datasets for e in dataset.entries()}
     return lambda sha256: owners.get(sha256, datasets[0])
+
+
+def _rows(
+    clips: Sequence[Clip], owner: Callable[[str], Dataset]
+) -> Iterator[tuple[int, np.ndarray]]:
+    """Position and feature rows of every clip, so that each episode is read once."""
+    by_owner: dict[Dataset, list[int]] = defaultdict(list)
+    for position, clip in enumerate(clips):
+        by_owner[owner(clip.rollout)].append(position)
+    for dataset, positions in by_owner.items():
+        own = [clips[position] for position in positions]
+        for index, rows in dataset.each_clip_features(own):
+            yield positions[index], rows
 
 
 def _line(pair: Pair, answer: Answer) -> str:

@@ -392,9 +392,9 @@ def test_a_newer_version_is_refused_and_left_alone(store: AnswerStore) -> None:
     """The message says what to install."""
     store.close()
     with closing(sqlite3.connect(store.path)) as connection:
-        connection.execute("PRAGMA user_version = 3")
+        connection.execute("PRAGMA user_version = 4")
     before = store.path.read_bytes()
-    with pytest.raises(AnswerError, match="version 3, this gaitpref reads up to 2"):
+    with pytest.raises(AnswerError, match="version 4, this gaitpref reads up to 3"):
         AnswerStore.open(store.path)
     assert store.path.read_bytes() == before
 

@@ -1,7 +1,9 @@
 """Data sets: directories that two processes may fill and a stranger may damage."""
 
+import hashlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -13,9 +15,12 @@ import pytest
 from data.clips import Clip
 from data.dataset import Dataset
 from data.episode import Episode, EpisodeMeta
+from data.episode_chunks import Compression
 from data.errors import CorruptEpisode, DatasetError
 from data.features import FEATURE_DIM
 from data.files import replace_directory, sha256_file, write_atomically
+from data.manifest import encode_manifest
+from data.manifest_lookup import look_up
 
 META = EpisodeMeta(
     task="velocity",
@@ -146,6 +151,76 @@ def test_an_unknown_episode_is_named(dataset: Dataset) -> None:
         dataset.clip_features(Clip(entry.sha256, 1, 3))
 
 
+STORED = Path(__file__).parent / "stored"
+
+
+def test_a_data_set_of_version_1_is_read_and_added_to(tmp_path: Path) -> None:
+    """Its manifest is brought up to date by the first addition, its files stay."""
+    shutil.copytree(STORED / "dataset_v1", tmp_path / "old")
+    dataset = Dataset.open(tmp_path / "old")
+    old = dataset.entries()
+    assert [entry.num_steps for entry in old] == [5, 5]
+    for entry in old:
+        assert dataset.read(entry.sha256).num_steps == 5
+        rows = dataset.clip_features(Clip(entry.sha256, 1, 2))
+        assert (rows == entry.meta.env_index).all()
+    (new,) = dataset.add_episodes([make_episode(2)])
+    again = Dataset.open(dataset.root)
+    assert set(again.entries()) == {*old, new}
+    assert again.entry(old[0].sha256) == old[0]
+    assert again.clip_features(Clip(old[1].sha256, 0, 5)).shape == (5, FEATURE_DIM)
+
+
+@pytest.mark.parametrize("compression", ["", "zstd"])
+def test_windows_are_read_alone(dataset: Dataset, compression: Compression) -> None:
+    """Within a chunk and across chunks, the rows are those of the whole episode."""
+    episode = replace(
+        make_episode(0, 300),
+        features=np.arange(300 * FEATURE_DIM, dtype=np.float32).reshape(300, -1),
+    )
+    (entry,) = dataset.add_episodes([episode], compression=compression)
+    for start, steps in ((0, 1), (0, 128), (100, 100), (127, 2), (10, 290), (299, 1)):
+        clip = Clip(entry.sha256, start, steps)
+        for _ in range(2):
+            rows = dataset.clip_features(clip)
+            np.testing.assert_array_equal(rows, episode.features[clip.rows])
+        dataset = Dataset.open(dataset.root)
+
+
+def test_many_clips_come_episode_by_episode(dataset: Dataset) -> None:
+    """Each with its place in the list asked for."""
+    first, second = (e.sha256 for e in dataset.add_episodes(map(make_episode, (1, 2))))
+    clips = [Clip(sha, start, 1) for start in (0, 1) for sha in (first, second)]
+    found = list(dataset.each_clip_features(clips))
+    assert sorted(position for position, _ in found) == [0, 1, 2, 3]
+    hashes = [clips[position].rollout for position, _ in found]
+    assert hashes in ([first] * 2 + [second] * 2, [second] * 2 + [first] * 2)
+    for position, rows in found:
+        assert (rows == (1 if clips[position].rollout == first else 2)).all()
+
+
+def test_a_large_manifest_is_searched(dataset: Dataset) -> None:
+    """Every entry is found by bisection, however long its line, and no other."""
+    (entry,) = dataset.add_episodes([make_episode(0)])
+    entries = {
+        sha: replace(
+            entry,
+            sha256=sha,
+            path=f"rollouts/{sha[:2]}/{sha}.mcap",
+            meta=replace(META, extra={"note": "x" * (number**3 % 20_000)}),
+        )
+        for number, sha in enumerate(
+            hashlib.sha256(bytes([n])).hexdigest() for n in range(200)
+        )
+    }
+    path = dataset.root / "manifest.json"
+    path.write_bytes(encode_manifest(entries.values()))
+    for sha, expected in entries.items():
+        assert look_up(path, sha) == expected
+    for absent in ("0" * 64, "f" * 64, entry.sha256):
+        assert look_up(path, absent) is None
+
+
 def test_a_replaced_file_is_noticed(dataset: Dataset) -> None:
     """Even when it is a sound episode, only another one than promised."""
     first, second = dataset.add_episodes([make_episode(0), make_episode(1)])
@@ -155,6 +230,8 @@ def test_a_replaced_file_is_noticed(dataset: Dataset) -> None:
             CorruptEpisode, match=f"the manifest promises {first.sha256}"
         ):
             read(first.sha256)
+    with pytest.raises(CorruptEpisode, match="is not the file the manifest promises"):
+        dataset.clip_features(Clip(first.sha256, 0, 1))
     (dataset.root / first.path).unlink()
     with pytest.raises(CorruptEpisode, match="is missing"):
         dataset.read(first.sha256)
@@ -194,7 +271,7 @@ def test_links_are_refused(dataset: Dataset, tmp_path: Path, depth: int) -> None
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda m: m.update(format_version=2), "has format_version 2, this version"),
+        (lambda m: m.update(format_version=3), "has format_version 3, this version"),
         (
             lambda m: m.update(features_sha256="e"),
             "has features_sha256 e, this version",
@@ -216,14 +293,16 @@ def test_unusable_manifests_are_refused(
     change(content)
     manifest.write_text(json.dumps(content))
     with pytest.raises(DatasetError, match=message):
-        Dataset.open(dataset.root)
+        Dataset.open(dataset.root).entries()
 
 
 def test_the_feature_cache_stays_small(
     dataset: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With room for two episodes, the third pushes out the one not used for longest."""
-    monkeypatch.setattr("data.dataset.FEATURE_CACHE_BYTES", 2 * 3 * FEATURE_DIM * 4)
+    monkeypatch.setattr(
+        "data.feature_cache.FEATURE_CACHE_BYTES", 2 * 3 * FEATURE_DIM * 4
+    )
     first, second, third = (
         entry.sha256 for entry in dataset.add_episodes(map(make_episode, range(3)))
     )

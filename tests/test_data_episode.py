@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.writer import CompressionType, Writer
 
-from data import schema
+from data import episode_writer, schema
 from data.episode import (
     END_REASONS,
     EndReason,
@@ -27,6 +27,7 @@ from data.episode import (
     read_episode,
     read_features,
 )
+from data.episode_chunks import Compression
 from data.episode_writer import encode_episode, write_episode
 from data.errors import (
     CorruptEpisode,
@@ -35,6 +36,7 @@ from data.errors import (
     UnsupportedSchema,
 )
 from data.features import FEATURE_DIM, column
+from data.mcap_records import chunk_content
 
 META = EpisodeMeta(
     task="velocity",
@@ -90,7 +92,8 @@ def assert_same(left: Episode, right: Episode) -> None:
 
 @settings(max_examples=30, deadline=None)
 @given(
-    num_steps=st.integers(1, 40),
+    num_steps=st.sampled_from([1, 2, 40, 127, 128, 129, 256, 300]),
+    compression=st.sampled_from(["", "zstd"]),
     seed=st.integers(0, 2**32 - 1),
     end_reason=st.sampled_from(END_REASONS),
     mjcf=st.text(st.characters(exclude_categories=["Cs"]), max_size=50),
@@ -100,6 +103,7 @@ def assert_same(left: Episode, right: Episode) -> None:
 )
 def test_reading_gives_bit_for_bit_what_was_written(
     num_steps: int,
+    compression: Compression,
     seed: int,
     end_reason: EndReason,
     mjcf: str,
@@ -110,9 +114,37 @@ def test_reading_gives_bit_for_bit_what_was_written(
     """Any length, NaN and infinities included; and twice the same bytes."""
     meta = replace(META, extra=extra, control_dt_s=control_dt_s, command=command)
     episode = make_episode(num_steps, seed, end_reason=end_reason, mjcf=mjcf, meta=meta)
-    content = encode_episode(episode)
-    assert_same(decode_episode(content, "x"), episode)
-    assert encode_episode(decode_episode(content, "x")) == content
+    content = encode_episode(episode, compression=compression)
+    again = decode_episode(content, "x")
+    assert_same(again, episode)
+    assert encode_episode(again, compression=compression) == content
+
+
+def test_an_episode_without_steps_is_refused() -> None:
+    """There is nothing to judge in it; the message names the array."""
+    with pytest.raises(ValueError, match="action has no rows"):
+        make_episode(0)
+
+
+def test_a_chunk_that_unpacks_to_too_much_is_refused() -> None:
+    """A count in the file does not decide how much memory is taken."""
+    content = bytearray(encode_episode(make_episode(2), compression="zstd"))
+    start = content.index(b"zstd") - 4 - 4 - 8
+    struct.pack_into("<Q", content, start, 2**40)
+    with pytest.raises(ValueError, match="claims to unpack to 1099511627776 bytes"):
+        chunk_content(bytes(content[start - 25 :]))
+
+
+@pytest.mark.parametrize("compression", ["", "zstd"])
+def test_the_official_reader_reads_many_chunks(compression: Compression) -> None:
+    """All steps in order, whatever chunk they lie in."""
+    episode = make_episode(300)
+    content = encode_episode(episode, compression=compression)
+    reader = make_reader(io.BytesIO(content), validate_crcs=True)
+    messages = [m for _, _, m in reader.iter_messages(topics=[schema.STEP_TOPIC])]
+    assert [message.sequence for message in messages] == list(range(300))
+    rows = [np.frombuffer(m.data, "<f4", 90, 4 + 296 + 72 * 4) for m in messages]
+    np.testing.assert_array_equal(np.stack(rows), episode.features)
 
 
 def test_a_written_file_gives_episode_and_features(tmp_path: Path) -> None:
@@ -223,6 +255,7 @@ FLIPPABLE = encode_episode(make_episode(2))
 
 
 @settings(max_examples=300, deadline=None)
+@example(position=0.03125, patch=b"\n")
 @given(
     position=st.floats(0, 1, exclude_max=True), patch=st.binary(min_size=1, max_size=9)
 )
@@ -255,8 +288,10 @@ def test_forged_files_never_raise_anything_else(position: float, patch: bytes) -
 def test_another_schema_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """A file of a later version says what it holds and what this version reads."""
     monkeypatch.setattr(schema, "STEP_SCHEMA", "gaitpref/msg/StepV2")
+    episode_writer._fixed_records.cache_clear()
     content = encode_episode(make_episode(1))
     monkeypatch.undo()
+    episode_writer._fixed_records.cache_clear()
     expected = "holds 'gaitpref/msg/StepV2' on /robot/step, this version reads"
     with pytest.raises(UnsupportedSchema, match=expected):
         decode_episode(content, "f.mcap")

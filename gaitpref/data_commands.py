@@ -1,0 +1,256 @@
+"""What `gaitpref data` does; needs no torch and no simulator."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from data.archive import CARD_NAME, pack, unpack
+from data.card import CardFacts, card
+from data.dataset import Dataset
+from data.errors import DatasetError
+from data.files import write_atomically
+from data.labels import labels, to_csv, to_jsonl
+from data.manifest_file import writable
+from data.overview import Overview, overview
+from data.recovery import RecoveredFile, recover, recover_file
+from data.transfer import Transferred, split, transfer
+from data.verify import Verified, verify
+
+from . import data_options as options
+
+EXIT_DAMAGED = 1
+console = Console(stderr=True, highlight=False)
+
+
+def run(action: options.Action) -> int:
+    """Run one `gaitpref data` command; gives the exit code."""
+    match action:
+        case options.Info():
+            _info(action)
+        case options.Verify():
+            return _verify(action)
+        case options.Recover():
+            return _recover(action)
+        case options.Merge() | options.Split() | options.Subset():
+            _transfer(action)
+        case options.Pack():
+            size = pack(Dataset.open(action.dataset), action.out)
+            _say(action.json, {"archive": str(action.out), "bytes": size})
+        case options.Unpack():
+            made = unpack(action.archive, action.dataset)
+            counted = {"dataset": str(made.root), "episodes": len(made.entries())}
+            _say(action.json, counted)
+        case options.Card():
+            _card(action)
+        case options.Labels():
+            _labels(action)
+    return 0
+
+
+def _info(action: options.Info) -> None:
+    seen = overview(Dataset.open(action.dataset))
+    if action.json:
+        print(json.dumps(asdict(seen)))
+        return
+    out = Console(highlight=False)
+    out.print(_totals(seen))
+    for title, counts in (("robot", seen.robots), ("task", seen.tasks)):
+        out.print(_counts(title, counts))
+    policies = {name[:12]: count for name, count in seen.policies.items()}
+    out.print(_counts("policy", policies))
+    out.print(_counts("command (forward, left m/s, yaw rad/s)", seen.commands))
+    answers = Table("rater", "round", "answers", "preferences")
+    for count in seen.answers:
+        answers.add_row(*map(str, asdict(count).values()))
+    out.print(answers)
+
+
+def _totals(seen: Overview) -> Table:
+    table = Table(show_header=False)
+    for name in ("episodes", "steps", "bytes", "falls", "aborted", "pairs"):
+        table.add_row(name, f"{getattr(seen, name):,}")
+    table.add_row("hours of robot time", f"{seen.hours:.2f}")
+    table.add_row("answers", f"{sum(count.answers for count in seen.answers):,}")
+    return table
+
+
+def _counts(title: str, counts: Mapping[str, int]) -> Table:
+    table = Table(title, "episodes")
+    for name, count in counts.items():
+        table.add_row(name, f"{count:,}")
+    return table
+
+
+def _verify(action: options.Verify) -> int:
+    found = verify(action.dataset)
+    if action.json:
+        print(json.dumps(asdict(found)))
+    else:
+        _print_verified(found)
+    return EXIT_DAMAGED if found.damages else 0
+
+
+def _print_verified(found: Verified) -> None:
+    for damage in found.damages:
+        touched = ""
+        if damage.episode:
+            touched += f"; episode {damage.episode}"
+        if damage.answers:
+            touched += f"; answers {', '.join(damage.answers)}"
+        print(f"{damage.kind}: {damage.what}: {damage.message}{touched}")
+    for name in found.left_over:
+        print(f"left over: {name}: no manifest knows it, `gaitpref data recover` does")
+    print(
+        f"{found.episodes:,} episodes, {found.bytes:,} bytes and {found.answers:,} "
+        f"answers looked at, {len(found.damages)} damaged"
+    )
+
+
+def _recover(action: options.Recover) -> int:
+    if action.file:
+        dataset = Dataset.create(action.dataset)
+        files: list[RecoveredFile] = []
+        for path in action.file:
+            if not path.is_file():
+                raise DatasetError(f"{path} is no file; give a cut or damaged episode")
+            files.append(recover_file(dataset, path))
+    else:
+        files = recover(action.dataset)
+    kept = sum(file.kept_steps for file in files)
+    lost = sum(file.lost_steps or 0 for file in files)
+    if action.json:
+        report = {"files": [asdict(f) for f in files], "kept": kept, "lost": lost}
+        print(json.dumps(report))
+    else:
+        for file in files:
+            gone = "an unknown number" if file.lost_steps is None else file.lost_steps
+            why = f" ({file.problem})" if file.problem else ""
+            print(f"{file.file}: kept {file.kept_steps} steps, lost {gone}{why}")
+        print(f"{len(files)} files, kept {kept:,} steps, lost {lost:,}")
+    return EXIT_DAMAGED if any(file.problem for file in files) else 0
+
+
+def _transfer(action: options.Merge | options.Split | options.Subset) -> None:
+    report: dict[str, Transferred]
+    match action:
+        case options.Merge():
+            sources = {str(path): Dataset.open(path) for path in action.source}
+            target = Dataset.create(action.dataset)
+            report = {name: transfer(s, target) for name, s in sources.items()}
+        case options.Split():
+            source, shares = Dataset.open(action.dataset), _shares(action.part)
+            report = split(source, shares, action.out, seed=action.seed)
+        case options.Subset():
+            report = {str(action.out): _subset(action)}
+    if action.json:
+        print(json.dumps({name: asdict(part) for name, part in report.items()}))
+        return
+    for name, part in report.items():
+        renamed = "".join(f"; {old} is now {new}" for old, new in part.renamed.items())
+        print(
+            f"{name}: {part.episodes:,} episodes, {part.pairs:,} pairs and "
+            f"{part.answers:,} answers were new, {part.left_out:,} answers stayed "
+            f"behind{renamed}"
+        )
+
+
+def _shares(parts: tuple[str, ...]) -> dict[str, float]:
+    shares: dict[str, float] = {}
+    for part in parts:
+        name, _, share = part.partition("=")
+        try:
+            shares[name] = float(share)
+        except ValueError:
+            raise DatasetError(f"--part takes NAME=SHARE, got {part!r}") from None
+        if not name or Path(name).name != name or name.startswith("."):
+            raise DatasetError(f"--part {part!r}: the name must be a plain word")
+    return shares
+
+
+def _subset(action: options.Subset) -> Transferred:
+    source = Dataset.open(action.dataset)
+    entries = [
+        entry
+        for entry in source.entries()
+        if entry.meta.policy_sha256.startswith(action.policy or "")
+        and action.round in (None, entry.meta.round)
+        and action.robot in (None, entry.meta.robot)
+        and action.end in (None, entry.end_reason)
+    ]
+    hashes = {entry.sha256 for entry in entries}
+    if action.rater is not None:
+        with source.answers_copy() as store:
+            rows = store.all_answers()
+        pairs = [pair for pair, answer in rows if answer.rater_id == action.rater]
+        hashes &= {clip.rollout for pair in pairs for clip in (pair.a, pair.b)}
+    if not hashes:
+        raise DatasetError(
+            f"no episode of {source.root} fits these filters; `gaitpref data info "
+            f"--dataset {source.root}` lists what there is"
+        )
+    return transfer(
+        source,
+        Dataset.create(action.out),
+        episodes=hashes,
+        wanted=lambda pair, answer: action.rater in (None, answer.rater_id),
+        keep_open_pairs=action.rater is None,
+    )
+
+
+def _card(action: options.Card) -> None:
+    facts = CardFacts(
+        title=action.title,
+        author=action.author,
+        licence_rollouts=action.licence_rollouts,
+        licence_answers=action.licence_answers,
+        licence_robot=action.licence_robot,
+        consent=action.consent,
+    )
+    path = action.out or action.dataset / CARD_NAME
+    text = card(overview(Dataset.open(action.dataset)), facts)
+    _write(path, text.encode())
+    if facts.open_fields:
+        names = ", ".join(name.replace("_", " ") for name in facts.open_fields)
+        console.print(f"fill in before you publish: {names}")
+
+
+def _labels(action: options.Labels) -> None:
+    rows = labels(Dataset.open(action.dataset))
+    if action.format == "parquet":
+        if action.out is None:
+            raise DatasetError("parquet is no text; give --out FILE.parquet")
+        from .parquet import write_labels
+
+        with writable(action.out.parent):
+            write_labels(action.out, rows)
+        console.print(f"{len(rows):,} answers are in {action.out}")
+        return
+    text = to_csv(rows) if action.format == "csv" else to_jsonl(rows)
+    if action.out is None:
+        sys.stdout.write(text)
+    else:
+        _write(action.out, text.encode())
+        console.print(f"{len(rows):,} answers are in {action.out}")
+
+
+def _write(path: Path, content: bytes) -> None:
+    with writable(path.parent):
+        if not path.parent.is_dir():
+            raise DatasetError(f"{path.parent} is no directory; make it first")
+        write_atomically(path, content)
+    console.print(f"{path} is written")
+
+
+def _say(as_json: bool, facts: dict[str, Any]) -> None:
+    if as_json:
+        print(json.dumps(facts))
+    else:
+        print(", ".join(f"{name} {value}" for name, value in facts.items()))

@@ -1,0 +1,153 @@
+"""What `gaitpref data` can do and its options; a field's docstring is its `--help`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from data.card import OPEN
+
+
+@dataclass(frozen=True, kw_only=True)
+class _OnDataset:
+    dataset: Path
+    """Data set directory."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Reporting(_OnDataset):
+    json: bool = False
+    """Print one JSON object and nothing else."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Info(_Reporting):
+    """Count episodes, steps, falls, policies, commands and answers."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verify(_Reporting):
+    """Compare every byte with what was written; exits 1 if something is damaged."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recover(_Reporting):
+    """Save every whole chunk of files that were cut short or damaged.
+
+    What is replaced moves to damaged/ in the data set; nothing is deleted.
+    """
+
+    file: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction] = ()
+    """A single episode file to save into the data set, which is made if it is missing;
+    give it again for more. Without it, the data set itself is put in order."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Merge(_Reporting):
+    """Take in other data sets: equal episodes once, answers apart by rater."""
+
+    source: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction]
+    """Data set to take in; give it again for more. It stays as it is."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Split(_Reporting):
+    """Make one data set per part, by episode; pairs across two parts are left out."""
+
+    out: Path
+    """Directory the parts are made in."""
+    part: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = (
+        "train=0.8",
+        "test=0.2",
+    )
+    """NAME=SHARE of a part; give it again for each. The shares make 1."""
+    seed: int = 0
+    """Which episodes go where."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Subset(_Reporting):
+    """Copy the episodes that fit every filter, with the answers about them."""
+
+    out: Path
+    """Data set to copy to; made if it is not there."""
+    policy: str | None = None
+    """Beginning of the policy's hash."""
+    round: int | None = None
+    """Round of the loop that recorded the episode."""
+    robot: str | None = None
+    """Name of the robot."""
+    end: Literal["terminated", "truncated", "aborted"] | None = None
+    """How the episode ended; terminated is a fall."""
+    rater: str | None = None
+    """Only episodes this rater answered about, and only the rater's answers."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pack(_Reporting):
+    """Write the whole data set to one archive."""
+
+    out: Path
+    """Archive to write, usually NAME.zip."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unpack(_Reporting):
+    """Make a data set out of an archive, every file compared with the manifest."""
+
+    archive: Path
+    """What `gaitpref data pack` wrote."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Card(_OnDataset):
+    """Write a data card in Markdown; says what the publisher still has to fill in."""
+
+    out: Path | None = None
+    """File to write; README.md of the data set by default."""
+    title: str = OPEN
+    """Name of the data set."""
+    author: str = OPEN
+    """Who publishes it, and how to reach them."""
+    licence_rollouts: str = OPEN
+    """Licence of the episodes; CC-BY-4.0 and CC0-1.0 are usual."""
+    licence_answers: str = OPEN
+    """Licence of the answers, to which the raters must have agreed."""
+    licence_robot: str = OPEN
+    """Licence of the robot model that every episode carries."""
+    consent: str = OPEN
+    """What the raters were told and agreed to."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Labels(_OnDataset):
+    """Print every answer in the published form, corrected ones too."""
+
+    format: Literal["jsonl", "csv", "parquet"] = "jsonl"
+    """parquet needs --out and the extra `parquet`."""
+    out: Path | None = None
+    """File to write; the terminal by default."""
+
+
+Action = (
+    Annotated[Info, tyro.conf.subcommand("info")]
+    | Annotated[Verify, tyro.conf.subcommand("verify")]
+    | Annotated[Recover, tyro.conf.subcommand("recover")]
+    | Annotated[Merge, tyro.conf.subcommand("merge")]
+    | Annotated[Split, tyro.conf.subcommand("split")]
+    | Annotated[Subset, tyro.conf.subcommand("subset")]
+    | Annotated[Pack, tyro.conf.subcommand("pack")]
+    | Annotated[Unpack, tyro.conf.subcommand("unpack")]
+    | Annotated[Card, tyro.conf.subcommand("card")]
+    | Annotated[Labels, tyro.conf.subcommand("labels")]
+)
+
+
+@dataclass(frozen=True)
+class Data:
+    """Look after data sets: check, save, merge, split, pack, publish."""
+
+    action: tyro.conf.OmitSubcommandPrefixes[Action]
