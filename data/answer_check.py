@@ -54,9 +54,15 @@ def damaged_rows(path: Path) -> list[DamagedRow]:
     Raises:
         AnswerError, sqlite3.Error: it cannot be opened.
     """
+    try:
+        return _damaged_rows(path)
+    except UnicodeDecodeError:
+        # SQLite names what is wrong in the words of the file, and those are damaged.
+        return [DamagedRow("the data base is damaged: a text in it is no UTF-8")]
+
+
+def _damaged_rows(path: Path) -> list[DamagedRow]:
     with closing(open_unchanged(path)) as connection:
-        # A flipped bit may have made a text of the file no UTF-8.
-        connection.text_factory = lambda text: text.decode(errors="replace")
         found = [
             DamagedRow(f"the data base is damaged: {row[0]}")
             for row in connection.execute("PRAGMA integrity_check")
