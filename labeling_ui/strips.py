@@ -37,7 +37,7 @@ opacity:.6;font-size:10px}
 .gp .over{position:absolute;right:0;top:0;height:0}
 .gp .head{position:absolute;top:0;width:2px;margin-left:-1px;border-radius:1px;
 background:currentColor;opacity:.85;pointer-events:none}
-.gp .speed{position:absolute;left:4px;top:108px;font-size:11px;opacity:.7}
+.gp .speed{position:absolute;left:4px;top:108px;font-size:10px;opacity:.7}
 </style>"""
 FOOTFALLS_PX, CURVES_PX = 108, 66
 """Heights of the drawings, which their playheads span."""

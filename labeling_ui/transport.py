@@ -58,6 +58,9 @@ class Transport:
         if self._curves.visible:
             self._curve_heads.content = curve_playheads(clock)
         self._aligned = clock.replays
+        if not clock.playing:
+            # Nothing is drawn any more, so nothing else would let the slider follow.
+            self._slider.value = round(clock.time_s, 2)
 
     def toggle_curves(self) -> None:
         """Show the curves, or hide them; call `fill` afterwards."""
