@@ -167,7 +167,7 @@ class Label:
     dataset: Path
     """Data set directory with pairs."""
     host: str = "127.0.0.1"
-    """Address to listen on; any other than loopback needs tokens of `gaitpref raters`."""
+    """Address to listen on; any but loopback needs tokens of `gaitpref raters`."""
     port: int = 8080
     """TCP port; a busy one is an error, 0 takes a free one."""
     guidelines: Path | None = None
