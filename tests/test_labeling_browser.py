@@ -17,6 +17,8 @@ from data.dataset import Dataset
 from labeling_ui.server import LabelCfg, LabelServer
 from labeling_ui.tokens import TokenStore
 
+pytestmark = pytest.mark.browser
+
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
@@ -115,8 +117,8 @@ def visit(browser: "Browser", site: Site) -> Iterator[Visit]:
 
 def dismiss_guidelines(page: "Page") -> None:
     """Close the dialog every new rater sees first."""
-    page.get_by_role("dialog").wait_for()
-    page.keyboard.press("Escape")
+    page.bring_to_front()
+    page.get_by_role("button", name="Got it [escape]").click()
     page.get_by_role("dialog").wait_for(state="detached")
 
 
@@ -156,7 +158,7 @@ def test_an_hour_in_short(site: Site, visit: Visit) -> None:
     note.fill("B drags 1 foot 5 times")
     page.wait_for_timeout(300)
     assert len(site.answers()) == 1  # Digits in a note are text.
-    page.locator("canvas[data-engine]").click(position={"x": 60, "y": 60})
+    page.locator("canvas[data-engine]").click(position={"x": 480, "y": 120})
     page.keyboard.press("4")
     counted(page, 2)
     assert site.answers()[0].note == "B drags 1 foot 5 times"
@@ -194,11 +196,12 @@ def test_two_raters_are_asked_different_things(site: Site, visit: Visit) -> None
     ann, bob = visit("ann"), visit("bob")
     dismiss_guidelines(ann)
     dismiss_guidelines(bob)
-    ann.wait_for_timeout(500)
-    ann.keyboard.press("1")
-    counted(ann, 1)
-    bob.keyboard.press("5")
-    counted(bob, 1)
+    for page, key in ((ann, "1"), (bob, "5")):
+        # Only the tab in front gets keys.
+        page.bring_to_front()
+        page.wait_for_timeout(700)
+        page.keyboard.press(key)
+        counted(page, 1)
     (first,), (second,) = site.answers("ann"), site.answers("bob")
     assert first.pair_id != second.pair_id
 
