@@ -56,7 +56,8 @@ class Options:
 
 def measure(actor: Actor, policy: Policy) -> Evaluation:
     """`actor` on the robot and grid of `policy`, under the task."""
-    cfg, robot = task_reward_for(policy.robot()), policy.robot()
+    robot = policy.robot()
+    cfg = task_reward_for(robot, policy.info.env.task)
     dt_s = policy.info.env.control_dt_s
 
     def score(features: torch.Tensor) -> torch.Tensor:

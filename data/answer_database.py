@@ -13,7 +13,7 @@ from urllib.parse import quote
 from data.answer_rows import row_crc32
 from data.errors import AnswerError
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 APPLICATION_ID = 0x50524546
 """"PREF" in ASCII."""
 _OLDEST_SQLITE = (3, 37, 0)

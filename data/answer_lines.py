@@ -14,7 +14,7 @@ from data.errors import AnswerError
 
 def to_lines(store: AnswerStore) -> Iterator[str]:
     """Every rater, then every pair, then every answer, in the order they came."""
-    for rater_id, kind, info in store.raters():
+    for rater_id, kind, info in store.rater_rows():
         record = {"record": "rater", "rater_id": rater_id, "kind": kind, "info": info}
         yield to_json("rater", record)
     for pair in store.pairs():

@@ -16,10 +16,17 @@ QUESTION = "better_overall"
 Choice = Literal["a", "b", "equal", "skip", "bad"]
 """`skip`: can't tell. `bad`: a clip is unusable. Neither of them is a preference."""
 Side = Literal["a", "b"]
+Role = Literal["first", "repeat", "undo"]
+"""`repeat`: the rater was asked again, to see whether the answer holds. `undo`: takes
+back the answer it supersedes, and is none itself."""
 RaterKind = Literal["human", "scripted", "model"]
 
-_CHOICES, _SIDES = get_args(Choice), get_args(Side)
 _PREFERENCES = {"a": 1.0, "b": 0.0, "equal": 0.5}
+_ALLOWED = {
+    "choice": get_args(Choice),
+    "shown_left": get_args(Side),
+    "role": get_args(Role),
+}
 
 
 @dataclass(frozen=True)
@@ -47,7 +54,19 @@ class Pair:
             )
         if self.round < 0:
             raise ValueError(f"round must not be negative, got {self.round}")
+        if self.gold not in (None, *_PREFERENCES):
+            known = ", ".join(_PREFERENCES)
+            raise ValueError(f"info['gold'] is one of {known}, got {self.gold!r}")
         to_json("info", self.info)
+
+    @property
+    def gold(self) -> Choice | None:
+        """The known answer, from `info["gold"]`; None if it is an ordinary pair.
+
+        Pairs with a known answer measure raters: they are asked now and then, and the
+        queue is empty without them.
+        """
+        return self.info.get("gold")
 
     @staticmethod
     def make(
@@ -94,6 +113,7 @@ class Answer:
     """Why a clip is bad."""
     supersedes: str | None = None
     """The answer this one corrects."""
+    role: Role = "first"
     client: dict[str, Any] = field(default_factory=dict, hash=False)
     """Anything JSON about how it was shown."""
     created_utc: str
@@ -103,7 +123,7 @@ class Answer:
         for name in ("answer_id", "pair_id", "rater_id"):
             if not getattr(self, name):
                 raise ValueError(f"{name} must not be empty")
-        for name, allowed in (("choice", _CHOICES), ("shown_left", _SIDES)):
+        for name, allowed in _ALLOWED.items():
             if getattr(self, name) not in allowed:
                 known = ", ".join(allowed)
                 raise ValueError(f"{name} is one of {known}: {getattr(self, name)!r}")
@@ -122,6 +142,8 @@ class Answer:
             raise ValueError(f"choice {self.choice!r} contradicts p_a {self.p_a}")
         if self.supersedes == self.answer_id:
             raise ValueError(f"answer {self.answer_id} cannot correct itself")
+        if self.role == "undo" and (self.supersedes is None or self.choice != "skip"):
+            raise ValueError("an undo supersedes an answer and has the choice 'skip'")
         utc_text(self.created_utc)
         to_json("client", self.client)
 

@@ -18,7 +18,7 @@ PAIR_COLUMNS = (
 ANSWER_COLUMNS = (
     "answer_id, pair_id, rater_id, choice, p_a, shown_left, shown_ms, watched_ms, "
     "response_ms, confidence, note, reason, supersedes, client_json, created_utc, "
-    "crc32"
+    "role, crc32"
 )
 SELECT_CURRENT = (
     f"SELECT {', '.join('p.' + name for name in PAIR_COLUMNS.split(', '))}, "

@@ -21,13 +21,15 @@ from data.answer_records import Answer as Answer
 from data.answer_records import Choice as Choice
 from data.answer_records import Pair as Pair
 from data.answer_records import RaterKind as RaterKind
-from data.answer_records import utc_text
+from data.answer_records import Role as Role
+from data.answer_records import Side as Side
 from data.answer_rows import (
     ANSWER_COLUMNS,
     PAIR_COLUMNS,
     RATER_COLUMNS,
     SELECT_ALL,
     SELECT_CURRENT,
+    checked,
     decode_answer,
     decode_pair,
     decode_pair_and_answer,
@@ -104,22 +106,25 @@ class AnswerStore:
             f"INSERT INTO rater ({RATER_COLUMNS}) VALUES (?, ?, ?, ?) "
             "ON CONFLICT (rater_id) DO NOTHING"
         )
-        with self._transaction():
-            self._rows(query, row)
+        with self.transaction():
+            self.query(query, row)
             query = "SELECT kind FROM rater WHERE rater_id = ?"
-            found = self._rows(query, (rater_id,))[0][0]
+            found = self.query(query, (rater_id,))[0][0]
             if found != kind:
                 raise AnswerError(
                     f"rater {rater_id!r} in {self.path} is {found}, not {kind}; "
                     "choose another rater id"
                 )
 
-    def raters(self) -> list[tuple[str, RaterKind, dict[str, Any]]]:
-        """Id, kind and info of every rater, by id."""
-        rows = self._rows(
-            "SELECT rater_id, kind, info_json FROM rater ORDER BY rater_id"
-        )
-        return [(rater, kind, json.loads(info)) for rater, kind, info in rows]
+    def raters(self) -> dict[str, RaterKind]:
+        """Everybody who is known, in the order they came."""
+        return dict(self.query("SELECT rater_id, kind FROM rater ORDER BY rowid"))
+
+    def rater_rows(self) -> list[tuple[str, RaterKind, dict[str, Any]]]:
+        """Id, kind and info of everybody, in the order they came."""
+        rows = self.query(f"SELECT {RATER_COLUMNS} FROM rater ORDER BY rowid")
+        values = map(checked, rows)
+        return [(rater, kind, json.loads(info)) for rater, kind, info in values]
 
     def add_pairs(self, pairs: Iterable[Pair]) -> int:
         """Add all pairs or none; those known already stay as they are.
@@ -129,7 +134,7 @@ class AnswerStore:
         """
         rows = [encode_pair(pair) for pair in pairs]
         marks = ", ".join("?" * len(PAIR_COLUMNS.split(", ")))
-        with self._transaction() as connection:
+        with self.transaction() as connection:
             before = connection.total_changes
             connection.executemany(
                 f"INSERT INTO pair ({PAIR_COLUMNS}) VALUES ({marks}) "
@@ -140,7 +145,7 @@ class AnswerStore:
 
     def pairs(self, round: int | None = None) -> list[Pair]:
         """All pairs, or those of one round, in the order they were added."""
-        rows = self._rows(
+        rows = self.query(
             f"SELECT {PAIR_COLUMNS} FROM pair "
             "WHERE :round IS NULL OR round = :round ORDER BY position",
             {"round": round},
@@ -154,7 +159,7 @@ class AnswerStore:
             AnswerError: there is none.
         """
         query = f"SELECT {PAIR_COLUMNS} FROM pair WHERE pair_id = ?"
-        rows = self._rows(query, (pair_id,))
+        rows = self.query(query, (pair_id,))
         if not rows:
             raise AnswerError(f"{self.path} has no pair {pair_id!r}; add it first")
         return decode_pair(rows[0])
@@ -162,11 +167,14 @@ class AnswerStore:
     def unanswered(
         self, rater_id: str | None = None, round: int | None = None
     ) -> list[Pair]:
-        """Pairs without an answer by this rater, or by anyone, in insertion order."""
-        rows = self._rows(
+        """Pairs without an answer by this rater, or by anyone, in insertion order.
+
+        An answer that was taken back is none.
+        """
+        rows = self.query(
             f"SELECT {PAIR_COLUMNS} FROM pair AS p "
             "WHERE (:round IS NULL OR round = :round) AND NOT EXISTS ("
-            "SELECT 1 FROM answer AS s WHERE s.pair_id = p.pair_id "
+            "SELECT 1 FROM answer_current AS s WHERE s.pair_id = p.pair_id "
             "AND (:rater IS NULL OR s.rater_id = :rater)) ORDER BY position",
             {"rater": rater_id, "round": round},
         )
@@ -183,7 +191,7 @@ class AnswerStore:
                 known, or what it corrects is not a current answer of the same rater
                 to the same pair.
         """
-        with self._transaction():
+        with self.transaction():
             known = self.find_answer(answer.answer_id)
             if known is not None:
                 if known == answer:
@@ -196,7 +204,7 @@ class AnswerStore:
             self._require_known("rater", "rater_id", answer.rater_id)
             self._require_correctable(answer)
             marks = ", ".join("?" * len(ANSWER_COLUMNS.split(", ")))
-            self._rows(
+            self.query(
                 f"INSERT INTO answer ({ANSWER_COLUMNS}) VALUES ({marks})",
                 encode_answer(answer),
             )
@@ -205,7 +213,7 @@ class AnswerStore:
     def find_answer(self, answer_id: str) -> Answer | None:
         """The answer with this id, corrected or not."""
         query = f"SELECT {ANSWER_COLUMNS} FROM answer WHERE answer_id = ?"
-        rows = self._rows(query, (answer_id,))
+        rows = self.query(query, (answer_id,))
         return decode_answer(rows[0]) if rows else None
 
     def current_answers(self, round: int | None = None) -> list[tuple[Pair, Answer]]:
@@ -214,7 +222,7 @@ class AnswerStore:
         Args:
             round: Only pairs of this round.
         """
-        rows = self._rows(
+        rows = self.query(
             f"{SELECT_CURRENT} WHERE :round IS NULL OR p.round = :round "
             "ORDER BY p.position, c.position",
             {"round": round},
@@ -223,12 +231,17 @@ class AnswerStore:
 
     def all_answers(self) -> list[tuple[Pair, Answer]]:
         """Every answer as it came, those corrected later included."""
-        rows = self._rows(f"{SELECT_ALL} ORDER BY c.position")
+        rows = self.query(f"{SELECT_ALL} ORDER BY c.position")
         return [decode_pair_and_answer(row) for row in rows]
+
+    def current_answer(self, answer_id: str) -> tuple[Pair, Answer] | None:
+        """The answer with this id; None if there is none, or it was corrected."""
+        rows = self.query(f"{SELECT_CURRENT} WHERE c.answer_id = ?", (answer_id,))
+        return decode_pair_and_answer(rows[0]) if rows else None
 
     def history(self, rater_id: str, limit: int = 20) -> list[tuple[Pair, Answer]]:
         """The last current answers of a rater, newest first."""
-        rows = self._rows(
+        rows = self.query(
             f"{SELECT_CURRENT} WHERE c.rater_id = ? ORDER BY c.position DESC LIMIT ?",
             (rater_id, limit),
         )
@@ -242,7 +255,7 @@ class AnswerStore:
         choice: Choice | None = None,
     ) -> int:
         """How many current answers there are."""
-        rows = self._rows(
+        rows = self.query(
             "SELECT count(*) FROM answer_current JOIN pair USING (pair_id) "
             "WHERE (:rater IS NULL OR rater_id = :rater) "
             "AND (:round IS NULL OR round = :round) "
@@ -251,56 +264,8 @@ class AnswerStore:
         )
         return int(rows[0][0])
 
-    def lease(self, pair_id: str, rater_id: str, expires_utc: str) -> None:
-        """Note that a rater is looking at a pair until `expires_utc`.
-
-        Raises:
-            AnswerError: the pair or the rater is not known.
-        """
-        row = (pair_id, rater_id, utc_text(expires_utc))
-        with self._transaction():
-            self._require_known("pair", "pair_id", pair_id)
-            self._require_known("rater", "rater_id", rater_id)
-            self._rows("INSERT OR REPLACE INTO lease VALUES (?, ?, ?)", row)
-
-    def release(self, pair_id: str, rater_id: str) -> None:
-        """Forget a lease, if there is one."""
-        query = "DELETE FROM lease WHERE pair_id = ? AND rater_id = ?"
-        with self._transaction():
-            self._rows(query, (pair_id, rater_id))
-
-    def leased(
-        self, now_utc: str, *, except_rater: str | None = None
-    ) -> frozenset[str]:
-        """Pairs somebody is looking at; those of `except_rater` do not count."""
-        rows = self._rows(
-            "SELECT DISTINCT pair_id FROM lease WHERE expires_utc > :now "
-            "AND (:rater IS NULL OR rater_id <> :rater)",
-            {"now": utc_text(now_utc), "rater": except_rater},
-        )
-        return frozenset(row[0] for row in rows)
-
-    def _require_known(self, table: str, column: str, value: str) -> None:
-        if not self._rows(f"SELECT 1 FROM {table} WHERE {column} = ?", (value,)):
-            raise AnswerError(f"{self.path} has no {table} {value!r}; add it first")
-
-    def _require_correctable(self, answer: Answer) -> None:
-        if answer.supersedes is None:
-            return
-        query = "SELECT pair_id, rater_id FROM answer_current WHERE answer_id = ?"
-        found = self._rows(query, (answer.supersedes,))
-        if not found:
-            raise AnswerError(
-                f"{self.path} has no current answer {answer.supersedes!r}: it was "
-                "never given, or corrected already; reload and correct the newest one"
-            )
-        if found[0] != (answer.pair_id, answer.rater_id):
-            raise AnswerError(
-                f"answer {answer.supersedes!r} is by another rater or about another "
-                "pair; correct only your own answer to the same pair"
-            )
-
-    def _rows(self, query: str, values: Any = ()) -> list[Any]:
+    def query(self, query: str, values: Any = ()) -> list[Any]:
+        """The rows of one statement; for the tables kept by other modules."""
         try:
             with self._lock:
                 return self._connection.execute(query, values).fetchall()
@@ -308,9 +273,16 @@ class AnswerStore:
             raise self._failure(error) from error
 
     @contextmanager
-    def _transaction(self) -> Iterator[sqlite3.Connection]:
-        """All of the block is on the disk when it ends, or nothing of it ever is."""
+    def transaction(self) -> Iterator[sqlite3.Connection]:
+        """All of the block is on the disk when it ends, or nothing of it ever is.
+
+        No other process or thread writes meanwhile. Inside another transaction it is a
+        part of that one.
+        """
         with self._lock:
+            if self._connection.in_transaction:
+                yield self._connection
+                return
             try:
                 # Taking the write lock at once cannot fail half-way through.
                 self._connection.execute("BEGIN IMMEDIATE")
@@ -323,6 +295,26 @@ class AnswerStore:
                     raise
             except sqlite3.Error as error:
                 raise self._failure(error) from error
+
+    def _require_known(self, table: str, column: str, value: str) -> None:
+        if not self.query(f"SELECT 1 FROM {table} WHERE {column} = ?", (value,)):
+            raise AnswerError(f"{self.path} has no {table} {value!r}; add it first")
+
+    def _require_correctable(self, answer: Answer) -> None:
+        if answer.supersedes is None:
+            return
+        query = "SELECT pair_id, rater_id FROM answer_current WHERE answer_id = ?"
+        found = self.query(query, (answer.supersedes,))
+        if not found:
+            raise AnswerError(
+                f"{self.path} has no current answer {answer.supersedes!r}: it was "
+                "never given, or corrected already; reload and correct the newest one"
+            )
+        if found[0] != (answer.pair_id, answer.rater_id):
+            raise AnswerError(
+                f"answer {answer.supersedes!r} is by another rater or about another "
+                "pair; correct only your own answer to the same pair"
+            )
 
     def _failure(self, error: sqlite3.Error) -> AnswerError:
         return AnswerError(

@@ -34,8 +34,11 @@ def fsync_directory(path: Path) -> None:
         os.close(descriptor)
 
 
-def write_atomically(path: Path, content: bytes) -> None:
+def write_atomically(path: Path, content: bytes, *, mode: int = 0o666) -> None:
     """Write a file so that a reader, or a crash, sees all of it or what was before.
+
+    Args:
+        mode: Permissions of the file, less those the process never gives.
 
     Raises:
         OSError: the directory is missing, or the disk is full.
@@ -43,7 +46,8 @@ def write_atomically(path: Path, content: bytes) -> None:
     # In the same directory, because a rename is only atomic within a file system.
     temporary = path.with_name(f".{path.name[:64]}.{secrets.token_hex(8)}.tmp")
     try:
-        with temporary.open("xb") as file:
+        # The builtin, because `Path.open` cannot be told the permissions.
+        with open(temporary, "xb", opener=lambda *a: os.open(*a, mode=mode)) as file:
             # Tells a recovery that the file still has a writer.
             fcntl.flock(file, fcntl.LOCK_SH)
             file.write(content)

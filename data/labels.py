@@ -21,6 +21,7 @@ LABEL_TYPES: dict[str, type] = {
     "pair_id": str,
     "rater": str,
     "rater_kind": str,
+    "role": str,
     "choice": str,
     "p_a": float,
     "target": float,
@@ -53,7 +54,7 @@ def labels(dataset: Dataset) -> list[dict[str, Any]]:
         AnswerError: the answers cannot be used.
     """
     with dataset.answers_copy() as store:
-        kinds = {rater_id: kind for rater_id, kind, _ in store.raters()}
+        kinds = {rater_id: kind for rater_id, kind, _ in store.rater_rows()}
         answered = store.all_answers()
     later = {a.supersedes: a.answer_id for _, a in answered if a.supersedes}
     rows: list[dict[str, Any]] = []

@@ -55,7 +55,7 @@ def transfer(
     hashes = {e.sha256 for e in source.entries()} if episodes is None else set(episodes)
     before = {entry.sha256 for entry in target.entries()}
     with source.answers_copy() as store:
-        raters, pairs, answered = store.raters(), store.pairs(), store.all_answers()
+        raters, pairs, answered = store.rater_rows(), store.pairs(), store.all_answers()
     here = {p.pair_id for p in pairs if {p.a.rollout, p.b.rollout} <= hashes}
     chosen = [(p, a) for p, a in answered if p.pair_id in here and wanted(p, a)]
     chosen = _with_corrected(chosen, answered)
@@ -154,7 +154,7 @@ def _names(
         for _, answer in answered
         if answer.answer_id in rater_of
     }
-    taken = {rater_id: kind for rater_id, kind, _ in store.raters()}
+    taken = store.raters()
     for rater_id, kind, _ in raters:
         name = rater_id
         number = 2

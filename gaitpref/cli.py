@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 from collections.abc import Sequence
 
@@ -47,14 +48,28 @@ def run(command: options.Command) -> int:
 
         return data_commands.run(command.action)
     # Imported here: the packages a command needs are heavy, and a labeler has no torch.
+    module, extra = _home_of(command)
     try:
-        from . import commands
+        commands = importlib.import_module(f".{module}", __package__)
     except ModuleNotFoundError as error:
         raise GaitprefError(
             f"this command needs the package {error.name}, which is not installed: "
-            f"pip install -e '.[train]' -c constraints.txt"
+            f"pip install -e '.[{extra}]' -c constraints.txt"
         ) from None
     return commands.run(command)
+
+
+def _home_of(command: options.Command) -> tuple[str, str]:
+    """The module of a command, and the extra that installs what it imports."""
+    match command:
+        case options.Raters():
+            return "raters_command", "label"
+        case options.Label():
+            return "label_command", "label"
+        case options.Play():
+            return "play_command", "train,label"
+        case _:
+            return "commands", "train"
 
 
 if __name__ == "__main__":

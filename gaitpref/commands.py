@@ -17,7 +17,7 @@ from policy.evaluate import evaluate
 from policy.ppo import PpoCfg
 from policy.record import RecordCfg, record
 from policy.reward import KnownTermsCfg, task_reward_for
-from policy.robot import load_robot, load_robot_xml
+from policy.robot import load_robot_xml
 from policy.train import POLICY_NAME, RESUME_NAME, TrainCfg, train
 from rewardmodel.cfg import FitCfg
 from rewardmodel.errors import RewardError
@@ -33,6 +33,7 @@ from .questions import ClipCfg, ask
 from .rater import answer_pairs
 from .report import write_report
 from .rewards import criterion_context, load_score, total_reward
+from .setting import setting_of
 from .stages import fit_summary
 
 EXIT_INTERRUPTED = 130
@@ -71,8 +72,8 @@ def _train(command: options.Train) -> int:
             f"{command.out} holds a training run: --resume goes on with it, or give "
             f"another --out"
         )
-    env = EnvCfg()
-    robot = load_robot(command.robot, physics_dt_s=env.physics_dt_s)
+    setting = setting_of(command.init, command.robot)
+    robot, env = setting.robot, setting.env
     reward_fn = None
     if command.reward != "task":
         score = load_score(command.reward, criterion_context(robot, env))
@@ -82,7 +83,7 @@ def _train(command: options.Train) -> int:
     cfg = TrainCfg(
         steps=command.steps,
         env=env,
-        ppo=PpoCfg(num_envs=command.envs),
+        ppo=PpoCfg(num_envs=command.envs, hidden_sizes=setting.hidden_sizes),
         seed=command.seed,
     )
     with training_bar("training", command.steps) as bar:
@@ -177,7 +178,7 @@ def _context_of(dataset: Dataset) -> CriterionContext:
         episode.mjcf, name=meta.robot, physics_dt_s=meta.physics_dt_s
     )
     return CriterionContext(
-        walking_height_m=task_reward_for(robot).height_m, control_dt_s=meta.control_dt_s
+        task=task_reward_for(robot, EnvCfg().task), control_dt_s=meta.control_dt_s
     )
 
 

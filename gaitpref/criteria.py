@@ -36,8 +36,16 @@ class CriterionError(GaitprefError):
 class CriterionContext:
     """What a built-in criterion needs to know of the robot and its environment."""
 
-    walking_height_m: float
+    task: TaskRewardCfg
+    """The hand-written reward, its height set for the robot."""
     control_dt_s: float
+
+    @property
+    def walking_height_m(self) -> float:
+        """Height of the base in an ordinary walk."""
+        if self.task.height_m is None:
+            raise ValueError("task.height_m must be set for the robot")
+        return self.task.height_m
 
 
 def smooth(features: Tensor) -> Tensor:
@@ -82,7 +90,7 @@ def load_criterion(name: str, context: CriterionContext) -> Criterion:
     built_in: dict[str, Criterion] = {
         "task": partial(
             task_score,
-            cfg=TaskRewardCfg(height_m=context.walking_height_m),
+            cfg=context.task,
             control_dt_s=context.control_dt_s,
         ),
         "smooth": smooth,

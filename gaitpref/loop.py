@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from data.dataset import Dataset
-from policy.robot import load_robot
 
 from .criteria import load_criterion
 from .options import Loop
 from .report import PAGE_NAME, write_report
 from .rewards import criterion_context
 from .run_config import LoopCfg, claim, resolve
+from .setting import Setting, setting_of
 from .stages import (
     Round,
     answers_stage,
@@ -30,15 +31,14 @@ def run_loop(options: Loop) -> Path:
         GaitprefError: an input cannot be used; nothing is written then.
     """
     cfg = resolve(options)
-    return run_configured(options.run, cfg)
+    setting = _setting(cfg)
+    ppo = replace(cfg.ppo, hidden_sizes=setting.hidden_sizes)
+    return run_configured(options.run, replace(cfg, env=setting.env, ppo=ppo))
 
 
 def run_configured(run: Path, cfg: LoopCfg) -> Path:
     """Run or go on with the loop of `cfg` in the directory `run`."""
-    robot = load_robot(
-        None if cfg.robot is None else Path(cfg.robot),
-        physics_dt_s=cfg.env.physics_dt_s,
-    )
+    robot = _setting(cfg).robot
     criterion = load_criterion(cfg.criterion, criterion_context(robot, cfg.env))
     claim(run, cfg)
     dataset = Dataset.create(run / "dataset")
@@ -54,3 +54,8 @@ def run_configured(run: Path, cfg: LoopCfg) -> Path:
         report_stage(cfg, round, criterion)
         write_report(run)
     return run / PAGE_NAME
+
+
+def _setting(cfg: LoopCfg) -> Setting:
+    base = None if cfg.base in ("task", "none") else Path(cfg.base)
+    return setting_of(base, None if cfg.robot is None else Path(cfg.robot))

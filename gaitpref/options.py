@@ -152,6 +152,56 @@ class Report:
     """Directory of the run."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Raters:
+    """Say who may log in to the labeling page, and how well they agree."""
+
+    action: tyro.conf.Positional[Literal["list", "add", "revoke", "stats"]] = "list"
+    """list shows who has a token; add makes one and shows it once; revoke makes it
+    worthless; stats shows speed, habits and agreement."""
+    name: tyro.conf.Positional[str | None] = None
+    """Rater to add or revoke: letters, digits, - and _. A pseudonym is best."""
+    dataset: Path
+    """Data set directory."""
+    json: bool = False
+    """Print one JSON object and nothing else."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Label:
+    """Serve the labeling page of a data set: people see two clips and say which is
+    better."""
+
+    dataset: Path
+    """Data set directory with pairs."""
+    host: str = "127.0.0.1"
+    """Address to listen on; beyond loopback it needs tokens of `gaitpref raters`."""
+    port: int = 8080
+    """TCP port; a busy one is an error, 0 takes a free one."""
+    guidelines: Path | None = None
+    """Markdown that tells people what to look for."""
+    cert: Path | None = None
+    """Certificate chain for TLS, PEM."""
+    key: Path | None = None
+    """Its private key, PEM."""
+    no_auth: bool = False
+    """Ask for no token; only on loopback."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Play:
+    """Drive a policy from the browser, push it, compare it with another."""
+
+    policy: Path
+    """Policy file."""
+    against: Path | None = None
+    """Policy file shown beside it, on the same commands."""
+    port: int = 8080
+    """TCP port on this machine; 0 takes a free one."""
+    robot: Path | None = None
+    """MJCF of the robot; the one the policy was trained on by default."""
+
+
 _MINIMUM = {
     "count": 1,
     "envs": 1,
@@ -185,4 +235,7 @@ Command = (
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Report, tyro.conf.subcommand("report")]
     | Annotated[Data, tyro.conf.subcommand("data")]
+    | Annotated[Raters, tyro.conf.subcommand("raters")]
+    | Annotated[Label, tyro.conf.subcommand("label")]
+    | Annotated[Play, tyro.conf.subcommand("play")]
 )

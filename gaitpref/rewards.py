@@ -30,7 +30,7 @@ from .criteria import Criterion, CriterionContext, load_criterion
 def criterion_context(robot: Robot, env: EnvCfg) -> CriterionContext:
     """The robot's figures for the built-in criteria."""
     return CriterionContext(
-        walking_height_m=task_reward_for(robot).height_m, control_dt_s=env.control_dt_s
+        task=task_reward_for(robot, env.task), control_dt_s=env.control_dt_s
     )
 
 
@@ -83,7 +83,7 @@ def total_reward(
     home = robot.home_joint_pos[:, None]
     # A joint without limits has an infinite range; 100 rad is as far.
     offsets = torch.tensor(robot.joint_range - home, dtype=torch.float32)
-    task = task_reward_for(robot) if keep_task else None
+    task = task_reward_for(robot, env.task) if keep_task else None
     return TotalReward(
         score=score,
         weight=weight,

@@ -131,15 +131,16 @@ def resolve(options: Loop) -> LoopCfg:
     }
     if scratch:
         return LoopCfg(
-            rounds=8 if options.rounds is None else options.rounds,
+            rounds=6 if options.rounds is None else options.rounds,
             labels=100 if options.labels is None else options.labels,
             base_steps=0,
             round_steps=250_000,
             last_round_steps=1_200_000 if quick else 2_500_000,
             learned_weight=1.0,
             exploration=ExplorationCfg(),
-            # Beside clips without noise, those with it teach that moving is bad.
-            record=RecordCfg(noisy_share=1.0),
+            # Beside clips without noise, those with it teach that moving is bad; and a
+            # robot that only shakes shows nobody what walking would be like.
+            record=RecordCfg(noisy_share=1.0, babble_share=0.4),
             **common,
         )
     rounds = 3 if quick else 5

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from .reward import TaskRewardCfg
+
 Range = tuple[float, float]
 
 
@@ -82,6 +84,8 @@ class EnvCfg:
     """How an episode starts."""
     fall: FallCfg = field(default_factory=FallCfg)
     """How it ends early."""
+    task: TaskRewardCfg = field(default_factory=TaskRewardCfg)
+    """The hand-written reward."""
 
     def __post_init__(self) -> None:
         if self.substeps < 1:

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from .config import EnvCfg, Range
 from .features import base_state, feature_row, observation
-from .reward import TaskRewardCfg, task_reward_for, weighted_terms
+from .reward import task_reward_for, weighted_terms
 from .robot import Robot
 from .sim import BatchSim, Sim, SimState
 
@@ -33,7 +33,6 @@ class QuadrupedEnv(VecEnv):
         num_envs: int,
         *,
         seed: int,
-        task: TaskRewardCfg | None = None,
         sim: Sim | None = None,
         keep_final: bool = False,
     ) -> None:
@@ -44,13 +43,12 @@ class QuadrupedEnv(VecEnv):
             cfg: The environment.
             num_envs: How many run side by side.
             seed: Where all chance comes from.
-            task: Weights of the task reward; its height follows the robot by default.
             sim: A simulator of `num_envs` copies; MuJoCo on the CPU by default.
             keep_final: Put the states before any reset into `extras["final"]`.
         """
         self.robot = robot
         self.cfg: EnvCfg = cfg  # pyright: ignore[reportIncompatibleVariableOverride]
-        self.task = task or task_reward_for(robot)
+        self.task = task_reward_for(robot, cfg.task)
         self.sim = sim or BatchSim(robot, num_envs)
         self.num_envs = num_envs
         self.num_actions = 12

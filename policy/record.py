@@ -14,6 +14,7 @@ import torch
 
 from data.episode import EndReason, Episode, EpisodeMeta
 
+from .babble import BABBLE_SHA256, Babble
 from .checkpoint import Policy, load_policy
 from .config import CommandCfg
 from .env import QuadrupedEnv
@@ -34,7 +35,9 @@ class RecordCfg:
     checkpoint_share: float = 0.5
     """Share of the episodes that shows them."""
     noisy_share: float = 0.5
-    """Share of the episodes acted with exploration noise, so that clips differ."""
+    """Share of a policy's episodes with exploration noise, so that clips differ."""
+    babble_share: float = 0.0
+    """Share of the episodes that shows random rhythms instead of a policy."""
 
     def __post_init__(self) -> None:
         if self.episodes < 1:
@@ -81,26 +84,42 @@ def record(
     if policies is None:
         earlier = checkpoint_files(policy_file, cfg.checkpoints)
         policies = [load_policy(f) for f in (policy_file, *reversed(earlier))]
+    babbled = int(cfg.episodes * cfg.babble_share)
+    counts = [*_shares(cfg, cfg.episodes - babbled, len(policies)), babbled]
     for index, (policy, count) in enumerate(
-        zip(policies, _shares(cfg, len(policies)), strict=True)
+        zip([*policies, policies[0]], counts, strict=True)
     ):
         if count:
             source_seed = int(
                 np.random.SeedSequence([seed, index]).generate_state(1)[0]
             )
-            yield from _record_one(policy, cfg, count, seed=source_seed, round=round)
+            yield from _record_one(
+                policy,
+                cfg,
+                count,
+                seed=source_seed,
+                round=round,
+                babble=index == len(policies),
+            )
 
 
-def _shares(cfg: RecordCfg, sources: int) -> list[int]:
-    """Episodes for each source: the newest gets what the checkpoints leave."""
+def _shares(cfg: RecordCfg, episodes: int, sources: int) -> list[int]:
+    """Episodes for each policy: the newest gets what the checkpoints leave."""
     earlier = sources - 1
-    each = int(cfg.episodes * cfg.checkpoint_share) // earlier if earlier else 0
-    return [cfg.episodes - each * earlier] + [each] * earlier
+    each = int(episodes * cfg.checkpoint_share) // earlier if earlier else 0
+    return [episodes - each * earlier] + [each] * earlier
 
 
 def _record_one(
-    policy: Policy, cfg: RecordCfg, count: int, *, seed: int, round: int
+    policy: Policy,
+    cfg: RecordCfg,
+    count: int,
+    *,
+    seed: int,
+    round: int,
+    babble: bool,
 ) -> Iterator[Episode]:
+    """Episodes of `policy`, or of random rhythms in its place."""
     info = policy.info
     env_cfg = replace(info.env, episode_s=min(cfg.episode_s, info.env.episode_s))
     robot = policy.robot()
@@ -108,38 +127,56 @@ def _record_one(
     choices = recorded_commands(env_cfg.commands)
     commands = [choices[i % len(choices)] for i in range(count)]
     env.fix_commands(torch.tensor(commands))
-    noisy = _noisy(count, len(choices), cfg.noisy_share)
+    noisy = _noisy(count, len(choices), 0.0 if babble else cfg.noisy_share)
+    rng = torch.Generator().manual_seed(seed)
+    actor = _babble(env, rng) if babble else policy
     steps = list(
-        first_episodes(
-            policy,
-            env,
-            noise=torch.from_numpy(noisy).float(),
-            rng=torch.Generator().manual_seed(seed),
-        )
+        first_episodes(actor, env, noise=torch.from_numpy(noisy).float(), rng=rng)
     )
+    # Once for all: taking steps apart for every episode costs a third of the rollout.
+    arrays = {
+        name: np.stack([np.asarray(getattr(step, name)) for step in steps])
+        for name in _LOGGED
+    }
     for index in range(count):
         meta = EpisodeMeta(
             task="walk",
             seed=seed,
             env_index=index,
             command=commands[index],
-            policy_sha256=policy.sha256,
-            policy_step=info.steps,
+            policy_sha256=BABBLE_SHA256 if babble else policy.sha256,
+            policy_step=0 if babble else info.steps,
             stochastic=bool(noisy[index]),
             control_dt_s=env_cfg.control_dt_s,
             physics_dt_s=env_cfg.physics_dt_s,
             robot=robot.name,
             model_sha256=robot.model_sha256,
             round=round,
-            extra={"trained_against": info.reward},
+            extra={"trained_against": "nothing" if babble else info.reward},
         )
-        yield _episode(steps, index, meta, robot.mjcf)
+        yield _episode(steps, arrays, index, meta, robot.mjcf)
+
+
+def _babble(env: QuadrupedEnv, rng: torch.Generator) -> Babble:
+    return Babble(
+        env.num_envs,
+        control_dt_s=env.cfg.control_dt_s,
+        action_scale_rad=env.cfg.action_scale_rad,
+        rng=rng,
+    )
+
+
+_LOGGED = ("qpos", "qvel", "obs", "action", "targets", "features", "reward")
 
 
 def _episode(
-    steps: list[RolloutStep], index: int, meta: EpisodeMeta, mjcf: str
+    steps: list[RolloutStep],
+    arrays: dict[str, np.ndarray],
+    index: int,
+    meta: EpisodeMeta,
+    mjcf: str,
 ) -> Episode:
-    """The first episode of environment `index`."""
+    """The first episode of environment `index`; `arrays` [T, N, ...] are all steps."""
     own = [step for step in steps if step.alive[index]]
     last = own[-1]
     if last.final is None:
@@ -152,7 +189,7 @@ def _episode(
         end = "terminated"
 
     def rows(name: str) -> np.ndarray:
-        return np.stack([np.asarray(getattr(step, name)[index]) for step in own])
+        return arrays[name][: len(own), index].copy()
 
     return Episode(
         qpos=np.concatenate([rows("qpos"), final_qpos[index][None]]),

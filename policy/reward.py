@@ -8,7 +8,7 @@ Shapes: F feature columns; a score keeps the leading shape of its rows.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import torch
 from torch import Tensor
@@ -48,8 +48,8 @@ class TaskRewardCfg:
     """Air time less `swing_min_s`, s, once for every swing of a foot."""
     fall: float = -1.0
     """Once, when the robot falls."""
-    height_m: float = 0.28
-    """Height of the base that is asked for."""
+    height_m: float | None = None
+    """Height of the base that is asked for; None is 95 % of the robot's home height."""
     clearance_m: float = 0.08
     """Height a swinging foot should reach."""
     swing_min_s: float = 0.2
@@ -64,10 +64,12 @@ class TaskRewardCfg:
         }
 
 
-def task_reward_for(robot: Robot) -> TaskRewardCfg:
-    """The default weights, with the height a robot of this size walks at."""
+def task_reward_for(robot: Robot, cfg: TaskRewardCfg) -> TaskRewardCfg:
+    """`cfg` with the height a robot of this size walks at, unless it names one."""
+    if cfg.height_m is not None:
+        return cfg
     # Position servos give way under the weight: the home pose itself is never reached.
-    return TaskRewardCfg(height_m=0.95 * float(robot.home_qpos[2]))
+    return replace(cfg, height_m=0.95 * float(robot.home_qpos[2]))
 
 
 def _square(values: Tensor) -> Tensor:
@@ -83,7 +85,12 @@ def task_terms(
     swing of `a` seconds earns `a` less `swing_min_s`, the latter at its first step, so
     that the term needs one row only. It pays for 0.5 s at most and only while two feet
     support the robot, or leaping into a fall would earn four swings at once.
+
+    Raises:
+        ValueError: the height that is asked for is open.
     """
+    if cfg.height_m is None:
+        raise ValueError("height_m is not set: `task_reward_for` sets it for a robot")
     command = features[..., column("command")]
     velocity = features[..., column("base_lin_vel_b")]
     rates = features[..., column("base_ang_vel_b")]

@@ -2,8 +2,10 @@
 
 Named, smooth functions of one row. A few hundred comparisons are too few to learn
 from 90 raw columns what "shaky" or "dragging its feet" means; they are enough to weigh
-thirty such habits. None needs to know the robot: signs that depend on how a joint is
-mounted are squared away.
+two dozen such habits. None needs to know the robot: signs that depend on how a joint is
+mounted are squared away. What hardly varies in the first clips and is common in a good
+gait (such as standing on two diagonal feet) is left out: answers about the one would be
+stretched far beyond what they say of the other.
 
 Shapes: F columns of a feature row, D descriptors.
 """
@@ -17,9 +19,6 @@ import torch
 from torch import Tensor
 
 from data.features import column
-
-FR, FL, RR, RL = range(4)
-"""Position of a leg in the columns that hold one number a foot."""
 
 _LIMIT = 1e6
 """Magnitude at which columns are cut: no robot comes near, and the squares of what is
@@ -57,26 +56,6 @@ def _planar_error(row: Row) -> Tensor:
 
 def _yaw_rate_error(row: Row) -> Tensor:
     return row["base_ang_vel_b"][..., 2] - row["command"][..., 2]
-
-
-def _only(row: Row, first: tuple[int, int], second: tuple[int, int]) -> Tensor:
-    """1 where both feet of one pair stand and both of the other are in the air."""
-    contact = row["foot_contact"]
-    air = 1 - contact
-    one = contact[..., first[0]] * contact[..., first[1]]
-    one = one * air[..., second[0]] * air[..., second[1]]
-    other = contact[..., second[0]] * contact[..., second[1]]
-    return one + other * air[..., first[0]] * air[..., first[1]]
-
-
-def _left_right_difference(joints: Tensor) -> Tensor:
-    """Right minus left [..., 4]: thigh and calf of the front, then of the rear legs.
-
-    Hips are left out: whether both hips of a pair turn the same way is the robot's
-    choice, not the gait's.
-    """
-    legs = joints.unflatten(-1, (4, 3))[..., 1:]  # thigh and calf
-    return (legs[..., (FR, RR), :] - legs[..., (FL, RL), :]).flatten(-2)
 
 
 DESCRIPTORS = (
@@ -135,12 +114,6 @@ DESCRIPTORS = (
         lambda row: _sum_of_squares(row["gravity_b"][..., :2]),
     ),
     Descriptor(
-        "nose_down",
-        "1",
-        "sine of the pitch angle, positive when the nose points down",
-        lambda row: row["gravity_b"][..., 0],
-    ),
-    Descriptor(
         "height",
         "m",
         "height of the base above the ground",
@@ -159,18 +132,6 @@ DESCRIPTORS = (
         lambda row: _sum_of_squares(row["joint_pos_offset"]),
     ),
     Descriptor(
-        "hip_spread_sq",
-        "rad2",
-        "distance of the four hips from the home pose: legs spread or crossed",
-        lambda row: _sum_of_squares(row["joint_pos_offset"][..., ::3]),
-    ),
-    Descriptor(
-        "joint_asymmetry_sq",
-        "rad2",
-        "difference of right and left thighs and calves, front and rear",
-        lambda row: _sum_of_squares(_left_right_difference(row["joint_pos_offset"])),
-    ),
-    Descriptor(
         "joint_speed_sq",
         "rad2/s2",
         "how fast the joints move",
@@ -181,12 +142,6 @@ DESCRIPTORS = (
         "N2 m2",
         "how hard the joints work",
         lambda row: _sum_of_squares(row["joint_torque"]),
-    ),
-    Descriptor(
-        "torque_asymmetry_sq",
-        "N2 m2",
-        "difference of right and left thigh and calf torques, front and rear",
-        lambda row: _sum_of_squares(_left_right_difference(row["joint_torque"])),
     ),
     Descriptor(
         "power",
@@ -211,24 +166,6 @@ DESCRIPTORS = (
         "1",
         "number of feet on the ground",
         lambda row: row["foot_contact"].sum(dim=-1),
-    ),
-    Descriptor(
-        "diagonal_support",
-        "1",
-        "1 while exactly one diagonal pair of feet stands: trotting",
-        lambda row: _only(row, (FR, RL), (FL, RR)),
-    ),
-    Descriptor(
-        "lateral_support",
-        "1",
-        "1 while exactly the two feet of one side stand: pacing",
-        lambda row: _only(row, (FR, RR), (FL, RL)),
-    ),
-    Descriptor(
-        "end_support",
-        "1",
-        "1 while exactly the front or the rear feet stand: bounding",
-        lambda row: _only(row, (FR, FL), (RR, RL)),
     ),
     Descriptor(
         "foot_height_mean",

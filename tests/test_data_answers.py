@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import replace
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ import pytest
 from data.answers import Answer, AnswerStore, Choice, Pair
 from data.clips import Clip
 from data.errors import AnswerError
+from data.questions import Overlap, QuestionBoard, Shown
 
 NOW = "2030-01-31T12:00:00Z"
 LATER = "2030-01-31T12:05:00Z"
@@ -89,6 +91,9 @@ def test_targets_worked_out_by_hand(
         ({"client": {"x": float("inf")}}, "client must be JSON"),
         ({"supersedes": "1"}, "cannot correct itself"),
         ({"rater_id": ""}, "rater_id must not be empty"),
+        ({"role": "third"}, "role is one of first, repeat, undo: 'third'"),
+        ({"role": "undo", "choice": "skip"}, "an undo supersedes an answer"),
+        ({"role": "undo", "supersedes": "0"}, "has the choice 'skip'"),
     ],
 )
 def test_answers_that_contradict_themselves_are_refused(
@@ -232,17 +237,136 @@ def test_current_answers_come_in_the_order_of_pairs(store: AnswerStore) -> None:
     assert store.count(choice="a") == 3
 
 
-def test_leases_end_by_themselves(store: AnswerStore) -> None:
-    """Times with other offsets are compared as times."""
+def test_an_answer_taken_back_is_none(store: AnswerStore) -> None:
+    """Its pair is open again, and may be answered anew; the row stays in the file."""
     pair = make_pair(0)
-    store.lease(pair.pair_id, "ada", "2030-01-31T13:01:00+01:00")
-    assert store.leased(NOW) == {pair.pair_id}
-    assert store.leased(NOW, except_rater="ada") == frozenset()
-    assert store.leased(LATER) == frozenset()
-    store.release(pair.pair_id, "ada")
-    assert store.leased(NOW) == frozenset()
-    with pytest.raises(AnswerError, match="has no pair"):
-        store.lease("x", "ada", NOW)
+    store.add_answer(make_answer("1", pair))
+    undo = make_answer("2", pair, choice="skip", role="undo", supersedes="1")
+    store.add_answer(undo)
+    assert store.current_answers() == []
+    assert store.current_answer("1") is None
+    assert store.count() == 0
+    assert pair in store.unanswered("ada")
+    assert pair in store.unanswered()
+    again = make_answer("3", pair, choice="b")
+    store.add_answer(again)
+    assert store.current_answers() == [(pair, again)]
+    assert store.current_answer("3") == (pair, again)
+    assert store.query("SELECT count(*) FROM answer") == [(3,)]
+
+
+def make_shown(question_id: str, pair: Pair, **changes: object) -> Shown:
+    values: dict[str, object] = {
+        "question_id": question_id,
+        "rater_id": "ada",
+        "pair_id": pair.pair_id,
+        "role": "first",
+        "shown_left": "a",
+        "supersedes": None,
+        "shown_utc": "2030-01-31T12:00:00.000000Z",
+        "expires_utc": "2030-01-31T12:01:00.000000Z",
+    }
+    return Shown(**(values | changes))  # type: ignore[arg-type]
+
+
+ONE_EACH = Overlap(share=0.0)
+
+
+def test_shown_pairs_are_kept_from_others_for_a_while(store: AnswerStore) -> None:
+    """Until the lease ends; times with other offsets are compared as times."""
+    store.add_rater("eve", "human")
+    board = QuestionBoard(store)
+    pair = make_pair(0)
+    shown = make_shown("q", pair, expires_utc="2030-01-31T13:01:00+01:00")
+    board.show(shown)
+    assert board.shown("ada") == [make_shown("q", pair)]
+    assert pair not in board.open_pairs("eve", NOW, ONE_EACH)
+    assert pair in board.open_pairs("ada", NOW, ONE_EACH)
+    assert pair in board.open_pairs("eve", NOW, Overlap(share=1.0, raters=2))
+    assert pair in board.open_pairs("eve", LATER, ONE_EACH)
+    board.renew("ada", "2030-01-31T12:10:00Z")
+    assert pair not in board.open_pairs("eve", LATER, ONE_EACH)
+    board.close("q")
+    assert pair in board.open_pairs("eve", NOW, ONE_EACH)
+    with pytest.raises(AnswerError, match="FOREIGN KEY"):
+        board.show(make_shown("q", make_pair(99)))
+
+
+def test_the_newest_round_comes_first(store: AnswerStore) -> None:
+    """Within a round the order is that of the loop; known answers are not in it."""
+    store.add_rater("eve", "human")
+    known = Pair.make(
+        Clip("aa", 90, 5), Clip("bb", 90, 5), strategy="x", round=9, info={"gold": "b"}
+    )
+    store.add_pairs([known])
+    zero, one, two, _ = store.pairs()
+    board = QuestionBoard(store)
+    assert board.open_pairs("ada", NOW, ONE_EACH) == [two, zero, one]
+    assert board.open_pairs("ada", NOW, ONE_EACH, limit=1) == [two]
+    assert board.count_open("ada", NOW, ONE_EACH) == board.count_pairs() == 3
+    store.add_answer(make_answer("1", two))
+    store.add_answer(make_answer("2", zero, rater_id="bob"))
+    assert board.open_pairs("ada", NOW, ONE_EACH) == [zero, one]
+    assert board.open_pairs("eve", NOW, ONE_EACH) == [zero, one]
+    assert board.open_pairs("eve", NOW, Overlap(share=1.0)) == [two, zero, one]
+    assert board.gold_pairs("ada") == [known]
+    store.add_answer(make_answer("3", known))
+    assert board.gold_pairs("ada") == []
+    assert board.gold_pairs("eve") == [known]
+
+
+def test_about_a_fifth_of_the_pairs_overlap() -> None:
+    """Which ones depends on the pair alone, as the data base sees it too."""
+    ids = [make_pair(number).pair_id for number in range(2000)]
+    share = sum(map(Overlap(share=0.2).takes, ids)) / len(ids)
+    assert share == pytest.approx(0.2, abs=0.03)
+    assert all(map(Overlap(share=1.0).takes, ids))
+    assert not any(map(Overlap(share=0.0).takes, ids))
+    with pytest.raises(ValueError, match=r"share in \[0, 1\]"):
+        Overlap(share=1.5)
+
+
+def test_a_known_answer_must_be_a_preference() -> None:
+    """Anything else could never be met."""
+    clips = Clip("aa", 0, 5), Clip("bb", 0, 5)
+    with pytest.raises(ValueError, match="one of a, b, equal, got 'left'"):
+        Pair.make(*clips, strategy="x", round=0, info={"gold": "left"})
+
+
+def test_a_transaction_is_all_or_nothing(store: AnswerStore) -> None:
+    """Also where one is part of another."""
+
+    def fail_half_way() -> None:
+        with store.transaction():
+            store.add_answer(make_answer("1", make_pair(0)))
+            raise RuntimeError("the power is gone")
+
+    with pytest.raises(RuntimeError, match="the power is gone"):
+        fail_half_way()
+    assert store.count() == 0
+    with store.transaction():
+        store.add_answer(make_answer("1", make_pair(0)))
+        store.add_answer(make_answer("2", make_pair(1)))
+    assert store.count() == 2
+
+
+def test_a_store_of_version_one_is_brought_up_to_date(tmp_path: Path) -> None:
+    """Its answers are first answers."""
+    path = tmp_path / "preferences.sqlite"
+    schema = resources.files("data") / "migrations" / "0001.sql"
+    with closing(sqlite3.connect(path)) as connection:
+        connection.executescript(schema.read_text(encoding="utf-8"))
+        connection.execute("PRAGMA application_id = 0x50524546")
+        connection.execute("PRAGMA user_version = 1")
+        connection.executescript(
+            "INSERT INTO rater VALUES ('ada', 'human', '{}');"
+            "INSERT INTO pair VALUES (1, 'p', 'aa', 0, 5, 'bb', 0, 5, 'x', 0, '{}');"
+            "INSERT INTO answer VALUES (1, '1', 'p', 'ada', 'a', NULL, 'a', NULL, NULL,"
+            f" NULL, NULL, '', '', NULL, '{{}}', '{NOW}');"
+        )
+    with AnswerStore.open(path) as store:
+        ((pair, answer),) = store.current_answers()
+        assert (pair.pair_id, answer.role, answer.choice) == ("p", "first", "a")
 
 
 def test_rows_cannot_be_changed_behind_our_back(store: AnswerStore) -> None:
@@ -268,9 +392,9 @@ def test_a_newer_version_is_refused_and_left_alone(store: AnswerStore) -> None:
     """The message says what to install."""
     store.close()
     with closing(sqlite3.connect(store.path)) as connection:
-        connection.execute("PRAGMA user_version = 3")
+        connection.execute("PRAGMA user_version = 4")
     before = store.path.read_bytes()
-    with pytest.raises(AnswerError, match="version 3, this gaitpref reads up to 2"):
+    with pytest.raises(AnswerError, match="version 4, this gaitpref reads up to 3"):
         AnswerStore.open(store.path)
     assert store.path.read_bytes() == before
 

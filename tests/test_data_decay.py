@@ -80,7 +80,13 @@ def everything(dataset: Dataset) -> list[object]:
         for e in dataset.entries()
     ]
     with dataset.answers_copy() as store:
-        return [dataset.entries(), episodes, windows, store.raters(), labels(dataset)]
+        return [
+            dataset.entries(),
+            episodes,
+            windows,
+            store.rater_rows(),
+            labels(dataset),
+        ]
 
 
 @pytest.mark.slow

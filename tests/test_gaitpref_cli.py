@@ -203,6 +203,14 @@ def test_a_run_with_other_settings(
     assert not (tmp_path / "r").exists()
 
 
+def test_training_goes_on_with_networks_of_another_size(
+    policy: Path, tmp_path: Path
+) -> None:
+    """A policy file says how large its networks are; `--init` follows it."""
+    train = ["train", "--out", str(tmp_path), "--reward", "task", "--envs", "4"]
+    assert main([*train, "--steps", "96", "--init", str(policy)]) == 0
+
+
 def test_numbers_that_cannot_be(
     policy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -18,10 +18,10 @@ from gaitpref.criteria import (
 from gaitpref.rater import judge
 from gaitpref.rewards import total_reward
 from policy.config import EnvCfg
-from policy.reward import KnownTermsCfg
+from policy.reward import KnownTermsCfg, TaskRewardCfg
 from policy.robot import load_robot
 
-CONTEXT = CriterionContext(walking_height_m=0.28, control_dt_s=0.02)
+CONTEXT = CriterionContext(task=TaskRewardCfg(height_m=0.28), control_dt_s=0.02)
 
 
 def _row(**values: float | list[float]) -> Tensor:

@@ -177,7 +177,7 @@ def test_the_task_reward_is_a_function_of_the_row(robot: Robot) -> None:
     """What `step` pays equals the score of the logged rows, and each term is logged."""
     env = _env(robot, 8)
     _, reward, _, extras = env.step(torch.zeros(8, 12))
-    cfg = task_reward_for(robot)
+    cfg = task_reward_for(robot, CFG.task)
     score = task_score(extras["features"], cfg, control_dt_s=env.step_dt)
     assert reward.allclose(score * env.step_dt)
     terms = weighted_terms(extras["features"], cfg, control_dt_s=env.step_dt)

@@ -61,39 +61,6 @@ def test_slip_counts_only_feet_on_the_ground() -> None:
     assert found["slip"] == pytest.approx(1.25)
 
 
-@pytest.mark.parametrize(
-    ("contact", "name"),
-    [
-        ([1, 0, 0, 1], "diagonal_support"),
-        ([0, 1, 1, 0], "diagonal_support"),
-        ([1, 0, 1, 0], "lateral_support"),
-        ([0, 1, 0, 1], "lateral_support"),
-        ([1, 1, 0, 0], "end_support"),
-        ([0, 0, 1, 1], "end_support"),
-        ([1, 1, 1, 0], None),
-        ([1, 1, 1, 1], None),
-        ([0, 0, 0, 0], None),
-    ],
-)
-def test_two_feet_on_the_ground_name_the_gait(
-    contact: list[float], name: str | None
-) -> None:
-    """Feet in the order FR, FL, RR, RL."""
-    found = changed(foot_contact=contact)
-    supports = [key for key in found if key.endswith("_support") and found[key] == 1.0]
-    assert supports == ([name] if name else [])
-
-
-def test_mirrored_legs_are_symmetric_and_hips_do_not_count() -> None:
-    """Thigh and calf alike on both sides; the hips turn opposite ways."""
-    legs = [0.3, 0.1, -0.2, -0.3, 0.1, -0.2] * 2
-    found = changed(joint_pos_offset=legs)
-    assert found["joint_asymmetry_sq"] == 0.0
-    assert found["hip_spread_sq"] == pytest.approx(4 * 0.09)
-    legs[1] += 0.5
-    assert changed(joint_pos_offset=legs)["joint_asymmetry_sq"] == pytest.approx(0.25)
-
-
 def test_a_clip_and_a_live_batch_are_described_alike() -> None:
     rows = torch.randn(24, 8, FEATURE_DIM, generator=torch.Generator().manual_seed(0))
     assert torch.equal(describe(rows)[:, 3], describe(rows[:, 3]))

@@ -1,20 +1,35 @@
--- Version 2: every row carries a checksum of its values, because SQLite has none. Rows
--- are append-only, so it is written once; only those from version 1 get it here.
-DROP TRIGGER answer_no_update;
-DROP TRIGGER pair_no_update;
+-- Version 2: an answer can be a repeat or take another one back, and what a rater is
+-- shown survives a restart of the page.
+ALTER TABLE answer ADD COLUMN role TEXT NOT NULL DEFAULT 'first'
+  CHECK (role IN ('first', 'repeat', 'undo'));
 
-ALTER TABLE rater ADD COLUMN crc32 INTEGER;
-ALTER TABLE pair ADD COLUMN crc32 INTEGER;
-ALTER TABLE answer ADD COLUMN crc32 INTEGER;
+-- An answer that was taken back is superseded by a row that is no answer itself.
+DROP VIEW answer_current;
+CREATE VIEW answer_current AS
+  SELECT * FROM answer AS old
+  WHERE old.role <> 'undo'
+  AND NOT EXISTS (SELECT 1 FROM answer AS new WHERE new.supersedes = old.answer_id);
 
-UPDATE rater SET crc32 = row_crc32(rater_id, kind, info_json);
-UPDATE pair SET crc32 = row_crc32(pair_id, a_rollout, a_start, a_steps, b_rollout,
-  b_start, b_steps, strategy, round, info_json);
-UPDATE answer SET crc32 = row_crc32(answer_id, pair_id, rater_id, choice, p_a,
-  shown_left, shown_ms, watched_ms, response_ms, confidence, note, reason, supersedes,
-  client_json, created_utc);
+DROP TABLE lease;
+CREATE TABLE question (                            -- who is shown what; may be lost
+  position    INTEGER PRIMARY KEY,                 -- of a rater's, the last is on the screen
+  question_id TEXT NOT NULL UNIQUE,                -- becomes the id of the answer
+  rater_id    TEXT NOT NULL REFERENCES rater (rater_id),
+  pair_id     TEXT NOT NULL REFERENCES pair (pair_id),
+  role        TEXT NOT NULL CHECK (role IN ('first', 'repeat')),
+  shown_left  TEXT NOT NULL CHECK (shown_left IN ('a', 'b')),
+  supersedes  TEXT REFERENCES answer (answer_id),  -- the answer that was reopened
+  shown_utc   TEXT NOT NULL,
+  expires_utc TEXT NOT NULL                        -- until then nobody else is shown it
+) STRICT;
+CREATE INDEX question_rater ON question (rater_id);
+CREATE INDEX question_pair ON question (pair_id);
 
-CREATE TRIGGER answer_no_update BEFORE UPDATE ON answer
-  BEGIN SELECT RAISE(ABORT, 'answers are append-only'); END;
-CREATE TRIGGER pair_no_update BEFORE UPDATE ON pair
-  BEGIN SELECT RAISE(ABORT, 'pairs are append-only'); END;
+-- The queue asks for the newest round first, and must not sort all pairs for the first.
+CREATE INDEX pair_newest ON pair (round DESC);
+DROP INDEX pair_round;
+CREATE INDEX pair_gold ON pair (pair_id) WHERE json_extract(info_json, '$.gold') IS NOT NULL;
+
+-- With both columns, "has this rater answered this pair" is one look-up.
+DROP INDEX answer_pair;
+CREATE INDEX answer_pair ON answer (pair_id, rater_id);

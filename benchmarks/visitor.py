@@ -1,0 +1,111 @@
+"""A visitor of the labeling page without a browser: decodes every frame it is sent."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import time
+from typing import Any
+
+import aiohttp
+import msgspec
+import zstandard
+
+_ANSWERED = re.compile(r"(\d+) answered, (\d+) open")
+_CAMERA = {
+    "type": "ViewerCameraMessage",
+    "wxyz": (1.0, 0.0, 0.0, 0.0),
+    "position": (0.0, -3.0, 1.0),
+    "fov": 0.7,
+    "near": 0.01,
+    "far": 1000.0,
+    "image_height": 720,
+    "image_width": 1280,
+    "look_at": (0.0, 0.0, 0.0),
+    "up_direction": (0.0, 0.0, 1.0),
+}
+
+
+class Visitor:
+    """One rater at the page; answers by the page's own hotkeys."""
+
+    def __init__(self, url: str, token: str) -> None:
+        self._url, self._token = url, token
+        self._commands: dict[str, str] = {}
+        self.answered: int | None = None
+        """Answers the page has shown."""
+        self.open = 0
+        """Pairs the page says are open."""
+        self.pose_times: list[float] = []
+        """When poses arrived, s of the monotonic clock."""
+        self.first_pose_s: float | None = None
+        """From opening the page to the first pose."""
+        self.dialog_shown = False
+
+    async def run(self) -> None:
+        """Log in and read until cancelled, or until the server goes away."""
+        jar = aiohttp.CookieJar(unsafe=True)
+        async with aiohttp.ClientSession(
+            cookie_jar=jar, headers={"Origin": self._url}
+        ) as session:
+            login = {"token": self._token}
+            async with session.post(self._url + "/login", data=login) as response:
+                response.raise_for_status()
+            opened = time.monotonic()
+            async with session.get(self._url + "/") as response:
+                response.raise_for_status()
+            async with session.ws_connect(
+                self._url + "/", protocols=("viser-v1.1.1",), max_msg_size=0
+            ) as socket:
+                self._socket = socket
+                await self._send(_CAMERA)
+                async for message in socket:
+                    if message.type is aiohttp.WSMsgType.BINARY:
+                        self._read(message.data, opened)
+
+    async def press(self, command: str) -> float:
+        """Trigger a command by its name, as its hotkey would; gives the time."""
+        pressed = time.monotonic()
+        uuid = self._commands[command]
+        await self._send({"type": "CommandTriggerMessage", "uuid": uuid})
+        return pressed
+
+    async def until_answered(self, count: int) -> float:
+        """Wait until the page shows `count` answers; gives the time."""
+        while self.answered is None or self.answered < count:
+            await asyncio.sleep(0.002)
+        return time.monotonic()
+
+    async def until_moving(self) -> None:
+        """Wait for the first poses and commands."""
+        while not self.pose_times or "A better" not in self._commands:
+            await asyncio.sleep(0.01)
+
+    async def _send(self, message: dict[str, Any]) -> None:
+        await self._socket.send_bytes(msgspec.msgpack.encode(message))
+
+    def _read(self, frame: bytes, opened: float) -> None:
+        size = int.from_bytes(frame[8:16], "little")
+        inner = zstandard.ZstdDecompressor().decompress(frame[16 : 16 + size])
+        moved = False
+        for message in msgspec.msgpack.decode(inner)["messages"]:
+            kind = message["type"]
+            if kind == "SceneNodeUpdateMessage":
+                moved |= message["name"].startswith("/robot_A") and (
+                    "batched_wxyzs" in message["updates"]
+                )
+            elif kind == "GuiUpdateMessage":
+                self._read_head(message["updates"].get("content"))
+            elif kind == "RegisterCommandMessage":
+                self._commands[message["props"]["label"]] = message["uuid"]
+            elif kind == "GuiModalMessage":
+                self.dialog_shown = True
+        if moved:
+            self.pose_times.append(time.monotonic())
+            if self.first_pose_s is None:
+                self.first_pose_s = self.pose_times[0] - opened
+
+    def _read_head(self, content: Any) -> None:
+        found = _ANSWERED.search(content) if isinstance(content, str) else None
+        if found:
+            self.answered, self.open = int(found[1]), int(found[2])

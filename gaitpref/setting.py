@@ -1,0 +1,42 @@
+"""Where a policy acts: robot, environment and the size of its networks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from policy.checkpoint import load_policy
+from policy.config import EnvCfg
+from policy.ppo import PpoCfg
+from policy.robot import Robot, load_robot
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What training goes on with has to fit what it started with."""
+
+    robot: Robot
+    env: EnvCfg
+    hidden_sizes: tuple[int, ...]
+
+
+def setting_of(policy_file: Path | None, robot_xml: Path | None) -> Setting:
+    """The setting of a policy that is trained further, or the default of a new one.
+
+    Args:
+        policy_file: The policy; None starts with a new one.
+        robot_xml: A robot to use instead of the policy's, or of the one that ships.
+
+    Raises:
+        GaitprefError: a file cannot be used.
+    """
+    if policy_file is None:
+        env = EnvCfg()
+        robot = load_robot(robot_xml, physics_dt_s=env.physics_dt_s)
+        return Setting(robot, env, PpoCfg().hidden_sizes)
+    policy = load_policy(policy_file)
+    env = policy.info.env
+    robot = policy.robot()
+    if robot_xml is not None:
+        robot = load_robot(robot_xml, physics_dt_s=env.physics_dt_s)
+    return Setting(robot, env, policy.info.ppo.hidden_sizes)

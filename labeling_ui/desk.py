@@ -1,0 +1,124 @@
+"""What a page asks of the queue and the files; may block, so never in the ticker."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from data.answers import Answer, Pair
+from data.errors import GaitprefError
+
+from .judgement import Judgement, Outcome, Past, Progress, Question
+from .motion import Motion, MotionCache
+from .queue import RaterSession
+
+logger = logging.getLogger(__name__)
+
+HISTORY_LENGTH = 10
+LOAD_AHEAD = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Showing:
+    """Everything the page of one rater shows."""
+
+    question: Question | None
+    """None: there is nothing to answer."""
+    motions: tuple[Motion, Motion] | None
+    """Left and right; None if there is no question, or it cannot be shown."""
+    progress: Progress
+    history: tuple[Past, ...]
+    notice: str = ""
+    """One sentence for the rater."""
+    accepted: Answer | None = None
+    """The answer that led to this, if one was just stored."""
+
+    @property
+    def question_id(self) -> str | None:
+        """Which question is shown."""
+        return None if self.question is None else self.question.question_id
+
+
+class Desk:
+    """One browser tab's access to queue and clips; for one thread at a time."""
+
+    def __init__(self, session: RaterSession, motions: MotionCache) -> None:
+        self._session = session
+        self._motions = motions
+
+    @property
+    def rater_id(self) -> str:
+        """Whose desk it is."""
+        return self._session.rater_id
+
+    def look(self) -> Showing:
+        """What is on the desk."""
+        return self._showing("", None)
+
+    def changed(self, shown: Showing, *, active: bool) -> Showing | None:
+        """What is on the desk if it is no longer `shown`.
+
+        Args:
+            active: The rater is there, so that the lease is renewed.
+        """
+        question = self._session.current(active=active)
+        question_id = None if question is None else question.question_id
+        if question_id != shown.question_id:
+            return self.look()
+        return None
+
+    def answer(self, judgement: Judgement) -> Showing:
+        """Store an answer."""
+        return self._after(self._session.answer(judgement))
+
+    def undo(self) -> Showing:
+        """Take the last answer back."""
+        return self._after(self._session.undo())
+
+    def reopen(self, answer_id: str) -> Showing:
+        """Show an earlier question again."""
+        return self._after(self._session.reopen(answer_id))
+
+    def keep(self) -> Showing:
+        """Leave a reopened question as it was."""
+        return self._after(self._session.cancel())
+
+    def upcoming(self) -> list[Pair]:
+        """The pairs that probably come next."""
+        return self._session.upcoming(LOAD_AHEAD)
+
+    def load(self, pairs: list[Pair]) -> None:
+        """Have the clips of `pairs` ready; may run beside everything else."""
+        for pair in pairs:
+            try:
+                self._motions.of_pair(pair)
+            except (GaitprefError, OSError) as error:
+                logger.warning("pair %s cannot be shown: %s", pair.pair_id[:12], error)
+
+    def _after(self, outcome: Outcome) -> Showing:
+        accepted = outcome.answer if outcome.accepted else None
+        return self._showing(outcome.reason, accepted)
+
+    def _showing(self, notice: str, accepted: Answer | None) -> Showing:
+        question = self._session.current()
+        motions = None
+        if question is not None:
+            try:
+                left = self._motions.get(question.left)
+                motions = (left, self._motions.get(question.right))
+            except (GaitprefError, OSError) as error:
+                logger.warning("%s", error)
+                notice = f"This pair cannot be shown ({error}). Call it a bad clip [F]."
+        return Showing(
+            question=question,
+            motions=motions,
+            progress=self._session.progress(),
+            history=tuple(self._session.history(HISTORY_LENGTH)),
+            notice=notice,
+            accepted=accepted,
+        )
+
+
+Task = Callable[[Desk], Showing | None]
+"""Something to do at the desk; None changes nothing on the page."""

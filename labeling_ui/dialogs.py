@@ -1,0 +1,49 @@
+"""Dialogs in front of the page; while one is open, no key answers."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import viser
+
+from .actions import BAD_REASONS
+from .controls import Post, posts
+
+
+class Dialog(Protocol):
+    """An open dialog."""
+
+    def close(self) -> None:
+        """Take it away."""
+        ...
+
+
+def guidelines_dialog(client: viser.ClientHandle, post: Post, text: str) -> Dialog:
+    """What to look for."""
+    modal = client.gui.add_modal("Guidelines")
+    with modal:
+        client.gui.add_markdown(text)
+        button = client.gui.add_button("Got it [escape]")
+    button.on_click(posts(post, "close"))
+    return modal
+
+
+def bad_clip_dialog(client: viser.ClientHandle, post: Post) -> Dialog:
+    """Why a clip cannot be judged."""
+    modal = client.gui.add_modal("What is wrong with this pair?")
+    with modal:
+        for reason in BAD_REASONS:
+            button = client.gui.add_button(reason, color="gray")
+            button.on_click(posts(post, "bad_reason", reason))
+        other = client.gui.add_text("other", "")
+        send = client.gui.add_button("Send other reason")
+        back = client.gui.add_button("Back without an answer [escape]", color="gray")
+
+    @send.on_click
+    async def _(event: viser.GuiEvent) -> None:
+        del event
+        if other.value.strip():
+            post("bad_reason", other.value.strip()[:500])
+
+    back.on_click(posts(post, "close"))
+    return modal

@@ -1,0 +1,201 @@
+"""How raters work: speed, habits, and how well they agree with themselves and others.
+
+Pure functions of answers; nothing here keeps anybody from answering.
+"""
+
+from __future__ import annotations
+
+import itertools
+import statistics
+from collections import defaultdict
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+import krippendorff
+import numpy as np
+
+from data.answers import Answer, AnswerStore, Pair
+
+PAUSE_S = 300.0
+"""More time than this between two answers is a pause, not work."""
+FAST_S = 2.0
+"""An answer within less is counted as fast."""
+
+Row = tuple[Pair, Answer]
+
+
+@dataclass(frozen=True)
+class Share:
+    """A part of a whole, which may be empty."""
+
+    hits: int
+    of: int
+
+    @property
+    def share(self) -> float | None:
+        """In [0, 1]; None of nothing."""
+        return self.hits / self.of if self.of else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RaterFigures:
+    """The work of one rater, or of all together."""
+
+    rater_id: str
+    answers: int
+    per_hour: float | None
+    """Answers in an hour of work, pauses left out."""
+    median_s: float | None
+    """Half of the answers took less, from the first frame on."""
+    fast: Share
+    """Answers within two seconds."""
+    left: Share
+    """Preferences for the clip shown left; a half is fair."""
+    self_consistency: Share
+    """Own pairs, asked again with the sides swapped, that got the same answer."""
+    gold: Share
+    """Pairs with a known answer that were answered so."""
+    agreement: Share
+    """Answers of two people to one pair that prefer the same, or neither."""
+    alpha: float | None
+    """Krippendorff's alpha, ordinal over five strengths: 1 is perfect, 0 is chance."""
+
+
+def rater_figures(store: AnswerStore, rater_id: str) -> RaterFigures:
+    """The figures of one rater, with the people who answered the same pairs."""
+    return figures(human_rows(store), rater_id)
+
+
+def human_rows(store: AnswerStore) -> list[Row]:
+    """The current answers people gave."""
+    people = {name for name, kind in store.raters().items() if kind == "human"}
+    return [row for row in store.current_answers() if row[1].rater_id in people]
+
+
+def figures(rows: Sequence[Row], rater_id: str) -> RaterFigures:
+    """The figures of one rater.
+
+    Args:
+        rows: Current answers of everybody.
+    """
+    own = [row for row in rows if row[1].rater_id == rater_id]
+    pairs = {pair.pair_id for pair, _ in own}
+    others = [row for row in rows if row[0].pair_id in pairs]
+    return _figures(rater_id, own, others, {rater_id})
+
+
+def all_figures(rows: Sequence[Row]) -> RaterFigures:
+    """The figures of all raters together, named `all`."""
+    everybody = {answer.rater_id for _, answer in rows}
+    return _figures("all", rows, rows, everybody)
+
+
+def _figures(
+    name: str, own: Sequence[Row], shared: Sequence[Row], raters: Collection[str]
+) -> RaterFigures:
+    answers = [answer for _, answer in own]
+    times_s = [time_s for answer in answers if (time_s := _time_s(answer)) is not None]
+    sides = [_prefers_left(answer) for answer in answers]
+    return RaterFigures(
+        rater_id=name,
+        answers=len(answers),
+        per_hour=_per_hour(answers),
+        median_s=statistics.median(times_s) if times_s else None,
+        fast=Share(sum(time_s < FAST_S for time_s in times_s), len(times_s)),
+        left=Share(sides.count(True), sides.count(True) + sides.count(False)),
+        self_consistency=_self_consistency(answers),
+        gold=_gold(own),
+        agreement=_agreement(shared, raters),
+        alpha=alpha(shared),
+    )
+
+
+def alpha(rows: Sequence[Row]) -> float | None:
+    """Krippendorff's alpha of the preferences, ordinal.
+
+    None where it is undefined: no pair has answers of two raters, or all are equal.
+    """
+    votes = _votes(rows)
+    shared = [by_rater for by_rater in votes.values() if len(by_rater) > 1]
+    raters = sorted({rater for by_rater in shared for rater in by_rater})
+    domain = sorted({target for by_rater in shared for target in by_rater.values()})
+    if len(domain) < 2:
+        return None
+    # [raters, pairs]; who did not answer a pair is missing there, not wrong.
+    table = [[by_rater.get(rater, np.nan) for by_rater in shared] for rater in raters]
+    return float(
+        krippendorff.alpha(
+            reliability_data=table,
+            value_domain=domain,
+            level_of_measurement="ordinal",
+        )
+    )
+
+
+def _votes(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
+    """Target of every first preference, by pair and rater."""
+    votes: dict[str, dict[str, float]] = defaultdict(dict)
+    for pair, answer in rows:
+        if answer.target is not None and answer.role == "first":
+            votes[pair.pair_id][answer.rater_id] = answer.target
+    return votes
+
+
+def _agreement(rows: Sequence[Row], raters: Collection[str]) -> Share:
+    verdicts = [
+        _direction(first) == _direction(second)
+        for by_rater in _votes(rows).values()
+        for (one, first), (two, second) in itertools.combinations(by_rater.items(), 2)
+        if one in raters or two in raters
+    ]
+    return Share(sum(verdicts), len(verdicts))
+
+
+def _self_consistency(answers: Sequence[Answer]) -> Share:
+    by_role: dict[str, dict[tuple[str, str], float]] = {"first": {}, "repeat": {}}
+    for answer in answers:
+        if answer.target is not None and answer.role in by_role:
+            by_role[answer.role][answer.rater_id, answer.pair_id] = answer.target
+    first, repeat = by_role["first"], by_role["repeat"]
+    both = first.keys() & repeat.keys()
+    same = sum(_direction(first[key]) == _direction(repeat[key]) for key in both)
+    return Share(same, len(both))
+
+
+def _gold(rows: Sequence[Row]) -> Share:
+    asked = [(pair.gold, answer.target) for pair, answer in rows if pair.gold]
+    right = sum(
+        target is not None and _direction(target) == gold for gold, target in asked
+    )
+    return Share(right, len(asked))
+
+
+def _direction(target: float) -> str:
+    return "equal" if target == 0.5 else "a" if target > 0.5 else "b"
+
+
+def _prefers_left(answer: Answer) -> bool | None:
+    """None if no side was preferred."""
+    if answer.target is None or answer.target == 0.5:
+        return None
+    return _direction(answer.target) == answer.shown_left
+
+
+def _time_s(answer: Answer) -> float | None:
+    time_ms = answer.shown_ms if answer.response_ms is None else answer.response_ms
+    return None if time_ms is None else time_ms / 1000
+
+
+def _per_hour(answers: Sequence[Answer]) -> float | None:
+    """Answers per hour of work; people who work side by side do not share an hour."""
+    times: dict[str, list[datetime]] = defaultdict(list)
+    for answer in answers:
+        times[answer.rater_id].append(datetime.fromisoformat(answer.created_utc))
+    gaps_s = [
+        (later - earlier).total_seconds()
+        for of_rater in times.values()
+        for earlier, later in itertools.pairwise(sorted(of_rater))
+    ]
+    work_s = [gap_s for gap_s in gaps_s if gap_s <= PAUSE_S]
+    return len(work_s) / sum(work_s) * 3600 if sum(work_s) > 0 else None

@@ -1,0 +1,126 @@
+"""Floors that run backwards under a walking robot.
+
+Shapes: R floors of one kind, L lines on all of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from viser import BatchedMeshHandle, SceneApi
+
+from .geometry import Rgb, linear_rgb
+from .solids import box
+
+LINE_SPACING_M = 0.25
+_LINE_WIDTH_M = 0.006
+_THICKNESS_M = 0.03
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rectangle:
+    """A floor, its upper side at height 0; its sizes are whole numbers of lines."""
+
+    center: tuple[float, float]
+    """m"""
+    size: tuple[float, float]
+    """m along x and y, each a multiple of LINE_SPACING_M."""
+
+
+@dataclass(frozen=True)
+class FloorColours:
+    """What a floor looks like, each an RGB in [0, 1]."""
+
+    plate: Rgb
+    line: Rgb
+
+
+LIGHT = FloorColours(plate=(0.93, 0.94, 0.95), line=(0.80, 0.82, 0.84))
+DARK = FloorColours(plate=(0.30, 0.31, 0.33), line=(0.44, 0.46, 0.49))
+
+
+class Floor:
+    """R plates with lines; the lines scroll, each coming in where it went out."""
+
+    def __init__(
+        self, scene: SceneApi, name: str, rectangles: tuple[Rectangle, ...]
+    ) -> None:
+        self._rectangles = rectangles
+        self._name = name
+        self._scene = scene
+        self._plates = self._boxes("plates", *_plates(rectangles), LIGHT.plate)
+        self._lines = self._boxes("lines", *self._line_boxes(), LIGHT.line)
+
+    @property
+    def visible(self) -> bool:
+        """Whether it is drawn."""
+        return self._plates.visible
+
+    @visible.setter
+    def visible(self, visible: bool) -> None:
+        self._plates.visible = self._lines.visible = visible
+
+    def colour(self, colours: FloorColours) -> None:
+        """Draw in other colours."""
+        self._plates.batched_colors = _rgb8(colours.plate)
+        self._lines.batched_colors = _rgb8(colours.line)
+
+    def scroll(self, offsets: np.ndarray) -> None:
+        """Move the lines so that ground point `offsets` [R, 2] m is in each middle."""
+        self._lines.batched_positions = self._line_positions(offsets)
+
+    def _boxes(
+        self, name: str, positions: np.ndarray, sizes: np.ndarray, rgb: Rgb
+    ) -> BatchedMeshHandle:
+        unit = box(np.full(3, 0.5))
+        return self._scene.add_batched_meshes_simple(
+            f"{self._name}/{name}",
+            vertices=unit.vertices.astype(np.float32),
+            faces=unit.faces,
+            batched_positions=positions,
+            batched_wxyzs=np.tile([1.0, 0.0, 0.0, 0.0], (len(positions), 1)),
+            batched_scales=sizes,
+            batched_colors=_rgb8(rgb),
+            flat_shading=True,
+            lod="off",
+            cast_shadow=False,
+        )
+
+    def _line_boxes(self) -> tuple[np.ndarray, np.ndarray]:
+        sizes = []
+        for rectangle in self._rectangles:
+            across, along = _line_counts(rectangle)
+            length_x, length_y = rectangle.size
+            sizes += [(_LINE_WIDTH_M, length_y, 0.001)] * across
+            sizes += [(length_x, _LINE_WIDTH_M, 0.001)] * along
+        positions = self._line_positions(np.zeros((len(self._rectangles), 2)))
+        return positions, np.array(sizes)
+
+    def _line_positions(self, offsets: np.ndarray) -> np.ndarray:
+        """Middles [L, 3] of all lines."""
+        places = []
+        for rectangle, offset in zip(self._rectangles, offsets, strict=True):
+            for axis, count in enumerate(_line_counts(rectangle)):
+                length = rectangle.size[axis]
+                at = np.full((count, 3), (*rectangle.center, 0.0006))
+                lines = np.arange(count) * LINE_SPACING_M - offset[axis]
+                at[:, axis] += np.mod(lines, length) - length / 2
+                places.append(at)
+        return np.concatenate(places).astype(np.float32)
+
+
+def _line_counts(rectangle: Rectangle) -> tuple[int, int]:
+    x, y = (round(length / LINE_SPACING_M) for length in rectangle.size)
+    return x, y
+
+
+def _plates(rectangles: tuple[Rectangle, ...]) -> tuple[np.ndarray, np.ndarray]:
+    positions = [(*r.center, -_THICKNESS_M / 2) for r in rectangles]
+    sizes = [(*r.size, _THICKNESS_M) for r in rectangles]
+    return np.array(positions), np.array(sizes)
+
+
+def _rgb8(rgb: Rgb) -> np.ndarray:
+    # viser hands the numbers on as they are, and three.js takes them for linear.
+    return np.round(255 * linear_rgb(rgb)).astype(np.uint8)

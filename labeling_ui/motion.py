@@ -1,0 +1,175 @@
+"""A clip ready to be shown: poses of all its states, footfalls and curves.
+
+Shapes: S states of a clip, T steps (S - 1), I instances of the robot's meshes.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass
+
+import numpy as np
+
+from data.answers import Pair
+from data.clips import Clip
+from data.dataset import Dataset
+from data.errors import DatasetError
+from data.features import column
+
+from .geometry import RobotGeometry, instance_poses, multiply_wxyz, robot_geometry
+
+PATH_WINDOW_S = 0.5
+"""The camera follows the base averaged over this time: its bobbing stays visible."""
+MAX_CLIPS = 256
+"""Clips kept ready; one of 60 steps takes 25 kB."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A clip, turned and shifted so that it starts at the origin and heads along x."""
+
+    clip: Clip
+    geometry: RobotGeometry
+    dt_s: float
+    """Time between two states."""
+    positions: np.ndarray
+    """[S, I, 3] m, float32"""
+    wxyzs: np.ndarray
+    """[S, I, 4], float32"""
+    path: np.ndarray
+    """[S, 2] m, where the base is over ground, averaged over PATH_WINDOW_S."""
+    command: tuple[float, float, float]
+    """Forward m/s, left m/s, yaw rad/s."""
+    fell: bool
+    """The clip ends with the fall of the robot."""
+    contact: np.ndarray
+    """[T, 4] feet on the ground, in the order of `data.features.LEGS`."""
+    speed_m_s: np.ndarray
+    """[T] forward speed of the base."""
+    height_m: np.ndarray
+    """[T] height of the base."""
+    torque_nm: np.ndarray
+    """[T] mean magnitude over the joints."""
+
+    @property
+    def duration_s(self) -> float:
+        """From the first state to the last."""
+        return (len(self.positions) - 1) * self.dt_s
+
+    def pose(self, time_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Positions [I, 3], attitudes [I, 4] and path [2] at `time_s`.
+
+        Between two states it interpolates; behind the last it stays there.
+        """
+        place = min(max(time_s / self.dt_s, 0.0), len(self.positions) - 1.0)
+        row = min(int(place), len(self.positions) - 2)
+        share = np.float32(place - row)
+        positions = _between(self.positions, row, share)
+        wxyzs = _between(self.wxyzs, row, share)
+        wxyzs /= np.linalg.norm(wxyzs, axis=-1, keepdims=True)
+        return positions, wxyzs, _between(self.path, row, share)
+
+
+def load_motion(dataset: Dataset, clip: Clip) -> Motion:
+    """Read a clip and work out everything that is shown of it.
+
+    Raises:
+        DatasetError: the data set lacks the episode, or the episode is shorter.
+        EpisodeError: the episode's file cannot be used.
+    """
+    episode = dataset.read(clip.rollout)
+    if clip.stop > episode.num_steps:
+        raise DatasetError(
+            f"clip {clip.key} ends at step {clip.stop}, its episode has "
+            f"{episode.num_steps}; the pairs belong to another data set"
+        )
+    geometry = robot_geometry(episode.mjcf)
+    qpos = episode.qpos[clip.start : clip.stop + 1]
+    positions, wxyzs = instance_poses(geometry, qpos)
+    turn = _heading_wxyz(qpos[0, 3:7]) * (1, 0, 0, -1)
+    origin = np.array([*qpos[0, :2], 0.0])
+    wxyzs = multiply_wxyz(turn, wxyzs).astype(np.float32)
+    dt_s = episode.meta.control_dt_s
+    ground = _turned(qpos[:, :3] - origin, turn)[:, :2]
+    rows = episode.features[clip.rows]
+    return Motion(
+        clip=clip,
+        geometry=geometry,
+        dt_s=dt_s,
+        positions=_turned(positions - origin, turn).astype(np.float32),
+        # Neighbouring states on the same half of the sphere can be averaged.
+        wxyzs=_continuous(wxyzs),
+        path=_smooth(ground, round(PATH_WINDOW_S / dt_s)).astype(np.float32),
+        command=episode.meta.command,
+        fell=episode.end_reason == "terminated" and clip.stop == episode.num_steps,
+        contact=rows[:, column("foot_contact")] > 0.5,
+        speed_m_s=rows[:, column("base_lin_vel_b")][:, 0],
+        height_m=rows[:, column("base_height")][:, 0],
+        torque_nm=np.abs(rows[:, column("joint_torque")]).mean(axis=-1),
+    )
+
+
+class MotionCache:
+    """The motions used last, shared by all visitors and threads."""
+
+    def __init__(self, dataset: Dataset, *, max_clips: int = MAX_CLIPS) -> None:
+        self._dataset = dataset
+        self._max_clips = max_clips
+        self._lock = threading.Lock()
+        self._motions: OrderedDict[Clip, Motion] = OrderedDict()
+
+    def get(self, clip: Clip) -> Motion:
+        """The motion of `clip`, loaded if it is not there; errors as `load_motion`."""
+        with self._lock:
+            if clip in self._motions:
+                self._motions.move_to_end(clip)
+                return self._motions[clip]
+        # Two threads may load the same clip, which does no harm.
+        motion = load_motion(self._dataset, clip)
+        with self._lock:
+            self._motions[clip] = motion
+            while len(self._motions) > self._max_clips:
+                self._motions.popitem(last=False)
+        return motion
+
+    def of_pair(self, pair: Pair) -> tuple[Motion, Motion]:
+        """The motions of both clips, a first; errors as `load_motion`."""
+        return self.get(pair.a), self.get(pair.b)
+
+
+def _between(rows: np.ndarray, row: int, share: np.float32) -> np.ndarray:
+    return rows[row] + share * (rows[row + 1] - rows[row])
+
+
+def _heading_wxyz(base_wxyz: np.ndarray) -> np.ndarray:
+    """The part of an attitude [4] that turns about the vertical."""
+    w, x, y, z = base_wxyz
+    half = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)) / 2
+    return np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
+
+
+def _turned(points: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """Points [..., 3] turned by `turn` [4], which is about the vertical."""
+    angle = 2 * np.arctan2(turn[3], turn[0])
+    c, s = np.cos(angle), np.sin(angle)
+    return points @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T
+
+
+def _continuous(wxyzs: np.ndarray) -> np.ndarray:
+    """The same attitudes [S, I, 4], with no change of sign from one to the next."""
+    turned = (wxyzs[1:] * wxyzs[:-1]).sum(axis=-1) < 0
+    flips = np.cumprod(np.where(turned, -1, 1), axis=0)
+    return np.concatenate([wxyzs[:1], wxyzs[1:] * flips[..., None]]).astype(np.float32)
+
+
+def _smooth(points: np.ndarray, window: int) -> np.ndarray:
+    """Points [S, 2] averaged over `window` states, going on straight at the ends."""
+    half = min(window // 2, len(points) - 1)
+    if half < 1:
+        return points
+    start = 2 * points[0] - points[half:0:-1]
+    end = 2 * points[-1] - points[-2 : -half - 2 : -1]
+    sums = np.cumsum(np.concatenate([np.zeros((1, 2)), start, points, end]), axis=0)
+    width = 2 * half + 1
+    return (sums[width:] - sums[:-width]) / width

@@ -1,0 +1,299 @@
+"""The page of one visitor: events in, question and poses out.
+
+The ticker's thread owns everything here. Callbacks of viser only post events; what may
+block is done at the desk by a worker, whose result comes back as one more event.
+"""
+
+from __future__ import annotations
+
+import queue
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import viser
+
+from .actions import CONFIDENCE_OF, CONFIDENCES, Name
+from .controls import Controls
+from .desk import Desk, Showing, Task
+from .dialogs import Dialog, bad_clip_dialog, guidelines_dialog
+from .judgement import Judgement, Verdict
+from .motion import Motion
+from .playback import Playback
+from .scene import PairScene, Pose
+from .status import LoopStatus
+from .theme import set_theme
+from .transport import Transport
+
+ACTIVE_S = 300.0
+"""Without an event for longer than this, nobody is there."""
+REFRESH_S = 1.0
+"""How often the desk is asked whether something else is to be shown."""
+NOTE_LATE_S = 0.1
+NOTE_RECENT_S = 0.3
+"""A note's last letters may be on their way for 50 ms: an answer that soon after one
+waits for them."""
+
+
+@dataclass(frozen=True)
+class Habits:
+    """What a rater chose, kept over reloads while the server runs."""
+
+    dark: bool = False
+
+
+@dataclass(eq=False)
+class Shared:
+    """What all pages of a server use."""
+
+    submit: Callable[[Callable[[], None]], None]
+    """Has a worker do something, one thing after the other."""
+    submit_late: Callable[[Callable[[], None]], None]
+    """Has another worker do what nobody waits for."""
+    guidelines: str
+    habits: dict[str, Habits] = field(default_factory=dict)
+    welcomed: set[str] = field(default_factory=set)
+    """Raters who have seen the guidelines since the server started."""
+
+
+class Page:
+    """One browser tab of one rater."""
+
+    def __init__(self, client: viser.ClientHandle, desk: Desk, shared: Shared) -> None:
+        """Build the page; a first look at the desk is under way when this returns."""
+        self.client = client
+        self._desk, self._shared = desk, shared
+        self._events: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
+        self._busy = False
+        self._sign_of_life = time.monotonic()
+        self._modal: Dialog | None = None
+        self._showing: Showing | None = None
+        self._clock = Playback(duration_s=1.0, frame_s=0.02)
+        self._drawn_at: float | None = None
+        self._shown_at = time.monotonic()
+        self._note_at = -NOTE_RECENT_S
+        self._note = ""
+        self._late: tuple[float, Verdict] | None = None
+        self._refresh_in_s = REFRESH_S
+        self._status: LoopStatus | None = None
+        self._habits = shared.habits.get(desk.rater_id, Habits())
+        with client.atomic():
+            set_theme(client.gui, dark=self._habits.dark)
+            self._scene = PairScene(client)
+            self._scene.darken(self._habits.dark)
+            self._controls = Controls(client, self.post)
+            self._transport = Transport(client, self.post)
+        self._at_desk(Desk.look)
+
+    def post(self, name: str, value: Any = None) -> None:
+        """Hand an event in; from any thread."""
+        self._events.put((name, value))
+
+    def tick(self, elapsed_s: float, status: LoopStatus | None) -> None:
+        """Handle what came in, and draw the next frame if something moved."""
+        while not self._events.empty():
+            self._handle(*self._events.get_nowait())
+        self._answer_late()
+        self._refresh(elapsed_s)
+        if status != self._status:
+            self._status = status
+            self._controls.fill_status(status)
+        self._clock = self._clock.advance(elapsed_s)
+        motions = None if self._showing is None else self._showing.motions
+        if motions is None or self._drawn_at == self._clock.time_s:
+            return
+        self._drawn_at = self._clock.time_s
+        with self.client.atomic():
+            self._scene.draw(*(self._pose(motion) for motion in motions))
+            self._transport.tick(self._clock, elapsed_s)
+        # After the block: inside it, frames would wait for viser's own 60 Hz.
+        self.client.flush()
+
+    def _pose(self, motion: Motion) -> Pose:
+        over = self._clock.time_s >= motion.duration_s
+        return Pose(*motion.pose(self._clock.time_s), fallen=motion.fell and over)
+
+    def _handle(self, name: str, value: Any) -> None:
+        if name not in ("showing", "idle"):
+            self._sign_of_life = time.monotonic()
+        match name:
+            case "showing":
+                self._show(value)
+            case "idle":
+                self._busy = False
+            case "verdict":
+                self._verdict(value)
+            case "hotkey_verdict":
+                if self._modal is None:
+                    self._verdict(value)
+            case "bad_reason":
+                self._close_dialog()
+                self._judge("bad", value)
+            case "note":
+                self._note, self._note_at = value, time.monotonic()
+            case "seek":
+                self._set_clock(self._clock.seek(value))
+                self._transport.rest()
+            case "reopen":
+                self._reopen(value)
+            case _:
+                self._act(name)  # type: ignore[arg-type]
+
+    def _act(self, name: Name) -> None:
+        """A shortcut, by key or by button."""
+        if name == "close":
+            self._close_dialog()
+        elif name == "guidelines":
+            self._toggle_guidelines()
+        elif self._modal is not None:
+            return
+        elif name in _CLOCK:
+            self._set_clock(_CLOCK[name](self._clock))
+        elif name in CONFIDENCE_OF:
+            self._controls.confidence.value = CONFIDENCE_OF[name]
+        elif name == "bad":
+            if self._showing is not None and self._showing.question is not None:
+                self._modal = bad_clip_dialog(self.client, self.post)
+        elif name == "undo":
+            self._at_desk(Desk.undo)
+        elif name == "keep":
+            self._at_desk(Desk.keep)
+        else:
+            self._change_view(name)
+
+    def _change_view(self, name: Name) -> None:
+        scene = self._scene
+        if name == "view":
+            scene.look("lanes" if scene.view == "treadmill" else "treadmill")
+            self._drawn_at = None
+        elif name == "camera":
+            scene.look(scene.view)
+        elif name == "theme":
+            self._habits = Habits(dark=not self._habits.dark)
+            self._shared.habits[self._desk.rater_id] = self._habits
+            set_theme(self.client.gui, dark=self._habits.dark)
+            scene.darken(self._habits.dark)
+        elif name == "curves":
+            self._transport.toggle_curves()
+            if self._showing is not None:
+                self._transport.fill(self._showing.motions, self._clock)
+
+    def _verdict(self, verdict: Verdict) -> None:
+        late = time.monotonic() - self._note_at < NOTE_RECENT_S
+        if late and self._late is None:
+            self._late = (time.monotonic() + NOTE_LATE_S, verdict)
+        elif not late:
+            self._judge(verdict)
+
+    def _answer_late(self) -> None:
+        if self._late is not None and time.monotonic() >= self._late[0]:
+            verdict, self._late = self._late[1], None
+            self._judge(verdict)
+
+    def _judge(self, verdict: Verdict, reason: str = "") -> None:
+        if self._showing is None or self._showing.question_id is None:
+            return
+        clock = self._clock
+        judgement = Judgement(
+            question_id=self._showing.question_id,
+            verdict=verdict,
+            reason=reason,
+            note=self._note.strip(),
+            confidence=CONFIDENCES[self._controls.confidence.value],
+            watched_ms=round(1000 * clock.watched_s),
+            response_ms=round(1000 * (time.monotonic() - self._shown_at)),
+            client={"replays": clock.replays, "speed": clock.speed},
+        )
+        self._at_desk(lambda desk: desk.answer(judgement))
+
+    def _reopen(self, index: int) -> None:
+        history = () if self._showing is None else self._showing.history
+        if index < len(history) and self._modal is None:
+            answer_id = history[index].answer.answer_id
+            self._at_desk(lambda desk: desk.reopen(answer_id))
+
+    def _refresh(self, elapsed_s: float) -> None:
+        self._refresh_in_s -= elapsed_s
+        if self._refresh_in_s <= 0 and self._showing is not None and not self._busy:
+            self._refresh_in_s = REFRESH_S
+            shown = self._showing
+            active = time.monotonic() - self._sign_of_life < ACTIVE_S
+            self._at_desk(lambda desk: desk.changed(shown, active=active))
+
+    def _at_desk(self, task: Task) -> None:
+        """Have a worker do `task`, then show what came of it, then load ahead."""
+        self._busy = True
+
+        def work() -> None:
+            try:
+                showing = task(self._desk)
+                if showing is not None:
+                    self.post("showing", showing)
+                    pairs = self._desk.upcoming()
+                    self._shared.submit_late(lambda: self._desk.load(pairs))
+            finally:
+                self.post("idle")
+
+        self._shared.submit(work)
+
+    def _show(self, showing: Showing) -> None:
+        before = None if self._showing is None else self._showing.question_id
+        first, self._showing = self._showing is None, showing
+        with self.client.atomic():
+            self._controls.fill(self._desk.rater_id, showing)
+            if first or before != showing.question_id:
+                self._show_pair(showing)
+            if showing.accepted is not None and showing.accepted.role != "undo":
+                self._note = ""
+                self._controls.clear_remarks()
+        self.client.flush()
+        if first and showing.progress.answered == 0:
+            self._welcome()
+
+    def _show_pair(self, showing: Showing) -> None:
+        motions = showing.motions
+        geometries = (None, None) if motions is None else tuple(
+            motion.geometry for motion in motions
+        )  # fmt: skip
+        self._scene.show(*geometries)
+        self._shown_at, self._drawn_at = time.monotonic(), None
+        if motions is not None:
+            self._clock = Playback(
+                duration_s=max(motion.duration_s for motion in motions),
+                frame_s=min(motion.dt_s for motion in motions),
+                speed=self._clock.speed,
+            )
+        self._transport.fill(motions, self._clock)
+
+    def _set_clock(self, clock: Playback) -> None:
+        self._clock = clock
+        if self._showing is not None and self._showing.motions is not None:
+            self._transport.align(clock)
+
+    def _welcome(self) -> None:
+        if self._desk.rater_id not in self._shared.welcomed:
+            self._shared.welcomed.add(self._desk.rater_id)
+            self._toggle_guidelines()
+
+    def _toggle_guidelines(self) -> None:
+        if self._modal is None:
+            text = self._shared.guidelines
+            self._modal = guidelines_dialog(self.client, self.post, text)
+        else:
+            self._close_dialog()
+
+    def _close_dialog(self) -> None:
+        if self._modal is not None:
+            self._modal.close()
+            self._modal = None
+
+
+_CLOCK: dict[str, Callable[[Playback], Playback]] = {
+    "play": Playback.toggle,
+    "replay": Playback.replay,
+    "back": lambda clock: clock.step(-1),
+    "on": lambda clock: clock.step(1),
+    "slower": lambda clock: clock.faster(-1),
+    "faster": lambda clock: clock.faster(1),
+}

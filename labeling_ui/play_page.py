@@ -1,0 +1,187 @@
+"""The page of `gaitpref play`: drive a policy, or two on the same commands."""
+
+from __future__ import annotations
+
+import html
+import queue
+from typing import Any, Literal
+
+import numpy as np
+import viser
+
+from .controls import PANEL_WIDTH_PX, floating_width_px, posts, posts_value
+from .figures import RaterFigures
+from .live import HISTORY_S, Drive, LivePolicy, LiveRobot
+from .proxy_cfg import ProxyCfg
+from .scene import NAMES, PairScene
+from .site import Site
+from .status import LoopStatus, no_status
+from .strips import live_footfalls
+from .theme import set_theme
+from .tokens import TokenStore
+
+COMMAND_RANGES = (
+    ("forward, m/s", -0.5, 1.5, 0.5),
+    ("left, m/s", -0.5, 0.5, 0.0),
+    ("turn left, rad/s", -1.0, 1.0, 0.0),
+)
+"""Name, lowest, highest and first value of each slider."""
+SPEEDS = ("0.25x", "0.5x", "1x", "2x")
+PUSH_M_S = 0.7
+PlayKey = Literal["P", "space", "R", "X", "T", "C", "M"]
+Colour = Literal["orange", "gray", "blue"]
+_READOUT_S = 0.2
+_MAX_STEPS_A_TICK = 3
+
+
+class PlayPage:
+    """One browser tab; its robots are its own."""
+
+    def __init__(
+        self, client: viser.ClientHandle, policies: tuple[LivePolicy, ...]
+    ) -> None:
+        self._client = client
+        self._robots = tuple(LiveRobot(policy) for policy in policies)
+        self._events: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
+        self._command = [first for _, _, _, first in COMMAND_RANGES]
+        self._playing, self._speed, self._dark = True, 1.0, False
+        self._owed_s = self._readout_in_s = 0.0
+        self._push = self._reset = False
+        self._rng = np.random.default_rng()
+        with client.atomic():
+            set_theme(client.gui, dark=False)
+            self._scene = PairScene(client, robots=len(policies))
+            geometries = [policy.geometry for policy in policies]
+            self._scene.show(*geometries, *[None] * (2 - len(geometries)))
+            self._build(client.gui)
+
+    def post(self, name: str, value: Any = None) -> None:
+        """Hand an event in; from any thread."""
+        self._events.put((name, value))
+
+    def tick(self, elapsed_s: float, status: LoopStatus | None) -> None:
+        """Simulate what is due and draw it."""
+        del status
+        while not self._events.empty():
+            self._handle(*self._events.get_nowait())
+        if not self._playing and not self._reset:
+            return
+        dt_s = self._robots[0].policy.control_dt_s
+        self._owed_s = min(
+            self._owed_s + elapsed_s * self._speed, _MAX_STEPS_A_TICK * dt_s
+        )
+        if self._reset:
+            self._owed_s = dt_s
+        while self._owed_s >= dt_s - 1e-9:
+            self._owed_s -= dt_s
+            self._step()
+        with self._client.atomic():
+            poses = [robot.pose() for robot in self._robots]
+            self._scene.draw(*poses, *[None] * (2 - len(poses)))
+            self._readout_in_s -= elapsed_s
+            if self._readout_in_s <= 0:
+                self._readout_in_s = _READOUT_S
+                self._show_figures()
+        self._client.flush()
+
+    def _step(self) -> None:
+        angle = self._rng.uniform(0, 2 * np.pi)
+        push = (PUSH_M_S * np.cos(angle), PUSH_M_S * np.sin(angle))
+        forward, left, yaw = self._command
+        drive = Drive(
+            command=(forward, left, yaw),
+            push_m_s=push if self._push else (0.0, 0.0),
+            reset=self._reset,
+        )
+        self._push = self._reset = False
+        for robot in self._robots:
+            robot.step(drive)
+
+    def _handle(self, name: str, value: Any) -> None:
+        if name.startswith("command"):
+            self._command[int(name[-1])] = float(value)
+        elif name == "stand":
+            for slider in self._sliders:
+                slider.value = 0.0
+            self._command = [0.0, 0.0, 0.0]
+        elif name == "push":
+            self._push = True
+        elif name == "play":
+            self._playing = not self._playing
+        elif name == "reset":
+            self._reset = True
+        elif name == "speed":
+            self._speed = float(value.removesuffix("x"))
+        elif name == "view":
+            views = {"treadmill": "lanes", "lanes": "treadmill"}
+            self._scene.look(views[self._scene.view])  # type: ignore[arg-type]
+        elif name == "camera":
+            self._scene.look(self._scene.view)
+        elif name == "theme":
+            self._dark = not self._dark
+            set_theme(self._client.gui, dark=self._dark)
+            self._scene.darken(self._dark)
+
+    def _build(self, gui: viser.GuiApi) -> None:
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(PANEL_WIDTH_PX)
+        self._head = gui.add_html("")
+        self._sliders = [
+            gui.add_slider(name, low, high, 0.05, first)
+            for name, low, high, first in COMMAND_RANGES
+        ]
+        for index, slider in enumerate(self._sliders):
+            slider.on_update(posts_value(self.post, f"command{index}"))
+        for key, name, words, colour in _KEYS:
+            button = gui.add_button(f"{words} [{key}]", color=colour)
+            button.on_click(posts(self.post, name))
+            command = gui.add_command(words, hotkey=key)
+            command.on_trigger(posts(self.post, name))
+        speed = gui.add_dropdown("speed", SPEEDS, initial_value="1x")
+        speed.on_update(posts_value(self.post, "speed"))
+        panel = gui.add_panel()
+        with panel.add_tab(f"Footfalls of the last {HISTORY_S:g} s"):
+            self._strip = gui.add_html("")
+        panel.float(x=12, y=-12, width=floating_width_px(self._client))
+
+    def _show_figures(self) -> None:
+        dt_s = self._robots[0].policy.control_dt_s
+        contacts = [robot.contacts for robot in self._robots]
+        self._strip.content = live_footfalls(contacts, dt_s, HISTORY_S)
+        self._head.content = "".join(
+            _figures(name, robot)
+            for name, robot in zip(NAMES, self._robots, strict=False)
+        )
+
+
+def _figures(name: str, robot: LiveRobot) -> str:
+    state = robot.state
+    numbers = "" if state is None else (
+        f"{state.speed_m_s:+.2f} m/s forward, base at {state.height_m:.2f} m, "
+        f"{robot.falls} falls"
+    )  # fmt: skip
+    return (
+        '<div style="padding:2px 12px 6px;font-size:13px"><b>'
+        f"{name}</b> {html.escape(robot.policy.name)}<br>{numbers}</div>"
+    )
+
+
+_KEYS: tuple[tuple[PlayKey, str, str, Colour], ...] = (
+    ("P", "push", "Push", "orange"),
+    ("space", "play", "Pause or go on", "blue"),
+    ("R", "reset", "Reset", "gray"),
+    ("X", "stand", "Stand still", "gray"),
+    ("T", "view", "Other view", "gray"),
+    ("C", "camera", "Reset the camera", "gray"),
+    ("M", "theme", "Light or dark", "gray"),
+)
+
+
+def play_site(policies: tuple[LivePolicy, ...], port: int, tokens: TokenStore) -> Site:
+    """A site on loopback, without a login; start it with a maker of `PlayPage`."""
+
+    def no_figures(rater_id: str) -> RaterFigures:
+        raise KeyError(rater_id)
+
+    cfg = ProxyCfg(port=port, auth=False, max_clients=4, max_clients_per_rater=4)
+    return Site(cfg, tokens=tokens, figures=no_figures, status=no_status)

@@ -1,0 +1,338 @@
+"""The queue of a rater: what is on the screen, and what an action does to it.
+
+Everything that lasts is in the store: a reload, a second tab and a restart of the
+server go on where the rater was. An answer's id is the id of its question, so that a
+question cannot be answered twice, whoever sends it how often.
+"""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+
+from data.answers import Answer, AnswerStore, Pair, Role, Side
+from data.questions import QuestionBoard, Shown
+
+from .guard import GuardCfg, GuardState, weigh
+from .judgement import (
+    Judgement,
+    Kind,
+    Outcome,
+    Past,
+    Progress,
+    Question,
+    to_choice,
+)
+from .plan import PlanCfg, plan, repeats
+
+
+@dataclass(frozen=True, kw_only=True)
+class QueueCfg:
+    """How questions are handed out and answers are taken."""
+
+    lease_s: float = 600.0
+    """A shown pair is kept from others this long after the last sign of life."""
+    plan: PlanCfg = field(default_factory=PlanCfg)
+    guard: GuardCfg = field(default_factory=GuardCfg)
+
+
+def utc_now() -> datetime:
+    """The time, as every session takes it."""
+    return datetime.now(UTC)
+
+
+class RaterSession:
+    """One rater at one browser tab; for use by one thread at a time.
+
+    Any number of sessions of one rater see the same queue. Every method raises
+    AnswerError if the data base fails, and then nothing was stored.
+    """
+
+    def __init__(
+        self,
+        store: AnswerStore,
+        rater_id: str,
+        *,
+        cfg: QueueCfg | None = None,
+        rng: np.random.Generator,
+        now: Callable[[], datetime] = utc_now,
+    ) -> None:
+        """Open the queue of `rater_id`, who becomes known to the store as a human.
+
+        Args:
+            rng: Draws the side each clip is shown on.
+            now: The time, with an offset.
+
+        Raises:
+            AnswerError: the id belongs to a scripted rater or a model.
+        """
+        store.add_rater(rater_id, "human")
+        self.rater_id = rater_id
+        self.cfg = QueueCfg() if cfg is None else cfg
+        self._store = store
+        self._board = QuestionBoard(store)
+        self._rng = rng
+        self._now = now
+        self._guard = GuardState()
+        self._question: Question | None = None
+
+    def current(self, *, active: bool = True) -> Question | None:
+        """What is to be on the screen; None if nothing is open for this rater.
+
+        The pair is leased, or its lease renewed. Asks the data base: call it after an
+        action and about once a second, not for every frame.
+
+        Args:
+            active: The rater is there; without a sign of life the lease is not renewed,
+                so that an empty chair keeps nothing from others.
+        """
+        now = self._now()
+        pile = self._board.shown(self.rater_id)
+        half_over = now + timedelta(seconds=self.cfg.lease_s / 2)
+        if not pile or (active and _time(pile[-1].expires_utc) < half_over):
+            with self._store.transaction():
+                pile = self._renewed(now) or self._asked(now)
+        question = self._decoded(pile[-1]) if pile else None
+        if pile and question is None:
+            self._board.close(pile[-1].question_id)
+            return self.current(active=active)
+        self._question = question
+        shown = None if question is None else question.question_id
+        self._guard = self._guard.on_screen(shown, now)
+        return question
+
+    def answer(self, judgement: Judgement) -> Outcome:
+        """Store an answer to the question on the screen, or say why it is ignored.
+
+        An accepted answer is on the disk when this returns.
+
+        Raises:
+            ValueError: the judgement holds an impossible confidence or time.
+        """
+        now = self._now()
+        guard, reason = weigh(self._guard, judgement, now, self.cfg.guard)
+        if reason:
+            self._guard = guard
+            return Outcome(False, reason)
+        with self._store.transaction():
+            pile = self._board.shown(self.rater_id)
+            if not pile or pile[-1].question_id != judgement.question_id:
+                return Outcome(False, "This pair was answered in another window.")
+            question = self._decoded(pile[-1])
+            if question is None:
+                self._board.close(judgement.question_id)
+                return Outcome(False, "This answer was changed in another window.")
+            answer = _spelled(question, judgement, self.rater_id, now)
+            self._store.add_answer(answer)
+            self._board.close(question.question_id)
+        # Only now: an answer that failed to be stored may be sent again at once.
+        self._guard = guard.on_screen(None, now)
+        return Outcome(True, answer=answer)
+
+    def undo(self) -> Outcome:
+        """Take the newest answer back and show its question again, sides as they were.
+
+        Where a reopened question is on the screen, that is closed instead.
+        """
+        if (outcome := self.cancel()).accepted:
+            return outcome
+        now = self._now()
+        with self._store.transaction():
+            newest = self._store.history(self.rater_id, 1)
+            if not newest:
+                return Outcome(False, "There is nothing to undo.")
+            pair, answer = newest[0]
+            retraction = Answer(
+                answer_id=_new_id(),
+                pair_id=pair.pair_id,
+                rater_id=self.rater_id,
+                choice="skip",
+                shown_left=answer.shown_left,
+                supersedes=answer.answer_id,
+                role="undo",
+                created_utc=now.isoformat(timespec="milliseconds"),
+            )
+            self._store.add_answer(retraction)
+            self._show(pair, answer.role, answer.shown_left, now)
+        return Outcome(True, answer=retraction)
+
+    def reopen(self, answer_id: str) -> Outcome:
+        """Show an earlier answer's question again, to be answered anew.
+
+        The old answer counts until the new one is given.
+        """
+        now = self._now()
+        with self._store.transaction():
+            found = self._store.current_answer(answer_id)
+            if found is None or found[1].rater_id != self.rater_id:
+                return Outcome(False, "This answer was changed in another window.")
+            self.cancel()
+            pair, answer = found
+            self._show(pair, answer.role, answer.shown_left, now, corrects=answer_id)
+        return Outcome(True)
+
+    def cancel(self) -> Outcome:
+        """Close a reopened question; its answer stays what it was."""
+        with self._store.transaction():
+            pile = self._board.shown(self.rater_id)
+            if not pile or pile[-1].supersedes is None:
+                return Outcome(False, "No earlier answer is open.")
+            self._board.close(pile[-1].question_id)
+        return Outcome(True)
+
+    def history(self, limit: int = 10) -> list[Past]:
+        """The rater's last answers, newest first."""
+        rows = self._store.history(self.rater_id, limit)
+        return [Past(pair, answer) for pair, answer in rows]
+
+    def progress(self) -> Progress:
+        """How far the rater is; looks at all pairs."""
+        now_utc = self._now().isoformat()
+        overlap = self.cfg.plan.overlap
+        return Progress(
+            answered=self._store.count(rater_id=self.rater_id),
+            open=self._board.count_open(self.rater_id, now_utc, overlap),
+            total=self._board.count_pairs(),
+        )
+
+    def upcoming(self, count: int = 2) -> list[Pair]:
+        """Pairs that probably come next, to be loaded ahead; nothing is leased.
+
+        Another rater may be faster, and then has loaded the one behind.
+        """
+        pile = self._board.shown(self.rater_id)
+        waiting = [self._store.pair(row.pair_id) for row in reversed(pile[:-1])]
+        planned = plan(
+            self._store,
+            self.rater_id,
+            self._now(),
+            self.cfg.plan,
+            count=count,
+            ahead=sum(row.supersedes is None for row in pile),
+            without={row.pair_id for row in pile},
+        )
+        return [*waiting, *(item.pair for item in planned)][:count]
+
+    def _renewed(self, now: datetime) -> list[Shown]:
+        """The pile with new leases, without what somebody else has taken over."""
+        pile = self._board.shown(self.rater_id)
+        for row in pile:
+            if _time(row.expires_utc) <= now and not self._still_open(row, now):
+                self._board.close(row.question_id)
+        self._board.renew(self.rater_id, self._expiry(now))
+        return self._board.shown(self.rater_id)
+
+    def _still_open(self, row: Shown, now: datetime) -> bool:
+        """Whether a question whose lease ran out may be asked all the same."""
+        if row.supersedes is not None:
+            return self._store.current_answer(row.supersedes) is not None
+        if row.role == "repeat":
+            open_pairs = [item.pair for item in repeats(self._store, self.rater_id, 0)]
+        elif self._store.pair(row.pair_id).gold is not None:
+            open_pairs = self._board.gold_pairs(self.rater_id)
+        else:
+            overlap = self.cfg.plan.overlap
+            open_pairs = self._board.open_pairs(
+                self.rater_id, now.isoformat(), overlap, pair_id=row.pair_id
+            )
+        return row.pair_id in {pair.pair_id for pair in open_pairs}
+
+    def _asked(self, now: datetime) -> list[Shown]:
+        """The pile with a new question, if there is one to ask."""
+        for item in plan(self._store, self.rater_id, now, self.cfg.plan):
+            drawn: Side = "a" if self._rng.random() < 0.5 else "b"
+            self._show(item.pair, item.role, item.shown_left or drawn, now)
+        return self._board.shown(self.rater_id)
+
+    def _show(
+        self,
+        pair: Pair,
+        role: Role,
+        shown_left: Side,
+        now: datetime,
+        *,
+        corrects: str | None = None,
+    ) -> None:
+        question = Shown(
+            question_id=_new_id(),
+            rater_id=self.rater_id,
+            pair_id=pair.pair_id,
+            role=role,
+            shown_left=shown_left,
+            supersedes=corrects,
+            shown_utc=now.isoformat(),
+            expires_utc=self._expiry(now),
+        )
+        self._board.show(question)
+
+    def _expiry(self, now: datetime) -> str:
+        return (now + timedelta(seconds=self.cfg.lease_s)).isoformat()
+
+    def _decoded(self, row: Shown) -> Question | None:
+        """The question of a row; None if the answer it corrects is not current."""
+        known = self._question
+        if known and known.question_id == row.question_id and not row.supersedes:
+            return known
+        corrects = None
+        if row.supersedes is not None:
+            found = self._store.current_answer(row.supersedes)
+            if found is None:
+                return None
+            corrects = found[1]
+        pair = self._store.pair(row.pair_id)
+        return Question(
+            question_id=row.question_id,
+            pair=pair,
+            shown_left=row.shown_left,
+            kind=self._kind(pair, row.role),
+            role=row.role,
+            shown_utc=_time(row.shown_utc),
+            corrects=corrects,
+        )
+
+    def _kind(self, pair: Pair, role: Role) -> Kind:
+        if role == "repeat":
+            return "repeat"
+        if pair.gold is not None:
+            return "gold"
+        overlaps = self.cfg.plan.overlap.takes(pair.pair_id)
+        return "overlap" if overlaps else "new"
+
+
+def _spelled(
+    question: Question, judgement: Judgement, rater_id: str, now: datetime
+) -> Answer:
+    choice, p_a = to_choice(judgement.verdict, question.shown_left)
+    shown_s = (now - question.shown_utc).total_seconds()
+    corrects = question.corrects
+    return Answer(
+        answer_id=question.question_id,
+        pair_id=question.pair.pair_id,
+        rater_id=rater_id,
+        choice=choice,
+        p_a=p_a,
+        shown_left=question.shown_left,
+        shown_ms=max(0, round(1000 * shown_s)),
+        watched_ms=judgement.watched_ms,
+        response_ms=judgement.response_ms,
+        confidence=judgement.confidence,
+        note=judgement.note,
+        reason=judgement.reason,
+        supersedes=None if corrects is None else corrects.answer_id,
+        client=judgement.client | {"kind": question.kind},
+        created_utc=now.isoformat(timespec="milliseconds"),
+        role=question.role,
+    )
+
+
+def _new_id() -> str:
+    # Not from the session's generator: ids must differ even where seeds are equal.
+    return uuid.uuid4().hex
+
+
+def _time(text: str) -> datetime:
+    return datetime.fromisoformat(text)

@@ -1,0 +1,231 @@
+"""What one visitor sees: robot A to the left, robot B to the right, one camera.
+
+All handles belong to one client, are made once and then only moved.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import viser
+from viser import BatchedGlbHandle, SceneApi
+
+# The one private name: its message moves and turns a mesh in one, the setters need two.
+from viser._messages import SceneNodeUpdateMessage
+
+from .floor import DARK, LIGHT, Floor, Rectangle
+from .geometry import Rgb, RobotGeometry
+from .glb import LEFT_RGB, RIGHT_RGB, tinted_glbs
+
+View = Literal["treadmill", "lanes"]
+"""`treadmill`: side by side, seen from the side, each on its own floor. `lanes`: one
+floor, the same start line, so that the faster one gets ahead."""
+
+NAMES = ("A", "B")
+COLOURS = (LEFT_RGB, RIGHT_RGB)
+_PLATES = (
+    Rectangle(center=(-0.60, 0.0), size=(1.0, 0.75)),
+    Rectangle(center=(0.60, 0.0), size=(1.0, 0.75)),
+)
+_ONE_PLATE = (Rectangle(center=(0.0, 0.0), size=(1.5, 1.0)),)
+_LANES = (Rectangle(center=(0.0, 0.0), size=(3.0, 1.5)),)
+_LANE_Y_M = (0.36, -0.36)
+_LABEL_HEIGHT_M = 0.56
+_FALL_RGB = (224, 49, 49)
+
+
+@dataclass(frozen=True)
+class Shot:
+    """Where a camera stands and what it looks at, m."""
+
+    position: tuple[float, float, float]
+    look_at: tuple[float, float, float]
+
+
+SHOTS: dict[View, Shot] = {
+    "treadmill": Shot((0.0, -2.85, 0.92), (0.0, 0.0, 0.04)),
+    "lanes": Shot((-1.3, -2.0, 1.2), (0.15, 0.0, 0.02)),
+}
+FOV_RAD = 0.72
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """One robot at one moment."""
+
+    positions: np.ndarray
+    """[I, 3] m, world frame, float32"""
+    wxyzs: np.ndarray
+    """[I, 4] float32"""
+    path: np.ndarray
+    """[2] m, the ground point the view follows."""
+    fallen: bool = False
+    """It is lying where it fell."""
+
+
+class RobotView:
+    """The meshes of one robot in the colour of one side."""
+
+    def __init__(self, scene: SceneApi, geometry: RobotGeometry, side: int) -> None:
+        self.geometry = geometry
+        files = tinted_glbs(geometry, COLOURS[side])
+        self._handles: list[BatchedGlbHandle] = []
+        for index, (file, mesh) in enumerate(zip(files, geometry.meshes, strict=True)):
+            count = len(mesh.body_ids)
+            handle = scene.add_batched_glb(
+                f"/robot_{NAMES[side]}/{geometry.key}/{index}",
+                file,
+                batched_positions=np.zeros((count, 3), dtype=np.float32),
+                batched_wxyzs=np.tile((1.0, 0.0, 0.0, 0.0), (count, 1)),
+                # Coarser meshes for far robots would cost a worker; none is far here.
+                lod="off",
+                visible=False,
+            )
+            self._handles.append(handle)
+
+    def show(self, visible: bool) -> None:
+        """Draw it or not."""
+        for handle in self._handles:
+            handle.visible = visible
+
+    def move(self, positions: np.ndarray, wxyzs: np.ndarray) -> None:
+        """Put the instances at `positions` [I, 3], turned by `wxyzs` [I, 4]."""
+        parts = zip(self._handles, self.geometry.instance_slices, strict=True)
+        for handle, rows in parts:
+            update = {
+                "batched_positions": positions[rows],
+                "batched_wxyzs": wxyzs[rows],
+            }
+            handle._impl.api._queue_scene_message(
+                SceneNodeUpdateMessage(handle.name, update)
+            )
+
+
+class PairScene:
+    """The 3D part of the page of one client."""
+
+    def __init__(self, client: viser.ClientHandle, *, robots: int = 2) -> None:
+        """Make the floors; `robots` is 1 or 2."""
+        self._client = client
+        self._plates = _PLATES if robots == 2 else _ONE_PLATE
+        self._lane_y = _LANE_Y_M if robots == 2 else (0.0,)
+        scene = client.scene
+        scene.set_up_direction("+z")
+        self.view: View = "treadmill"
+        self._floors: dict[View, Floor] = {
+            "treadmill": Floor(scene, "/plates", self._plates),
+            "lanes": Floor(scene, "/lanes", _LANES),
+        }
+        self._robots: tuple[dict[str, RobotView], ...] = ({}, {})
+        self._shown: list[RobotView | None] = [None, None]
+        self._fallen = [False, False]
+        self._labels = [
+            scene.add_label(
+                f"/label_{name}", name, anchor="bottom-center", font_screen_scale=1.35
+            )
+            for name in NAMES
+        ]
+        self._marks = [_fall_mark(scene, name) for name in NAMES]
+        self.look(self.view)
+
+    def show(self, left: RobotGeometry | None, right: RobotGeometry | None) -> None:
+        """Draw these robots; their meshes are sent only the first time."""
+        for side, geometry in enumerate((left, right)):
+            known = self._robots[side]
+            robot = None
+            if geometry is not None:
+                if geometry.key not in known:
+                    known[geometry.key] = RobotView(self._client.scene, geometry, side)
+                robot = known[geometry.key]
+            before = self._shown[side]
+            if before is not robot:
+                if before is not None:
+                    before.show(False)
+                if robot is not None:
+                    robot.show(True)
+                self._shown[side] = robot
+            self._labels[side].visible = robot is not None
+
+    def draw(self, left: Pose | None, right: Pose | None) -> None:
+        """Put both robots into their poses; call inside `client.atomic()`."""
+        poses = (left, right)
+        paths = [np.zeros(2) if pose is None else pose.path for pose in poses]
+        if self.view == "lanes":
+            shown = [pose.path for pose in poses if pose is not None]
+            shared = np.mean(shown, axis=0) if shown else np.zeros(2)
+            grounds, centers = [shared, shared], [(0.0, y) for y in self._lane_y]
+            self._floors["lanes"].scroll(np.array([shared]))
+        else:
+            grounds, centers = paths, [plate.center for plate in self._plates]
+            self._floors["treadmill"].scroll(np.array(paths[: len(self._plates)]))
+        for side, pose in enumerate(poses):
+            if pose is not None:
+                shift = np.array([*(np.array(centers[side]) - grounds[side]), 0.0])
+                self._draw_robot(side, pose, shift.astype(np.float32))
+
+    def look(self, view: View) -> None:
+        """Show this view from where it is best seen."""
+        self.view = view
+        for name, floor in self._floors.items():
+            floor.visible = name == view
+        plates = view == "treadmill"
+        for side, (x, y) in enumerate(plate.center for plate in self._plates):
+            if plates:
+                self._labels[side].position = (x, y, _LABEL_HEIGHT_M)
+        camera, shot = self._client.camera, SHOTS[view]
+        with self._client.atomic():
+            camera.up_direction = (0.0, 0.0, 1.0)
+            camera.position = shot.position
+            camera.look_at = shot.look_at
+            camera.fov = FOV_RAD
+
+    def darken(self, dark: bool) -> None:
+        """Floors for the light or the dark theme."""
+        for floor in self._floors.values():
+            floor.colour(DARK if dark else LIGHT)
+
+    def _draw_robot(self, side: int, pose: Pose, shift: np.ndarray) -> None:
+        robot = self._shown[side]
+        if robot is None:
+            return
+        robot.move(pose.positions + shift, pose.wxyzs)
+        if self.view == "lanes":
+            x, y = pose.path + shift[:2]
+            self._labels[side].position = (float(x), float(y), _LABEL_HEIGHT_M)
+        if pose.fallen != self._fallen[side]:
+            self._fallen[side] = pose.fallen
+            self._labels[side].text = NAMES[side] + (" fell" if pose.fallen else "")
+            self._marks[side].visible = pose.fallen
+        if pose.fallen:
+            x, y, _ = pose.positions[0] + shift
+            self._marks[side].position = (float(x), float(y), 0.002)
+
+
+def _fall_mark(scene: SceneApi, name: str) -> viser.MeshHandle:
+    """A red disc for the ground under a robot that fell."""
+    angle = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+    rim = np.stack([0.36 * np.cos(angle), 0.30 * np.sin(angle), 0 * angle], axis=-1)
+    corners = np.arange(1, 41)
+    faces = np.stack([np.zeros_like(corners), corners, np.roll(corners, -1)], axis=-1)
+    return scene.add_mesh_simple(
+        f"/fall_{name}",
+        vertices=np.concatenate([np.zeros((1, 3)), rim]),
+        faces=faces,
+        color=_FALL_RGB,
+        opacity=0.55,
+        cast_shadow=False,
+        visible=False,
+    )
+
+
+def side_colour(side: int) -> tuple[int, int, int]:
+    """The colour of A (0) or B (1) for buttons, each channel in [0, 255]."""
+    return rgb8(COLOURS[side])
+
+
+def rgb8(rgb: Rgb) -> tuple[int, int, int]:
+    """A colour as whole numbers."""
+    red, green, blue = (round(255 * channel) for channel in rgb)
+    return red, green, blue

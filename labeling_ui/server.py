@@ -1,0 +1,128 @@
+"""The labeling page as one object; `gaitpref label` and the loop both run it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+import viser
+
+from data.dataset import Dataset
+
+from .desk import Desk
+from .figures import rater_figures
+from .guard import GuardCfg
+from .guidelines import load_guidelines
+from .motion import MotionCache
+from .page import Page, Shared
+from .proxy_cfg import ProxyCfg
+from .queue import QueueCfg, RaterSession
+from .site import Site
+from .status import StatusSource, no_status
+from .tokens import TokenStore
+
+_GUARD = GuardCfg(repeat_gap_s=0.6)
+"""A browser that draws in software sends the repeats of a held key in bursts."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LabelCfg:
+    """How the page is served."""
+
+    host: str = "127.0.0.1"
+    """Address to listen on; any other than loopback needs tokens."""
+    port: int = 8080
+    """TCP port; 0 takes a free one."""
+    guidelines: Path | None = None
+    """Markdown shown to raters first."""
+    cert: Path | None = None
+    """Certificate for TLS, PEM."""
+    key: Path | None = None
+    """Its private key, PEM."""
+    auth: bool = True
+    """Ask for a token; only loopback may go without."""
+    shadows: bool = True
+    """Draw shadows; without a graphics card they take most of the time."""
+    queue: QueueCfg = field(default_factory=lambda: QueueCfg(guard=_GUARD))
+    """How questions are handed out."""
+
+
+class LabelServer:
+    """The page of a data set, up from `start` to `stop`."""
+
+    def __init__(
+        self, dataset: Dataset, cfg: LabelCfg, *, status: StatusSource = no_status
+    ) -> None:
+        """Prepare; nothing listens yet.
+
+        Args:
+            status: Says what the loop is doing.
+
+        Raises:
+            GaitprefError: the guidelines cannot be read.
+        """
+        self._dataset, self._cfg, self._status = dataset, cfg, status
+        self._guidelines = load_guidelines(cfg.guidelines)
+
+    @property
+    def url(self) -> str:
+        """Where the page is; known once it was started."""
+        return self._site.url
+
+    def start(self) -> None:
+        """Serve the page until `stop`.
+
+        Raises:
+            GaitprefError: the port is busy, or the options would leave it unguarded.
+        """
+        cfg, self._store = self._cfg, self._dataset.answers()
+        self._motions = MotionCache(self._dataset)
+        self._site = Site(
+            ProxyCfg(
+                host=cfg.host,
+                port=cfg.port,
+                cert=cfg.cert,
+                key=cfg.key,
+                auth=cfg.auth,
+                guidelines=cfg.guidelines,
+            ),
+            tokens=TokenStore(self._dataset.root),
+            figures=lambda rater_id: rater_figures(self._store, rater_id),
+            status=self._status,
+            shadows=cfg.shadows,
+        )
+        self._shared = Shared(
+            submit=self._site.submit,
+            submit_late=self._site.submit_late,
+            guidelines=self._guidelines,
+        )
+        try:
+            self._site.start(self._new_page)
+        except BaseException:
+            self._store.close()
+            raise
+
+    def stop(self) -> None:
+        """Close the page; raters see it go on by itself when it is started again."""
+        self._site.stop()
+        self._store.close()
+
+    def __enter__(self) -> LabelServer:
+        self.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+    def _new_page(self, client: viser.ClientHandle, rater_id: str) -> Page:
+        session = RaterSession(
+            self._store, rater_id, cfg=self._cfg.queue, rng=np.random.default_rng()
+        )
+        return Page(client, Desk(session, self._motions), self._shared)

@@ -1,0 +1,168 @@
+"""viser on loopback, the proxy before it, and the thread that moves the pages."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+import warnings
+from collections.abc import Callable, Coroutine
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
+
+import viser
+
+from .figures import RaterFigures
+from .proxied import lock_down, new_secret, proxied_rater
+from .proxy import Proxy
+from .proxy_cfg import ProxyCfg
+from .scene import FOV_RAD, SHOTS
+from .status import StatusSource
+from .theme import set_theme
+from .ticker import Ticker, Ticking
+from .tokens import TokenStore
+
+logger = logging.getLogger(__name__)
+T = TypeVar("T")
+
+NewPage = Callable[[viser.ClientHandle, str], Ticking]
+"""Makes the page of a client and its rater; called by the worker."""
+
+
+class Site:
+    """A server of pages, up from `start` to `stop`."""
+
+    def __init__(
+        self,
+        cfg: ProxyCfg,
+        *,
+        tokens: TokenStore,
+        figures: Callable[[str], RaterFigures],
+        status: StatusSource,
+        shadows: bool = True,
+    ) -> None:
+        """Start viser on loopback; nobody gets a page before `start`.
+
+        Args:
+            shadows: Draw them; without a graphics card they take most of the time.
+        """
+        # A visitor may leave between two writes; viser would warn about each.
+        warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
+        self._viser = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+        lock_down(self._viser)
+        self._secret = new_secret()
+        self._proxy = Proxy(
+            cfg,
+            upstream_port=self._viser.get_port(),
+            secret=self._secret,
+            tokens=tokens,
+            figures=figures,
+        )
+        self._ticker = Ticker(status)
+        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="desk")
+        # Loading ahead must not keep an answer waiting.
+        self._loader = ThreadPoolExecutor(max_workers=1, thread_name_prefix="loader")
+        self._loop = _LoopThread()
+        self._furnish(shadows)
+
+    @property
+    def url(self) -> str:
+        """Where the page is; the port is known once it was started."""
+        return self._proxy.url
+
+    def start(self, new_page: NewPage) -> None:
+        """Give every visitor who came through the proxy a page.
+
+        Raises:
+            GaitprefError: the port is busy, or the page would be unguarded.
+        """
+
+        def connected(client: viser.ClientHandle) -> None:
+            rater = proxied_rater(self._viser, client.client_id, self._secret)
+            if rater is not None:
+                self.submit(lambda: self._open(client, rater, new_page))
+
+        async def disconnected(client: viser.ClientHandle) -> None:
+            self._ticker.remove(client.client_id)
+
+        self._viser.on_client_connect(connected)
+        self._viser.on_client_disconnect(disconnected)
+        self._ticker.start()
+        self._loop.start()
+        try:
+            self._loop.run(self._proxy.start())
+        except BaseException:
+            self._shut()
+            raise
+
+    def stop(self) -> None:
+        """End what is running; all answers are on the disk already."""
+        self._loop.run(self._proxy.stop())
+        self._shut()
+
+    def submit(self, work: Callable[[], None]) -> None:
+        """Have the worker do something; errors end up in the log."""
+        _submit(self._worker, work)
+
+    def submit_late(self, work: Callable[[], None]) -> None:
+        """Have the loader do something nobody waits for."""
+        _submit(self._loader, work)
+
+    def _furnish(self, shadows: bool) -> None:
+        """What all visitors share: the light and where the camera starts."""
+        set_theme(self._viser.gui, dark=False)
+        scene, camera = self._viser.scene, self._viser.initial_camera
+        scene.world_axes.visible = False
+        scene.configure_default_lights(cast_shadow=shadows)
+        scene.configure_environment_map("studio", environment_intensity=0.35)
+        shot = SHOTS["treadmill"]
+        camera.position, camera.look_at = shot.position, shot.look_at
+        camera.fov = FOV_RAD
+
+    def _shut(self) -> None:
+        self._ticker.stop()
+        self._loader.shutdown(wait=True, cancel_futures=True)
+        self._worker.shutdown(wait=True, cancel_futures=True)
+        self._loop.stop()
+        self._viser.stop()
+
+    def _open(self, client: viser.ClientHandle, rater: str, new_page: NewPage) -> None:
+        self._ticker.add(client.client_id, new_page(client, rater))
+        # It may have left while the page was made, before there was one to remove.
+        if client.client_id not in self._viser.get_clients():
+            self._ticker.remove(client.client_id)
+
+
+def _submit(pool: ThreadPoolExecutor, work: Callable[[], None]) -> None:
+    def logged() -> None:
+        try:
+            work()
+        except Exception:
+            logger.exception("a task of the page failed")
+
+    try:
+        pool.submit(logged)
+    except RuntimeError:
+        logger.debug("the server is stopping; a task is dropped")
+
+
+class _LoopThread:
+    """An event loop in a thread of its own, for the proxy."""
+
+    def __init__(self) -> None:
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(
+            target=self._loop.run_forever, name="proxy", daemon=True
+        )
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def run(self, work: Coroutine[Any, Any, T]) -> T:
+        """Run `work` in the loop and wait for it."""
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result()
+
+    def stop(self) -> None:
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()

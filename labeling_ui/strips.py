@@ -1,0 +1,214 @@
+"""Footfalls and curves of both clips as SVG, with a playhead that moves by itself.
+
+The browser animates the playhead, so that it costs nothing while the clips play: the
+server sends a line once a round, and where the clock is paused, moved or changes its
+speed.
+
+Shapes: T steps of a clip.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from data.features import LEGS
+
+from .motion import Motion
+from .playback import Playback
+from .scene import COLOURS, NAMES, rgb8
+
+FALL_CSS = "#e03131"
+_ROW = 9.0
+_GAP = 3.0
+_STYLE = """<style>
+.gp{font-size:11px;line-height:1.2;color:inherit}
+.gp svg{display:block;width:100%;overflow:visible}
+.gp .t{opacity:.14}
+.gp .row{display:flex;align-items:center;gap:8px;height:48px;margin:0 0 6px}
+.gp .key{flex:0 0 16px;font-weight:700;text-align:center;font-size:13px}
+.gp .legs{flex:0 0 26px;font-size:9px;line-height:12px;opacity:.65;text-align:right}
+.gp .area{position:relative;flex:1}
+.gp .title{display:flex;justify-content:space-between;height:16px;opacity:.75}
+.gp .cols{display:flex;gap:14px;margin-left:58px}
+.gp .axis{display:flex;justify-content:space-between;height:14px;margin-left:58px;
+opacity:.6;font-size:10px}
+.gp .over{position:absolute;right:0;top:0;height:0}
+.gp .head{position:absolute;top:0;width:2px;margin-left:-1px;border-radius:1px;
+background:currentColor;opacity:.85;pointer-events:none}
+.gp .speed{position:absolute;left:4px;top:108px;font-size:11px;opacity:.7}
+</style>"""
+FOOTFALLS_PX, CURVES_PX = 108, 66
+"""Heights of the drawings, which their playheads span."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One quantity of both clips."""
+
+    title: str
+    left: np.ndarray
+    """[T] of clip A."""
+    right: np.ndarray
+    """[T] of clip B."""
+
+
+def footfalls(left: Motion, right: Motion, duration_s: float) -> str:
+    """The feet on the ground over time: a bar is a foot that stands."""
+    rows = "".join(
+        _row(
+            NAMES[side],
+            _css(side),
+            _legs(),
+            _contact_svg(
+                motion.contact, motion.dt_s, duration_s, side, fell=motion.fell
+            ),
+        )
+        for side, motion in enumerate((left, right))
+    )
+    return _framed(rows, duration_s)
+
+
+def live_footfalls(contacts: list[np.ndarray], dt_s: float, duration_s: float) -> str:
+    """The last `duration_s` of each robot's `contacts` [T, 4], newest to the right."""
+    rows = "".join(
+        _row(
+            NAMES[side],
+            _css(side),
+            _legs(),
+            _contact_svg(contact, dt_s, duration_s, side, fell=False),
+        )
+        for side, contact in enumerate(contacts)
+    )
+    return f'{_STYLE}<div class="gp">{rows}</div>'
+
+
+def curves(left: Motion, right: Motion, duration_s: float) -> str:
+    """Speed, height and torque of both clips over time, beside one another."""
+    table = (
+        Curve("forward speed, m/s", left.speed_m_s, right.speed_m_s),
+        Curve("base height, m", left.height_m, right.height_m),
+        Curve("mean joint torque, N m", left.torque_nm, right.torque_nm),
+    )
+    dts = (left.dt_s, right.dt_s)
+    columns = "".join(_curve(curve, dts, duration_s) for curve in table)
+    return f'{_STYLE}<div class="gp"><div class="cols">{columns}</div></div>'
+
+
+def playhead(playback: Playback) -> str:
+    """A line through the footfalls, which are drawn right below; and the speed."""
+    words = f"{playback.speed:g}x" + ("" if playback.playing else " paused")
+    return (
+        f'{_STYLE}<div class="gp" style="position:relative;height:0;z-index:1">'
+        f'<div class="speed">{words}</div><div class="over" style="left:58px">'
+        f"{_line(playback, FOOTFALLS_PX)}</div></div>"
+    )
+
+
+def curve_playheads(playback: Playback) -> str:
+    """A line through each of the curves, which are drawn right below."""
+    line = f'<div style="position:relative;flex:1">{_line(playback, CURVES_PX)}</div>'
+    return (
+        f'{_STYLE}<div class="gp" style="position:relative;height:0;z-index:1">'
+        f'<div class="cols">{3 * line}</div></div>'
+    )
+
+
+def _line(playback: Playback, height_px: int) -> str:
+    """An upright line at the moment of the clock, moving if the clock runs."""
+    if not playback.playing:
+        place = f"left:{100 * playback.time_s / playback.duration_s:.2f}%"
+        return f'<div class="head" style="height:{height_px}px;{place}"></div>'
+    share = 100 * playback.duration_s / playback.speed / playback.cycle_s
+    frames = f"0%{{left:0}}{share:.2f}%{{left:100%}}100%{{left:100%}}"
+    # A negative delay starts the animation where the clock is now.
+    run = (
+        f"gp {playback.cycle_s:.3f}s linear -{playback.cycle_position_s:.3f}s infinite"
+    )
+    return (
+        f"<style>@keyframes gp{{{frames}}}</style>"
+        f'<div class="head" style="height:{height_px}px;animation:{run}"></div>'
+    )
+
+
+def _framed(rows: str, duration_s: float) -> str:
+    """The rows and the time axis below."""
+    ticks = np.linspace(0, duration_s, 5)
+    axis = "".join(f"<span>{tick:.2g} s</span>" for tick in ticks)
+    return f'{_STYLE}<div class="gp">{rows}<div class="axis">{axis}</div></div>'
+
+
+def _row(name: str, colour: str, legend: str, svg: str) -> str:
+    return (
+        f'<div class="row"><div class="key" style="color:{colour}">{name}</div>'
+        f'<div class="legs">{legend}</div><div class="area">{svg}</div></div>'
+    )
+
+
+def _legs() -> str:
+    return "<br>".join(LEGS)
+
+
+def _contact_svg(
+    contact: np.ndarray, dt_s: float, duration_s: float, side: int, *, fell: bool
+) -> str:
+    """Four bars, one a leg; the part of the clock behind the clip stays empty."""
+    height = 4 * (_ROW + _GAP)
+    length = len(contact) * dt_s / duration_s * 1000
+    bars = []
+    for leg in range(4):
+        y = leg * (_ROW + _GAP) + _GAP / 2
+        bars.append(
+            f'<rect class="t" x="0" y="{y}" width="{length:.1f}" height="{_ROW}" '
+            f'rx="1" fill="currentColor"/>'
+        )
+        for first, last in stance_phases(contact[:, leg]):
+            x = first * dt_s / duration_s * 1000
+            wide = (last - first) * dt_s / duration_s * 1000
+            bars.append(
+                f'<rect x="{x:.1f}" y="{y}" width="{wide:.1f}" height="{_ROW}" '
+                f'fill="{_css(side)}"/>'
+            )
+    if fell:
+        bars.append(
+            f'<rect x="{length - 5:.1f}" y="0" width="5" height="{height}" '
+            f'fill="{FALL_CSS}"><title>falls here</title></rect>'
+        )
+    return (
+        f'<svg viewBox="0 0 1000 {height}" height="{height}" '
+        f'preserveAspectRatio="none">{"".join(bars)}</svg>'
+    )
+
+
+def stance_phases(contact: np.ndarray) -> list[tuple[int, int]]:
+    """First step and step behind the last of every stretch of `contact` [T]."""
+    edges = np.diff(np.concatenate([[0], contact.astype(int), [0]]))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    return [(int(a), int(b)) for a, b in zip(starts, ends, strict=True)]
+
+
+def _curve(curve: Curve, dts: tuple[float, float], duration_s: float) -> str:
+    both = np.concatenate([curve.left, curve.right])
+    low, high = float(both.min()), float(both.max())
+    span = max(high - low, 1e-6)
+    lines = []
+    for side, values in enumerate((curve.left, curve.right)):
+        x = np.arange(1, len(values) + 1) * dts[side] / duration_s * 1000
+        y = 46 - 44 * (values - low) / span
+        points = " ".join(f"{a:.0f},{b:.1f}" for a, b in zip(x, y, strict=True))
+        lines.append(
+            f'<polyline points="{points}" fill="none" stroke="{_css(side)}" '
+            'stroke-width="2" vector-effect="non-scaling-stroke"/>'
+        )
+    return (
+        f'<div style="flex:1"><div class="title">{curve.title}'
+        f"<span>{low:.2f} to {high:.2f}</span></div>"
+        '<svg viewBox="0 0 1000 48" height="48" preserveAspectRatio="none">'
+        '<rect class="t" width="1000" height="48" fill="currentColor"/>'
+        f"{''.join(lines)}</svg></div>"
+    )
+
+
+def _css(side: int) -> str:
+    return "#{:02x}{:02x}{:02x}".format(*rgb8(COLOURS[side]))

@@ -1,0 +1,91 @@
+"""One thread that moves all pages, fifty times a second."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from typing import Protocol
+
+from .status import LoopStatus, StatusSource
+
+logger = logging.getLogger(__name__)
+
+PERIOD_S = 0.02
+_LATE_S = 0.1
+_STATUS_S = 1.0
+
+
+class Ticking(Protocol):
+    """Something that moves."""
+
+    def tick(self, elapsed_s: float, status: LoopStatus | None) -> None:
+        """Move on by `elapsed_s` of real time."""
+        ...
+
+
+class Ticker:
+    """Calls `tick` of its pages at absolute deadlines, all in one thread."""
+
+    def __init__(self, status: StatusSource) -> None:
+        self._status_source = status
+        self._pages: dict[int, Ticking] = {}
+        self._lock = threading.Lock()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="ticker", daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End, and wait for it."""
+        self._stop.set()
+        self._thread.join()
+
+    def add(self, key: int, page: Ticking) -> None:
+        """Move this page too."""
+        with self._lock:
+            self._pages[key] = page
+
+    def remove(self, key: int) -> None:
+        """Leave this page alone, if it is there."""
+        with self._lock:
+            self._pages.pop(key, None)
+
+    def _run(self) -> None:
+        last = due = time.monotonic()
+        status, status_due = None, last
+        while True:
+            due += PERIOD_S
+            delay = due - time.monotonic()
+            if delay < -_LATE_S:
+                # The machine was asleep or overloaded: catching up would only jerk.
+                due = time.monotonic()
+            if self._stop.wait(max(delay, 0.0)):
+                return
+            now = time.monotonic()
+            if now >= status_due:
+                status, status_due = self._read_status(), now + _STATUS_S
+            with self._lock:
+                pages = tuple(self._pages.items())
+            for key, page in pages:
+                self._tick(key, page, now - last, status)
+            last = now
+
+    def _tick(
+        self, key: int, page: Ticking, elapsed_s: float, status: LoopStatus | None
+    ) -> None:
+        try:
+            page.tick(elapsed_s, status)
+        except Exception:
+            # One broken page must not stop the others.
+            logger.exception("a page failed and is no longer moved")
+            self.remove(key)
+
+    def _read_status(self) -> LoopStatus | None:
+        try:
+            return self._status_source()
+        except Exception:
+            logger.exception("the status cannot be read")
+            return None

@@ -1,0 +1,172 @@
+"""One token per rater: shown once, kept as a hash, revoked at any time.
+
+The file lies in the data set and is readable by its owner only. It is read again when
+it changes, so that a running server knows of a revocation at once.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import hmac
+import json
+import re
+import secrets
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from data.dataset import LOCK_NAME
+from data.errors import GaitprefError
+from data.files import write_atomically
+
+TOKENS_NAME = "raters.json"
+_NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
+
+
+class TokenError(GaitprefError):
+    """A rater's token cannot be made, revoked or read."""
+
+
+@dataclass(frozen=True)
+class Token:
+    """What is kept of a token."""
+
+    sha256: str
+    created_utc: str
+
+
+class TokenStore:
+    """The raters who may log in to the page of one data set; safe for threads."""
+
+    def __init__(self, root: Path) -> None:
+        """The tokens of the data set at `root`; there need not be any yet."""
+        self.path = root / TOKENS_NAME
+        self._mutex = threading.Lock()
+        self._stamp: tuple[int, int, int] | None = None
+        self._tokens: dict[str, Token] = {}
+        self._key = b""
+
+    def names(self) -> dict[str, Token]:
+        """Raters with a token, in the order they were added.
+
+        Raises:
+            TokenError: the file is damaged.
+        """
+        return dict(self._read()[0])
+
+    def add(self, name: str) -> str:
+        """Make a token for a rater; this is the only time it is seen.
+
+        Raises:
+            TokenError: the name cannot be used, or has a token already.
+        """
+        require_name(name)
+        with self._locked():
+            tokens, key = self._read()
+            if name in tokens:
+                raise TokenError(
+                    f"{name} has a token already; `gaitpref raters --dataset "
+                    f"{self.path.parent} revoke {name}` makes room for a new one"
+                )
+            token = secrets.token_urlsafe(24)
+            created = datetime.now(UTC).isoformat(timespec="seconds")
+            added = {name: Token(_sha256(token), created)}
+            self._write(tokens | added, key or secrets.token_bytes(32))
+        return token
+
+    def revoke(self, name: str) -> None:
+        """Make a rater's token worthless; whoever is logged in with it is thrown out.
+
+        Raises:
+            TokenError: the rater has none.
+        """
+        with self._locked():
+            tokens, key = self._read()
+            if name not in tokens:
+                known = ", ".join(tokens) or "nobody"
+                raise TokenError(f"{name!r} has no token; these have: {known}")
+            rest = {other: token for other, token in tokens.items() if other != name}
+            self._write(rest, key)
+
+    def rater_of(self, token: str) -> str | None:
+        """Who has this token; takes the same time for every wrong one."""
+        given = _sha256(token)
+        found = None
+        for name, known in self._read()[0].items():
+            if hmac.compare_digest(given, known.sha256):
+                found = name
+        return found
+
+    def signature(self, name: str, text: str) -> str | None:
+        """Signs `text` for a rater; None without a token.
+
+        It changes with the token: what was signed before a revocation is worthless.
+        """
+        tokens, key = self._read()
+        if name not in tokens:
+            return None
+        message = "\n".join((name, tokens[name].sha256, text))
+        return hmac.new(key, message.encode(), hashlib.sha256).hexdigest()
+
+    def is_signed(self, name: str, text: str, signature: str) -> bool:
+        """Whether this text was signed for a rater who still has the same token."""
+        expected = self.signature(name, text)
+        if expected is None:
+            return False
+        return hmac.compare_digest(expected.encode(), signature.encode())
+
+    def _read(self) -> tuple[dict[str, Token], bytes]:
+        with self._mutex:
+            try:
+                stat = self.path.stat()
+                stamp = (stat.st_ino, stat.st_size, stat.st_mtime_ns)
+                if stamp != self._stamp:
+                    content = json.loads(self.path.read_bytes())
+                    self._tokens = _decoded(content["raters"])
+                    self._key = bytes.fromhex(content["key"])
+                    self._stamp = stamp
+            except FileNotFoundError:
+                self._stamp, self._tokens, self._key = None, {}, b""
+            except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+                raise TokenError(
+                    f"{self.path} cannot be used ({error}); delete it and add the "
+                    "raters again, their answers are kept elsewhere"
+                ) from None
+            return self._tokens, self._key
+
+    def _write(self, tokens: dict[str, Token], key: bytes) -> None:
+        raters = {name: asdict(token) for name, token in tokens.items()}
+        content = json.dumps({"key": key.hex(), "raters": raters}, indent=1)
+        write_atomically(self.path, content.encode(), mode=0o600)
+
+    @contextmanager
+    def _locked(self) -> Iterator[None]:
+        with (self.path.parent / LOCK_NAME).open("ab") as file:
+            fcntl.flock(file, fcntl.LOCK_EX)
+            yield
+
+
+def require_name(name: str) -> None:
+    """Make sure that a name can stand in a header, in a cookie and on the page.
+
+    Raises:
+        TokenError: it cannot.
+    """
+    if not _NAME.fullmatch(name):
+        raise TokenError(
+            f"{name!r} cannot be a rater's name; use 1 to 40 of a-z, A-Z, 0-9, - and "
+            "_, a pseudonym is best"
+        )
+
+
+def _decoded(raters: dict[str, Any]) -> dict[str, Token]:
+    return {name: Token(**values) for name, values in raters.items()}
+
+
+def _sha256(token: str) -> str:
+    return hashlib.sha256(token.encode()).hexdigest()

@@ -1,0 +1,129 @@
+"""Log in, guidelines, my figures: pages that work without JavaScript."""
+
+from __future__ import annotations
+
+import html
+
+from markdown_it import MarkdownIt
+
+from .figures import RaterFigures, Share
+
+CSS = """
+:root { color-scheme: light dark; --ink: #1a1d21; --soft: #5c6570; --paper: #fff;
+  --line: #d9dee3; --accent: #1971c2; --bad: #c92a2a; }
+@media (prefers-color-scheme: dark) { :root { --ink: #e6e8ea; --soft: #9aa4ae;
+  --paper: #16191d; --line: #343a40; --accent: #4dabf7; --bad: #ff8787; } }
+* { box-sizing: border-box; }
+body { margin: 0; background: var(--paper); color: var(--ink);
+  font: 16px/1.55 system-ui, sans-serif; }
+main { max-width: 42rem; margin: 0 auto; padding: 3rem 1.25rem; }
+main.narrow { max-width: 24rem; padding-top: 18vh; }
+h1 { font-size: 1.5rem; margin: 0 0 .5rem; } h2 { font-size: 1.15rem; }
+p.soft, td.soft { color: var(--soft); } p.bad { color: var(--bad); }
+a { color: var(--accent); }
+label { display: block; font-weight: 600; margin: 1.5rem 0 .4rem; }
+input { width: 100%; font: inherit; padding: .6rem .7rem; color: inherit;
+  background: transparent; border: 1px solid var(--line); border-radius: .4rem; }
+button { font: inherit; font-weight: 600; margin-top: 1rem; padding: .6rem 1.4rem;
+  color: var(--paper); background: var(--accent); border: 0; border-radius: .4rem;
+  cursor: pointer; }
+:focus-visible { outline: 3px solid var(--accent); outline-offset: 2px; }
+table { border-collapse: collapse; width: 100%; margin: 1.5rem 0; }
+th, td { text-align: left; padding: .5rem .75rem .5rem 0; vertical-align: top;
+  border-bottom: 1px solid var(--line); }
+td.number { text-align: right; font-variant-numeric: tabular-nums;
+  white-space: nowrap; }
+pre, code { font-family: ui-monospace, monospace; font-size: .9em; }
+pre { overflow-x: auto; } img { max-width: 100%; }
+form.quiet button { background: none; color: var(--soft); padding: 0;
+  font-weight: 400; text-decoration: underline; }
+"""
+
+_MARKDOWN = MarkdownIt("commonmark", {"html": False}).enable("table")
+
+
+def login_page(complaint: str = "") -> str:
+    """The form that asks for a token."""
+    bad = f'<p class="bad" role="alert">{html.escape(complaint)}</p>'
+    return _page(
+        "Log in",
+        '<h1>gaitpref</h1><p class="soft">Which gait is better?</p>'
+        f"{bad if complaint else ''}"
+        '<form method="post" action="/login">'
+        '<label for="token">Your token</label>'
+        '<input id="token" name="token" type="password" required autofocus '
+        'autocomplete="current-password" maxlength="200">'
+        "<button>Log in</button></form>"
+        '<p class="soft">The owner of the data set makes one with '
+        "<code>gaitpref raters add NAME</code>.</p>",
+        css_class="narrow",
+    )
+
+
+def guidelines_page(markdown: str) -> str:
+    """The project's guidelines; HTML in the Markdown is shown, not run."""
+    return _page("Guidelines", _MARKDOWN.render(markdown) + _BACK)
+
+
+def figures_page(figures: RaterFigures, *, can_leave: bool) -> str:
+    """A rater's own figures, with what they mean.
+
+    Args:
+        can_leave: Offer to log out.
+    """
+    rows = "".join(
+        f"<tr><th>{name}</th><td class='number'>{html.escape(value)}</td>"
+        f"<td class='soft'>{meaning}</td></tr>"
+        for name, value, meaning in _figure_rows(figures)
+    )
+    leave = (
+        '<form class="quiet" method="post" action="/logout"><button>Log out</button>'
+        "</form>"
+    )
+    return _page(
+        "My figures",
+        f"<h1>My figures</h1><p class='soft'>{html.escape(figures.rater_id)}</p>"
+        f"<table>{rows}</table><p class='soft'>They tell how reliable the answers are. "
+        "Nobody is ranked, and nothing is kept from you.</p>"
+        f"{_BACK}{leave if can_leave else ''}",
+    )
+
+
+_BACK = '<p><a href="/">To the pairs</a></p>'
+
+
+def _figure_rows(figures: RaterFigures) -> list[tuple[str, str, str]]:
+    def number(value: float | None, form: str) -> str:
+        return "-" if value is None else form.format(value)
+
+    def share(part: Share) -> str:
+        return number(part.share, "{:.0%}") + (f" of {part.of}" if part.of else "")
+
+    return [
+        ("Answers", str(figures.answers), "that count now"),
+        ("An hour", number(figures.per_hour, "{:.0f}"), "pauses left out"),
+        ("Time", number(figures.median_s, "{:.1f} s"), "half took less"),
+        ("Under 2 s", share(figures.fast), "perhaps too fast to have looked"),
+        ("Left", share(figures.left), "of your preferences; about 50 % is fair"),
+        (
+            "With yourself",
+            share(figures.self_consistency),
+            "same answer when a pair came back with the sides swapped",
+        ),
+        ("Known", share(figures.gold), "of the pairs with a known answer"),
+        ("With others", share(figures.agreement), "same answer to the same pair"),
+        (
+            "Alpha",
+            number(figures.alpha, "{:.2f}"),
+            "Krippendorff's: 1 is full agreement, 0 is chance",
+        ),
+    ]
+
+
+def _page(title: str, body: str, *, css_class: str = "") -> str:
+    return (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{title} · gaitpref</title><style>{CSS}</style></head>"
+        f'<body><main class="{css_class}">{body}</main></body></html>\n'
+    )

@@ -1,0 +1,115 @@
+"""The server dies by SIGKILL while eight raters answer; nothing counted is lost."""
+
+import asyncio
+import itertools
+import os
+import signal
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from benchmarks.visitor import Visitor
+from benchmarks.walks import walking_dataset
+from data.dataset import Dataset
+from labeling_ui.tokens import TokenStore
+
+RATERS = 8
+KEYS = ("A better", "B better", "Equally good", "A much better", "B much better")
+
+
+class Server:
+    """`gaitpref label` in a process of its own."""
+
+    def __init__(self, root: Path) -> None:
+        command = [sys.executable, "-m", "gaitpref.cli", "label"]
+        self.process = subprocess.Popen(
+            [*command, "--dataset", str(root), "--port", "0"],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert self.process.stdout is not None
+        lines = iter(self.process.stdout.readline, "")
+        self.url = next(line for line in lines if "page is at" in line).split()[-1]
+
+    def end(self, number: signal.Signals) -> int:
+        """Send a signal and wait."""
+        os.kill(self.process.pid, number)
+        code = self.process.wait(timeout=30)
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+        return code
+
+
+async def answering(
+    url: str, tokens: list[str], enough: Callable[[list[Visitor]], bool]
+) -> list[Visitor]:
+    """All raters answer as fast as they may until `enough` says so."""
+    visitors = [Visitor(url, token) for token in tokens]
+    tasks = [asyncio.create_task(visitor.run()) for visitor in visitors]
+
+    async def work(visitor: Visitor) -> None:
+        await visitor.until_moving()
+        await visitor.press("Close the dialog")
+        for key in itertools.cycle(KEYS):
+            await visitor.press(key)
+            await asyncio.sleep(0.35)
+
+    tasks += [asyncio.create_task(work(visitor)) for visitor in visitors]
+    async with asyncio.timeout(120):
+        while not enough(visitors):
+            await asyncio.sleep(0.01)
+    # What the dying server still sent is read, as a browser would.
+    await asyncio.sleep(0.5)
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+    return visitors
+
+
+def stored(root: Path) -> Counter[str]:
+    """Current answers of every rater; none twice."""
+    with Dataset.open(root).answers() as store:
+        answers = [answer for _, answer in store.current_answers()]
+    keys = [(answer.rater_id, answer.pair_id) for answer in answers]
+    assert len(set(keys)) == len(keys)
+    return Counter(answer.rater_id for answer in answers)
+
+
+@pytest.mark.slow
+def test_sigkill_loses_no_acknowledged_answer(tmp_path: Path) -> None:
+    """What a rater's page counted is in the data base, and everybody goes on."""
+    root = tmp_path / "set"
+    walking_dataset(root, pairs=200)
+    store = TokenStore(root)
+    names = [f"rater{index}" for index in range(RATERS)]
+    tokens = [store.add(name) for name in names]
+
+    server = Server(root)
+
+    def killed(visitors: list[Visitor]) -> bool:
+        enough = all((visitor.answered or 0) >= 3 for visitor in visitors)
+        if enough:
+            server.end(signal.SIGKILL)
+        return enough
+
+    visitors = asyncio.run(answering(server.url, tokens, killed))
+    before = stored(root)
+    for name, visitor in zip(names, visitors, strict=True):
+        assert before[name] >= (visitor.answered or 0) >= 3
+
+    server = Server(root)
+
+    def went_on(visitors: list[Visitor]) -> bool:
+        return all(
+            (visitor.answered or 0) >= before[name] + 2
+            for name, visitor in zip(names, visitors, strict=True)
+        )
+
+    asyncio.run(answering(server.url, tokens, went_on))
+    assert server.end(signal.SIGTERM) == 0
+    after = stored(root)
+    assert all(after[name] >= before[name] + 2 for name in names)
