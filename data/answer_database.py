@@ -38,7 +38,7 @@ def connect(path: Path) -> sqlite3.Connection:
     while True:
         try:
             return _connect_once(path)
-        except sqlite3.Error as error:
+        except (sqlite3.Error, UnicodeDecodeError) as error:
             # The low byte; the others say what exactly was busy.
             if getattr(error, "sqlite_errorcode", 0) & 0xFF != sqlite3.SQLITE_BUSY:
                 raise AnswerError(
@@ -69,7 +69,7 @@ def connect_copy(path: Path) -> sqlite3.Connection:
         _set_up(copy, path)
     except BaseException as error:
         copy.close()
-        if isinstance(error, sqlite3.Error):
+        if isinstance(error, sqlite3.Error | UnicodeDecodeError):
             raise AnswerError(
                 f"{path} cannot be read as a store of answers ({error}); restore it "
                 "from a copy"

@@ -269,7 +269,7 @@ class AnswerStore:
         try:
             with self._lock:
                 return self._connection.execute(query, values).fetchall()
-        except sqlite3.Error as error:
+        except (sqlite3.Error, UnicodeDecodeError) as error:
             raise self._failure(error) from error
 
     @contextmanager
@@ -293,7 +293,7 @@ class AnswerStore:
                     if self._connection.in_transaction:
                         self._connection.execute("ROLLBACK")
                     raise
-            except sqlite3.Error as error:
+            except (sqlite3.Error, UnicodeDecodeError) as error:
                 raise self._failure(error) from error
 
     def _require_known(self, table: str, column: str, value: str) -> None:
@@ -316,7 +316,7 @@ class AnswerStore:
                 "pair; correct only your own answer to the same pair"
             )
 
-    def _failure(self, error: sqlite3.Error) -> AnswerError:
+    def _failure(self, error: sqlite3.Error | UnicodeDecodeError) -> AnswerError:
         return AnswerError(
             f"{self.path} failed: {error}; nothing of this was stored, try again "
             "when the cause is gone"
