@@ -69,7 +69,6 @@ def connect_copy(path: Path) -> sqlite3.Connection:
         _set_up(copy, path)
     except BaseException as error:
         copy.close()
-        # A damaged schema may hold bytes that are no text.
         if isinstance(error, sqlite3.Error | UnicodeDecodeError):
             raise AnswerError(
                 f"{path} cannot be read as a store of answers ({error}); restore it "

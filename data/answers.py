@@ -29,6 +29,7 @@ from data.answer_rows import (
     RATER_COLUMNS,
     SELECT_ALL,
     SELECT_CURRENT,
+    checked,
     decode_answer,
     decode_pair,
     decode_pair_and_answer,
@@ -120,11 +121,10 @@ class AnswerStore:
         return dict(self.query("SELECT rater_id, kind FROM rater ORDER BY rowid"))
 
     def rater_rows(self) -> list[tuple[str, RaterKind, dict[str, Any]]]:
-        """Id, kind and info of every rater, by id."""
-        rows = self.query(
-            "SELECT rater_id, kind, info_json FROM rater ORDER BY rater_id"
-        )
-        return [(rater, kind, json.loads(info)) for rater, kind, info in rows]
+        """Id, kind and info of everybody, in the order they came."""
+        rows = self.query(f"SELECT {RATER_COLUMNS} FROM rater ORDER BY rowid")
+        values = map(checked, rows)
+        return [(rater, kind, json.loads(info)) for rater, kind, info in values]
 
     def add_pairs(self, pairs: Iterable[Pair]) -> int:
         """Add all pairs or none; those known already stay as they are.
@@ -229,15 +229,15 @@ class AnswerStore:
         )
         return [decode_pair_and_answer(row) for row in rows]
 
-    def current_answer(self, answer_id: str) -> tuple[Pair, Answer] | None:
-        """The answer with this id; None if there is none, or it was corrected."""
-        rows = self.query(f"{SELECT_CURRENT} WHERE c.answer_id = ?", (answer_id,))
-        return decode_pair_and_answer(rows[0]) if rows else None
-
     def all_answers(self) -> list[tuple[Pair, Answer]]:
         """Every answer as it came, those corrected later included."""
         rows = self.query(f"{SELECT_ALL} ORDER BY c.position")
         return [decode_pair_and_answer(row) for row in rows]
+
+    def current_answer(self, answer_id: str) -> tuple[Pair, Answer] | None:
+        """The answer with this id; None if there is none, or it was corrected."""
+        rows = self.query(f"{SELECT_CURRENT} WHERE c.answer_id = ?", (answer_id,))
+        return decode_pair_and_answer(rows[0]) if rows else None
 
     def history(self, rater_id: str, limit: int = 20) -> list[tuple[Pair, Answer]]:
         """The last current answers of a rater, newest first."""
@@ -269,7 +269,7 @@ class AnswerStore:
         try:
             with self._lock:
                 return self._connection.execute(query, values).fetchall()
-        except sqlite3.Error as error:
+        except (sqlite3.Error, UnicodeDecodeError) as error:
             raise self._failure(error) from error
 
     @contextmanager
@@ -293,7 +293,7 @@ class AnswerStore:
                     if self._connection.in_transaction:
                         self._connection.execute("ROLLBACK")
                     raise
-            except sqlite3.Error as error:
+            except (sqlite3.Error, UnicodeDecodeError) as error:
                 raise self._failure(error) from error
 
     def _require_known(self, table: str, column: str, value: str) -> None:
@@ -316,7 +316,7 @@ class AnswerStore:
                 "pair; correct only your own answer to the same pair"
             )
 
-    def _failure(self, error: sqlite3.Error) -> AnswerError:
+    def _failure(self, error: sqlite3.Error | UnicodeDecodeError) -> AnswerError:
         return AnswerError(
             f"{self.path} failed: {error}; nothing of this was stored, try again "
             "when the cause is gone"

@@ -21,6 +21,7 @@ LABEL_TYPES: dict[str, type] = {
     "pair_id": str,
     "rater": str,
     "rater_kind": str,
+    "role": str,
     "choice": str,
     "p_a": float,
     "target": float,

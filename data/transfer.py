@@ -154,7 +154,7 @@ def _names(
         for _, answer in answered
         if answer.answer_id in rater_of
     }
-    taken = {rater_id: kind for rater_id, kind, _ in store.rater_rows()}
+    taken = store.raters()
     for rater_id, kind, _ in raters:
         name = rater_id
         number = 2

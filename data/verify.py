@@ -127,7 +127,7 @@ def _answers(path: Path) -> tuple[list[Asked], list[Damage]]:
             for row in damaged_rows(path)
         ]
         return asked(path), damages
-    except (AnswerError, sqlite3.Error) as error:
+    except (AnswerError, sqlite3.Error, UnicodeDecodeError) as error:
         message = f"it cannot be read: {' '.join(str(error).split())}"
         return [], [*damages, Damage("answers", ANSWERS_NAME, message)]
 

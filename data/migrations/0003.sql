@@ -1,5 +1,5 @@
 -- Version 3: every row carries a checksum of its values, because SQLite has none. Rows
--- are append-only, so it is written once; only those from before get it here.
+-- are append-only, so it is written once; only older ones get it here.
 DROP TRIGGER answer_no_update;
 DROP TRIGGER pair_no_update;
 
