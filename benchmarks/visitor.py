@@ -12,6 +12,7 @@ import msgspec
 import zstandard
 
 _ANSWERED = re.compile(r"(\d+) answered, (\d+) open")
+_ATTEMPTS = 5
 _CAMERA = {
     "type": "ViewerCameraMessage",
     "wxyz": (1.0, 0.0, 0.0, 0.0),
@@ -54,14 +55,27 @@ class Visitor:
             opened = time.monotonic()
             async with session.get(self._url + "/") as response:
                 response.raise_for_status()
-            async with session.ws_connect(
-                self._url + "/", protocols=("viser-v1.1.1",), max_msg_size=0
-            ) as socket:
+            async with await self._connect(session) as socket:
                 self._socket = socket
                 await self._send(_CAMERA)
                 async for message in socket:
                     if message.type is aiohttp.WSMsgType.BINARY:
                         self._read(message.data, opened)
+
+    async def _connect(
+        self, session: aiohttp.ClientSession
+    ) -> aiohttp.ClientWebSocketResponse:
+        """Open the page's socket; tries again, as the page in a browser does."""
+        for remaining in reversed(range(_ATTEMPTS)):
+            try:
+                return await session.ws_connect(
+                    self._url + "/", protocols=("viser-v1.1.1",), max_msg_size=0
+                )
+            except aiohttp.WSServerHandshakeError:
+                if not remaining:
+                    raise
+                await asyncio.sleep(1.0)
+        raise AssertionError("unreachable")
 
     async def press(self, command: str) -> float:
         """Trigger a command by its name, as its hotkey would; gives the time."""

@@ -28,6 +28,10 @@ CLOSE_BROKEN = 1011
 CLOSE_REPLACED = 4001
 CLOSE_LOGGED_OUT = 4003
 _WATCH_S = 1.0
+_REACH_S = 20.0
+"""How long viser is tried: while it builds the pages of many raters who come at once,
+it lets a handshake wait, and may drop it."""
+_REACH_AGAIN_S = 0.2
 _NOT_UP = "The page is not up; try again."
 
 
@@ -59,7 +63,8 @@ class Relay:
         """Start to throw out whom `rater_of` does not know any more."""
         self._client = aiohttp.ClientSession(
             auto_decompress=False,
-            connector=aiohttp.TCPConnector(limit=0),
+            # viser ends a connection after every page without saying so beforehand.
+            connector=aiohttp.TCPConnector(limit=0, force_close=True),
             cookie_jar=aiohttp.DummyCookieJar(),
         )
         self._watch = asyncio.create_task(self._watched(rater_of))
@@ -87,7 +92,8 @@ class Relay:
         try:
             async with self._client.get(url, headers=accepted) as answer:
                 body = await answer.read()
-        except aiohttp.ClientError:
+        except aiohttp.ClientError as error:
+            logger.warning("no page: %r", error)
             return refused(502, _NOT_UP)
         kept = ("Content-Type", "Content-Encoding")
         headers = {
@@ -114,20 +120,35 @@ class Relay:
         for old in leaving:
             self._spawn(old.close(CLOSE_REPLACED, "opened in another window"))
         try:
-            async with self._client.ws_connect(
-                f"ws://{self._upstream}/",
-                protocols=[protocol],
-                headers={SECRET_HEADER: self._secret, RATER_HEADER: rater},
-                max_msg_size=0,
-            ) as viser:
+            async with await self._reach(protocol, rater) as viser:
                 await browser.prepare(request)
                 await _pump(browser, viser)
-        except aiohttp.ClientError:
+        except (aiohttp.ClientError, TimeoutError) as error:
             if not browser.prepared:
+                logger.warning("no page for %s: %s", rater, str(error) or repr(error))
                 return refused(502, _NOT_UP)
         finally:
             self._visitors.leave(visit)
         return browser
+
+    async def _reach(self, protocol: str, rater: str) -> ClientWebSocketResponse:
+        """A socket to viser for `rater`.
+
+        Raises:
+            aiohttp.ClientError, TimeoutError: viser did not answer in time.
+        """
+        async with asyncio.timeout(_REACH_S):
+            while True:
+                try:
+                    return await self._client.ws_connect(
+                        f"ws://{self._upstream}/",
+                        protocols=[protocol],
+                        headers={SECRET_HEADER: self._secret, RATER_HEADER: rater},
+                        max_msg_size=0,
+                    )
+                except aiohttp.ClientError as error:
+                    logger.info("viser is tried again for %s: %s", rater, error)
+                    await asyncio.sleep(_REACH_AGAIN_S)
 
     async def _watched(self, rater_of: Callable[[web.Request], str | None]) -> None:
         while True:

@@ -35,6 +35,13 @@ class Server:
         lines = iter(self.process.stdout.readline, "")
         self.url = next(line for line in lines if "page is at" in line).split()[-1]
 
+    def __enter__(self) -> "Server":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self.process.poll() is None:
+            self.end(signal.SIGKILL)
+
     def end(self, number: signal.Signals) -> int:
         """Send a signal and wait."""
         os.kill(self.process.pid, number)
@@ -49,7 +56,8 @@ async def answering(
 ) -> list[Visitor]:
     """All raters answer as fast as they may until `enough` says so."""
     visitors = [Visitor(url, token) for token in tokens]
-    tasks = [asyncio.create_task(visitor.run()) for visitor in visitors]
+    pages = [asyncio.create_task(visitor.run()) for visitor in visitors]
+    tasks = [*pages]
 
     async def work(visitor: Visitor) -> None:
         await visitor.until_moving()
@@ -61,6 +69,9 @@ async def answering(
     tasks += [asyncio.create_task(work(visitor)) for visitor in visitors]
     async with asyncio.timeout(120):
         while not enough(visitors):
+            for page in pages:
+                if page.done():
+                    page.result()
             await asyncio.sleep(0.01)
     # What the dying server still sent is read, as a browser would.
     await asyncio.sleep(0.5)
@@ -88,20 +99,18 @@ def test_sigkill_loses_no_acknowledged_answer(tmp_path: Path) -> None:
     names = [f"rater{index}" for index in range(RATERS)]
     tokens = [store.add(name) for name in names]
 
-    server = Server(root)
+    with Server(root) as doomed:
 
-    def killed(visitors: list[Visitor]) -> bool:
-        enough = all((visitor.answered or 0) >= 3 for visitor in visitors)
-        if enough:
-            server.end(signal.SIGKILL)
-        return enough
+        def killed(visitors: list[Visitor]) -> bool:
+            enough = all((visitor.answered or 0) >= 3 for visitor in visitors)
+            if enough:
+                doomed.end(signal.SIGKILL)
+            return enough
 
-    visitors = asyncio.run(answering(server.url, tokens, killed))
+        visitors = asyncio.run(answering(doomed.url, tokens, killed))
     before = stored(root)
     for name, visitor in zip(names, visitors, strict=True):
         assert before[name] >= (visitor.answered or 0) >= 3
-
-    server = Server(root)
 
     def went_on(visitors: list[Visitor]) -> bool:
         return all(
@@ -109,7 +118,8 @@ def test_sigkill_loses_no_acknowledged_answer(tmp_path: Path) -> None:
             for name, visitor in zip(names, visitors, strict=True)
         )
 
-    asyncio.run(answering(server.url, tokens, went_on))
-    assert server.end(signal.SIGTERM) == 0
+    with Server(root) as server:
+        asyncio.run(answering(server.url, tokens, went_on))
+        assert server.end(signal.SIGTERM) == 0
     after = stored(root)
     assert all(after[name] >= before[name] + 2 for name in names)
