@@ -14,6 +14,8 @@ from data.errors import DatasetError
 from policy.checkpoint import PolicyError, load_policy
 from policy.config import EnvCfg
 from policy.evaluate import evaluate
+from policy.exploration import ExplorationBonusCfg
+from policy.kl_penalty import KlPenaltyCfg
 from policy.ppo import PpoCfg
 from policy.record import RecordCfg, record
 from policy.reward import KnownTermsCfg, task_reward_for
@@ -83,7 +85,12 @@ def _train(command: options.Train) -> int:
     cfg = TrainCfg(
         steps=command.steps,
         env=env,
-        ppo=PpoCfg(num_envs=command.envs, hidden_sizes=setting.hidden_sizes),
+        ppo=PpoCfg(
+            num_envs=command.envs,
+            hidden_sizes=setting.hidden_sizes,
+            bonus=ExplorationBonusCfg(kind=command.exploration),
+            kl_penalty=KlPenaltyCfg(kind=command.kl_penalty),
+        ),
         seed=command.seed,
     )
     with training_bar("training", command.steps) as bar:

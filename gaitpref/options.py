@@ -65,6 +65,12 @@ class Train:
     keep_task: bool = False
     """Keep the hand-written walking reward beside the given one, so that a style does
     not cost the walk."""
+    exploration: Literal["none", "rnd", "entropy"] = "none"
+    """Bonus for base motion that is new: the error of a network that learns to predict
+    a random one, or the distance to the nearest states seen so far."""
+    kl_penalty: Literal["none", "fixed", "adaptive"] = "none"
+    """Clip the policy ratio, or penalise the KL from the policy before the update with
+    a fixed or an adapted weight."""
     resume: bool = False
     """Go on from where an interrupted run in the same directory stopped."""
     robot: Path | None = None

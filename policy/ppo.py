@@ -1,7 +1,4 @@
-"""PPO: RSL-RL's runner and algorithm, with the reward handed in as a callable.
-
-Shapes: T steps of a rollout, N environments, F feature columns.
-"""
+"""PPO: its settings, and RSL-RL's runner reporting to a callback."""
 
 from __future__ import annotations
 
@@ -9,27 +6,19 @@ import contextlib
 import io
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass, field
+from typing import Any
 
 import torch
-from rsl_rl.algorithms import PPO
-from rsl_rl.models import MLPModel
 from rsl_rl.runners import OnPolicyRunner
 from tensordict import TensorDict
 from torch import Tensor
 
-from data.features import FEATURE_DIM
-
 from .env import QuadrupedEnv
-
-
-class RewardFn(Protocol):
-    """Anything that scores feature rows: hand-written, learned, or a test's own."""
-
-    def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
-        """Reward [T, N] of `features` [T, N, F]; `starts` [T, N] begin an episode."""
-        ...
+from .exploration import ExplorationBonusCfg, make_bonus
+from .kl_penalty import NO_CLIP, KlPenalty, KlPenaltyCfg
+from .reward_ppo import RewardFn as RewardFn
+from .reward_ppo import RewardPpo as RewardPpo
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +51,10 @@ class PpoCfg:
     """Weight of the entropy bonus."""
     reference_kl_weight: float = 0.0
     """Reward taken per nat by which the policy leaves the one it started from."""
+    kl_penalty: KlPenaltyCfg = field(default_factory=KlPenaltyCfg)
+    """The KL-penalty form of PPO instead of the clipped one."""
+    bonus: ExplorationBonusCfg = field(default_factory=ExplorationBonusCfg)
+    """A bonus for motion that is new."""
 
     @property
     def steps_per_iteration(self) -> int:
@@ -82,6 +75,7 @@ def to_rsl_rl(cfg: PpoCfg) -> dict[str, Any]:
         "init_std": cfg.init_std,
         "std_type": "scalar",
     }
+    clipped = cfg.kl_penalty.kind == "none"
     return {
         "num_steps_per_env": cfg.steps_per_env,
         "save_interval": 1,
@@ -92,80 +86,16 @@ def to_rsl_rl(cfg: PpoCfg) -> dict[str, Any]:
             "class_name": RewardPpo,
             "num_learning_epochs": cfg.epochs,
             "num_mini_batches": cfg.minibatches,
-            "clip_param": cfg.clip,
+            "clip_param": cfg.clip if clipped else NO_CLIP,
+            "use_clipped_value_loss": clipped,
             "gamma": cfg.gamma,
             "lam": cfg.lam,
             "entropy_coef": cfg.entropy_weight,
             "learning_rate": cfg.learning_rate,
-            "schedule": "adaptive",
+            "schedule": "adaptive" if clipped else "fixed",
             "desired_kl": cfg.desired_kl,
         },
     }
-
-
-class RewardPpo(PPO):
-    """PPO that scores a whole rollout at once with a `RewardFn`, once it is collected.
-
-    Without one it uses the environment's own reward. Scoring once per rollout costs
-    less than step by step and lets a reward look at more than one row.
-    """
-
-    reward_fn: RewardFn | None = None
-    reference: MLPModel | None = None
-    reference_kl_weight: float = 0.0
-
-    def process_env_step(
-        self, obs: TensorDict, rewards: Tensor, dones: Tensor, extras: dict[str, Any]
-    ) -> None:
-        """Record one step, and what is needed to score it later."""
-        step = self.storage.step
-        if step == 0:
-            shape = (self.storage.num_transitions_per_env, self.storage.num_envs)
-            self._features = torch.zeros(*shape, FEATURE_DIM, device=self.device)
-            self._starts = torch.zeros(shape, dtype=torch.bool, device=self.device)
-            self._time_outs = torch.zeros(shape, device=self.device)
-            self._valid = torch.ones(shape, device=self.device)
-        self._features[step] = extras["features"]
-        self._starts[step] = extras["starts"]
-        self._time_outs[step] = extras["time_outs"].float()
-        self._valid[step] = 1.0 - extras["aborted"].float()
-        # The parent would bootstrap time-outs now; `compute_returns` does it instead,
-        # when the reward is known.
-        untimed = {key: value for key, value in extras.items() if key != "time_outs"}
-        super().process_env_step(obs, rewards, dones, untimed)
-
-    def compute_returns(self, obs: TensorDict) -> None:
-        """Score the rollout, bootstrap time-outs, then compute returns (GAE)."""
-        rewards = self.storage.rewards[..., 0]
-        if self.reward_fn is not None:
-            rewards = self.reward_fn(self._features, self._starts)
-            if rewards.shape != self._time_outs.shape:
-                raise ValueError(
-                    f"the reward of features {tuple(self._features.shape)} must be "
-                    f"{tuple(self._time_outs.shape)}, got {tuple(rewards.shape)}"
-                )
-        rewards = _require_finite(rewards) * self._valid
-        self.mean_reward = float(rewards.mean())
-        rewards = rewards - self._reference_penalty()
-        values = self.storage.values[..., 0]
-        bootstrap = self.gamma * values * self._time_outs
-        self.storage.rewards.copy_((rewards + bootstrap)[..., None])
-        super().compute_returns(obs)
-
-    def _reference_penalty(self) -> Tensor | float:
-        """KL-shaped penalty beta * (log pi - log pi_ref) of the actions taken."""
-        self.reference_kl = 0.0
-        if self.reference is None:
-            return 0.0
-        flat = self.storage.observations.flatten(0, 1)
-        self.reference(flat, stochastic_output=True)
-        actions = self.storage.actions.flatten(0, 1)
-        log_ref = self.reference.get_output_log_prob(actions)
-        log_ratio = self.storage.actions_log_prob[..., 0] - log_ref.view_as(
-            self.storage.actions_log_prob[..., 0]
-        )
-        self.reference_kl = float(log_ratio.mean())
-        return self.reference_kl_weight * log_ratio
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,6 +124,9 @@ class Runner(OnPolicyRunner):
         self.ppo = cfg
         with contextlib.redirect_stdout(io.StringIO()):
             super().__init__(env, to_rsl_rl(cfg), log_dir=None, device=str(env.device))
+        self.alg.bonus = make_bonus(cfg.bonus, step_dt_s=env.step_dt)
+        if cfg.kl_penalty.kind != "none":
+            self.alg.penalty = KlPenalty(cfg.kl_penalty)
 
     def learn(  # type: ignore[override]
         self,
@@ -267,11 +200,3 @@ class Runner(OnPolicyRunner):
                 "perf/learn_s": stop_s - collected_s,
             },
         )
-
-
-def _require_finite(rewards: Tensor) -> Tensor:
-    """`rewards` [T, N] unchanged, or an error that names the environments."""
-    if not rewards.isfinite().all():
-        bad = (~rewards.isfinite()).any(dim=0).nonzero().flatten().tolist()
-        raise FloatingPointError(f"the reward is not finite in environments {bad[:8]}")
-    return rewards

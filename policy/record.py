@@ -37,21 +37,27 @@ class RecordCfg:
     noisy_share: float = 0.5
     """Share of a policy's episodes with exploration noise, so that clips differ."""
     babble_share: float = 0.0
-    """Share of the episodes that shows random rhythms instead of a policy."""
+    """Share of the episodes that shows random rhythms instead of a policy; all do
+    while the policy is untrained, unless the share is 0."""
+    forward_m_s: tuple[float, ...] | None = None
+    """Forward speeds asked for; None: the lowest, middle and highest evaluated."""
 
     def __post_init__(self) -> None:
         if self.episodes < 1:
             raise ValueError(f"episodes must be at least 1, got {self.episodes}")
+        if self.forward_m_s is not None and not self.forward_m_s:
+            raise ValueError("forward_m_s needs at least one speed")
 
 
-def recorded_commands(cfg: CommandCfg) -> list[tuple[float, float, float]]:
+def recorded_commands(
+    cfg: CommandCfg, forward_m_s: tuple[float, ...] | None = None
+) -> list[tuple[float, float, float]]:
     """The few commands that are recorded, so that many clips share one."""
     low, high = cfg.evaluated_m_s
-    middle = (low + high) / 2
+    speeds = forward_m_s or (low, (low + high) / 2, high)
+    middle = speeds[len(speeds) // 2]
     return [
-        (low, 0.0, 0.0),
-        (middle, 0.0, 0.0),
-        (high, 0.0, 0.0),
+        *((speed, 0.0, 0.0) for speed in speeds),
         (middle, cfg.left_m_s[1], 0.0),
         (middle, 0.0, cfg.yaw_rad_s[1]),
     ]
@@ -85,6 +91,8 @@ def record(
         earlier = checkpoint_files(policy_file, cfg.checkpoints)
         policies = [load_policy(f) for f in (policy_file, *reversed(earlier))]
     babbled = int(cfg.episodes * cfg.babble_share)
+    if babbled and not policies[0].info.steps:
+        babbled = cfg.episodes
     counts = [*_shares(cfg, cfg.episodes - babbled, len(policies)), babbled]
     for index, (policy, count) in enumerate(
         zip([*policies, policies[0]], counts, strict=True)
@@ -124,7 +132,7 @@ def _record_one(
     env_cfg = replace(info.env, episode_s=min(cfg.episode_s, info.env.episode_s))
     robot = policy.robot()
     env = QuadrupedEnv(robot, env_cfg, count, seed=seed, keep_final=True)
-    choices = recorded_commands(env_cfg.commands)
+    choices = recorded_commands(env_cfg.commands, cfg.forward_m_s)
     commands = [choices[i % len(choices)] for i in range(count)]
     env.fix_commands(torch.tensor(commands))
     noisy = _noisy(count, len(choices), 0.0 if babble else cfg.noisy_share)

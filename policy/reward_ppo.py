@@ -1,0 +1,134 @@
+"""PPO with the reward handed in as a callable that scores whole rollouts.
+
+Shapes: T steps of a rollout, N environments, F feature columns.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import torch
+from rsl_rl.algorithms import PPO
+from rsl_rl.models import MLPModel
+from tensordict import TensorDict
+from torch import Tensor
+
+from data.features import FEATURE_DIM
+
+from .exploration import ExplorationBonus
+from .kl_penalty import KlPenalty
+
+
+class RewardFn(Protocol):
+    """Anything that scores feature rows: hand-written, learned, or a test's own."""
+
+    def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
+        """Reward [T, N] of `features` [T, N, F]; `starts` [T, N] begin an episode."""
+        ...
+
+
+class RewardPpo(PPO):
+    """PPO that scores a whole rollout at once with a `RewardFn`, once it is collected.
+
+    Without one it uses the environment's own reward. Scoring once per rollout costs
+    less than step by step and lets a reward look at more than one row.
+    """
+
+    reward_fn: RewardFn | None = None
+    reference: MLPModel | None = None
+    reference_kl_weight: float = 0.0
+    bonus: ExplorationBonus | None = None
+    penalty: KlPenalty | None = None
+
+    def process_env_step(
+        self, obs: TensorDict, rewards: Tensor, dones: Tensor, extras: dict[str, Any]
+    ) -> None:
+        """Record one step, and what is needed to score it later."""
+        step = self.storage.step
+        if step == 0:
+            shape = (self.storage.num_transitions_per_env, self.storage.num_envs)
+            self._features = torch.zeros(*shape, FEATURE_DIM, device=self.device)
+            self._starts = torch.zeros(shape, dtype=torch.bool, device=self.device)
+            self._time_outs = torch.zeros(shape, device=self.device)
+            self._valid = torch.ones(shape, device=self.device)
+        self._features[step] = extras["features"]
+        self._starts[step] = extras["starts"]
+        self._time_outs[step] = extras["time_outs"].float()
+        self._valid[step] = 1.0 - extras["aborted"].float()
+        # The parent would bootstrap time-outs now; `compute_returns` does it instead,
+        # when the reward is known.
+        untimed = {key: value for key, value in extras.items() if key != "time_outs"}
+        super().process_env_step(obs, rewards, dones, untimed)
+
+    def compute_returns(self, obs: TensorDict) -> None:
+        """Score the rollout, bootstrap time-outs, then compute returns (GAE)."""
+        rewards = self.storage.rewards[..., 0]
+        if self.reward_fn is not None:
+            rewards = self.reward_fn(self._features, self._starts)
+            if rewards.shape != self._time_outs.shape:
+                raise ValueError(
+                    f"the reward of features {tuple(self._features.shape)} must be "
+                    f"{tuple(self._time_outs.shape)}, got {tuple(rewards.shape)}"
+                )
+        rewards = _require_finite(rewards) * self._valid
+        self.mean_reward = float(rewards.mean())
+        rewards = rewards - self._reference_penalty()
+        if self.bonus is not None:
+            rewards = rewards + self.bonus(self._features) * self._valid
+        values = self.storage.values[..., 0]
+        bootstrap = self.gamma * values * self._time_outs
+        self.storage.rewards.copy_((rewards + bootstrap)[..., None])
+        super().compute_returns(obs)
+
+    def update(self) -> dict[str, float]:
+        """Update both networks, and after it the weight of a KL penalty."""
+        if self.penalty is None:
+            return super().update()
+        self.symmetry = self.penalty
+        losses = super().update()
+        losses["kl"] = self.penalty.adapt(self.num_mini_batches)
+        losses["kl_beta"] = self.penalty.beta
+        return losses
+
+    def save(self) -> dict[str, Any]:
+        """Networks and optimiser, and what penalty and bonus have learned."""
+        saved = super().save()
+        if self.bonus is not None:
+            saved["bonus_state_dict"] = self.bonus.state_dict()
+        if self.penalty is not None:
+            saved["kl_beta"] = self.penalty.beta
+        return saved
+
+    def load(
+        self, loaded_dict: dict[str, Any], load_cfg: dict | None, strict: bool
+    ) -> bool:
+        """Load what `save` gave; bonus and penalty only where all is loaded."""
+        if load_cfg is None:
+            if self.bonus is not None:
+                self.bonus.load_state_dict(loaded_dict["bonus_state_dict"])
+            if self.penalty is not None:
+                self.penalty.beta = float(loaded_dict["kl_beta"])
+        return super().load(loaded_dict, load_cfg, strict)
+
+    def _reference_penalty(self) -> Tensor | float:
+        """KL-shaped penalty beta * (log pi - log pi_ref) of the actions taken."""
+        self.reference_kl = 0.0
+        if self.reference is None:
+            return 0.0
+        flat = self.storage.observations.flatten(0, 1)
+        self.reference(flat, stochastic_output=True)
+        actions = self.storage.actions.flatten(0, 1)
+        log_ref = self.reference.get_output_log_prob(actions)
+        log_ratio = self.storage.actions_log_prob[..., 0] - log_ref.view_as(
+            self.storage.actions_log_prob[..., 0]
+        )
+        self.reference_kl = float(log_ratio.mean())
+        return self.reference_kl_weight * log_ratio
+
+
+def _require_finite(rewards: Tensor) -> Tensor:
+    """`rewards` [T, N] unchanged, or an error that names the environments."""
+    if not rewards.isfinite().all():
+        bad = (~rewards.isfinite()).any(dim=0).nonzero().flatten().tolist()
+        raise FloatingPointError(f"the reward is not finite in environments {bad[:8]}")
+    return rewards
