@@ -157,16 +157,16 @@ class RndBonus(ExplorationBonus):
     def novelty(self, motion: Tensor) -> Tensor:
         return self.rnd.get_intrinsic_reward(_group(motion)).view(motion.shape[:2])
 
-    @torch.enable_grad()
     def remember(self, motion: Tensor) -> None:
-        # The rollout was collected without gradients.
-        states = _group(motion.clone())
-        self.rnd.train()
-        self.rnd.update_normalization(states)
-        for chosen in torch.randperm(len(states)).chunk(4):
-            self.rnd.optimizer.zero_grad()
-            self.rnd.compute_loss(states[chosen]).backward()
-            self.rnd.optimizer.step()
+        # The rollout was collected in inference mode, which no gradient survives.
+        with torch.inference_mode(False), torch.enable_grad():
+            states = _group(motion.clone())
+            self.rnd.train()
+            self.rnd.update_normalization(states)
+            for chosen in torch.randperm(len(states)).chunk(4):
+                self.rnd.optimizer.zero_grad()
+                self.rnd.compute_loss(states[chosen]).backward()
+                self.rnd.optimizer.step()
 
     def get_extra_state(self) -> dict[str, object]:
         """State of the predictor's optimiser."""
