@@ -12,6 +12,7 @@ import msgspec
 import zstandard
 
 _ANSWERED = re.compile(r"(\d+) answered, (\d+) open")
+_LOOP = re.compile(r">((?:round \d+ of \d+|all rounds are answered): [^<]*)<")
 _ATTEMPTS = 5
 _CAMERA = {
     "type": "ViewerCameraMessage",
@@ -42,6 +43,10 @@ class Visitor:
         self.first_pose_s: float | None = None
         """From opening the page to the first pose."""
         self.dialog_shown = False
+        self.close_code: int | None = None
+        """Why the page ended, if it did."""
+        self.loop: list[str] = []
+        """What the loop was doing, one entry a change."""
 
     async def run(self) -> None:
         """Log in and read until cancelled, or until the server goes away."""
@@ -61,6 +66,7 @@ class Visitor:
                 async for message in socket:
                     if message.type is aiohttp.WSMsgType.BINARY:
                         self._read(message.data, opened)
+                self.close_code = socket.close_code
 
     async def _connect(
         self, session: aiohttp.ClientSession
@@ -120,6 +126,9 @@ class Visitor:
                 self.first_pose_s = self.pose_times[0] - opened
 
     def _read_head(self, content: Any) -> None:
-        found = _ANSWERED.search(content) if isinstance(content, str) else None
-        if found:
+        if not isinstance(content, str):
+            return
+        if found := _ANSWERED.search(content):
             self.answered, self.open = int(found[1]), int(found[2])
+        if found := _LOOP.search(content):
+            self.loop.append(found[1])
