@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import re
 import time
+from collections import Counter
 from typing import Any
 
 import aiohttp
@@ -12,6 +13,7 @@ import msgspec
 import zstandard
 
 _ANSWERED = re.compile(r"(\d+) answered, (\d+) open")
+_LOOP = re.compile(r">((?:round \d+ of \d+|all rounds are answered): [^<]*)<")
 _ATTEMPTS = 5
 _CAMERA = {
     "type": "ViewerCameraMessage",
@@ -30,9 +32,15 @@ _CAMERA = {
 class Visitor:
     """One rater at the page; answers by the page's own hotkeys."""
 
-    def __init__(self, url: str, token: str) -> None:
+    def __init__(self, url: str, token: str | None) -> None:
+        """Nobody has come yet; without a token there is no login either."""
         self._url, self._token = url, token
         self._commands: dict[str, str] = {}
+        self._sliders: dict[str, str] = {}
+        self.texts: dict[str, str] = {}
+        """What every piece of text on the page says now, by its id."""
+        self.moved: Counter[str] = Counter()
+        """Poses that came for each robot."""
         self.answered: int | None = None
         """Answers the page has shown."""
         self.open = 0
@@ -42,6 +50,10 @@ class Visitor:
         self.first_pose_s: float | None = None
         """From opening the page to the first pose."""
         self.dialog_shown = False
+        self.close_code: int | None = None
+        """Why the page ended, if it did."""
+        self.loop: list[str] = []
+        """What the loop was doing, one entry a change."""
 
     async def run(self) -> None:
         """Log in and read until cancelled, or until the server goes away."""
@@ -49,9 +61,10 @@ class Visitor:
         async with aiohttp.ClientSession(
             cookie_jar=jar, headers={"Origin": self._url}
         ) as session:
-            login = {"token": self._token}
-            async with session.post(self._url + "/login", data=login) as response:
-                response.raise_for_status()
+            if self._token is not None:
+                login = {"token": self._token}
+                async with session.post(self._url + "/login", data=login) as response:
+                    response.raise_for_status()
             opened = time.monotonic()
             async with session.get(self._url + "/") as response:
                 response.raise_for_status()
@@ -61,6 +74,7 @@ class Visitor:
                 async for message in socket:
                     if message.type is aiohttp.WSMsgType.BINARY:
                         self._read(message.data, opened)
+                self.close_code = socket.close_code
 
     async def _connect(
         self, session: aiohttp.ClientSession
@@ -84,6 +98,12 @@ class Visitor:
         await self._send({"type": "CommandTriggerMessage", "uuid": uuid})
         return pressed
 
+    async def slide(self, label: str, value: float) -> None:
+        """Move a slider, as a hand would."""
+        uuid = self._sliders[label]
+        updates = {"value": value}
+        await self._send({"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates})
+
     async def until_answered(self, count: int) -> float:
         """Wait until the page shows `count` answers; gives the time."""
         while self.answered is None or self.answered < count:
@@ -105,11 +125,14 @@ class Visitor:
         for message in msgspec.msgpack.decode(inner)["messages"]:
             kind = message["type"]
             if kind == "SceneNodeUpdateMessage":
-                moved |= message["name"].startswith("/robot_A") and (
-                    "batched_wxyzs" in message["updates"]
-                )
+                if "batched_wxyzs" in message["updates"]:
+                    robot = message["name"].split("/")[1]
+                    self.moved[robot] += 1
+                    moved |= robot == "robot_A"
             elif kind == "GuiUpdateMessage":
-                self._read_head(message["updates"].get("content"))
+                self._read_text(message["uuid"], message["updates"].get("content"))
+            elif kind == "GuiSliderMessage":
+                self._sliders[message["props"]["label"]] = message["uuid"]
             elif kind == "RegisterCommandMessage":
                 self._commands[message["props"]["label"]] = message["uuid"]
             elif kind == "GuiModalMessage":
@@ -119,7 +142,11 @@ class Visitor:
             if self.first_pose_s is None:
                 self.first_pose_s = self.pose_times[0] - opened
 
-    def _read_head(self, content: Any) -> None:
-        found = _ANSWERED.search(content) if isinstance(content, str) else None
-        if found:
+    def _read_text(self, uuid: str, content: Any) -> None:
+        if not isinstance(content, str):
+            return
+        self.texts[uuid] = content
+        if found := _ANSWERED.search(content):
             self.answered, self.open = int(found[1]), int(found[2])
+        if found := _LOOP.search(content):
+            self.loop.append(found[1])

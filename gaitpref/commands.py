@@ -31,7 +31,7 @@ from . import options
 from .criteria import CriterionContext, load_criterion
 from .loop import run_loop
 from .progress import console, counting_bar, training_bar
-from .questions import ClipCfg, ask
+from .questions import ClipCfg, ask, with_known_answer
 from .rater import answer_pairs
 from .report import write_report
 from .rewards import criterion_context, load_score, total_reward
@@ -157,8 +157,17 @@ def _pairs(command: options.Pairs) -> None:
             uniform_share=0.0,
             rng=rng,
         )
-        added = store.add_pairs(chosen)
-    console.print(f"{added} pairs were added to {command.dataset}")
+        gold = with_known_answer(
+            dataset.entries(),
+            ClipCfg(),
+            command.gold,
+            known=[*known, *chosen],
+            round_number=round,
+            rng=rng,
+        )
+        added = store.add_pairs([*chosen, *gold])
+    of_these = f", {len(gold)} of them with a known answer" if command.gold else ""
+    console.print(f"{added} pairs were added to {command.dataset}{of_these}")
 
 
 def _answer(command: options.Answer) -> None:

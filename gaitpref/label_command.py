@@ -2,37 +2,46 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from data.dataset import Dataset
 from labeling_ui.server import LabelCfg, LabelServer
-from labeling_ui.status import status_in
 
 from . import options
 from .serving import require_port, wait_until_stopped
 
-STATUS_NAME = "status.json"
-"""A loop leaves here what it is doing."""
-
 
 def run(command: options.Label) -> int:
     """Serve the page until it is stopped; gives the exit code."""
-    require_port(command.port)
+    cfg = label_cfg(command)
     dataset = Dataset.open(command.dataset)
-    cfg = LabelCfg(
-        host=command.host,
-        port=command.port,
-        guidelines=command.guidelines,
-        cert=command.cert,
-        key=command.key,
-        auth=not command.no_auth,
-    )
-    with LabelServer(
-        dataset, cfg, status=status_in(dataset.root / STATUS_NAME)
-    ) as page:
-        print(f"the labeling page is at {page.url}", flush=True)
-        if cfg.auth:
-            print(
-                f"make a token with: gaitpref raters --dataset {dataset.root} add NAME",
-                flush=True,
-            )
+    with LabelServer(dataset, cfg) as page:
+        for line in greeting(page.url, dataset.root, cfg):
+            print(line, flush=True)
         wait_until_stopped()
     return 0
+
+
+def label_cfg(serving: options.Serving) -> LabelCfg:
+    """The options as the server takes them.
+
+    Raises:
+        GaitprefError: the port is none.
+    """
+    require_port(serving.port)
+    return LabelCfg(
+        host=serving.host,
+        port=serving.port,
+        guidelines=serving.guidelines,
+        cert=serving.cert,
+        key=serving.key,
+        auth=not serving.no_auth,
+    )
+
+
+def greeting(url: str, dataset: Path, cfg: LabelCfg) -> list[str]:
+    """Where the page is, and how to get in."""
+    lines = [f"the labeling page is at {url}"]
+    if cfg.auth:
+        lines.append(f"make a token with: gaitpref raters --dataset {dataset} add NAME")
+    return lines

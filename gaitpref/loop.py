@@ -2,26 +2,35 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from data.dataset import Dataset
 
+from .asking import answers_stage, pairs_stage
 from .criteria import load_criterion
+from .extras import require
 from .options import Loop
+from .people import People
+from .progress import console
 from .report import PAGE_NAME, write_report
 from .rewards import criterion_context
+from .rounds import Round
 from .run_config import LoopCfg, claim, resolve
 from .setting import Setting, setting_of
-from .stages import (
-    Round,
-    answers_stage,
-    fit_stage,
-    pairs_stage,
-    policy_stage,
-    record_stage,
-    report_stage,
-)
+from .stages import fit_stage, policy_stage, record_stage, report_stage
+
+OpenPage = Callable[[Dataset], AbstractContextManager[People]]
+"""Lets people in to the run's data set while the loop runs."""
+
+
+def no_page(dataset: Dataset) -> AbstractContextManager[People]:
+    """Nobody is let in."""
+    return nullcontext(People())
 
 
 def run_loop(options: Loop) -> Path:
@@ -33,27 +42,52 @@ def run_loop(options: Loop) -> Path:
     cfg = resolve(options)
     setting = _setting(cfg)
     ppo = replace(cfg.ppo, hidden_sizes=setting.hidden_sizes)
-    return run_configured(options.run, replace(cfg, env=setting.env, ppo=ppo))
+    cfg = replace(cfg, env=setting.env, ppo=ppo)
+    human = cfg.rater == "human"
+    open_page = partial(page_of_loop, options) if human else no_page
+    return run_configured(options.run, cfg, open_page=open_page)
 
 
-def run_configured(run: Path, cfg: LoopCfg) -> Path:
+def run_configured(run: Path, cfg: LoopCfg, *, open_page: OpenPage = no_page) -> Path:
     """Run or go on with the loop of `cfg` in the directory `run`."""
     robot = _setting(cfg).robot
     criterion = load_criterion(cfg.criterion, criterion_context(robot, cfg.env))
     claim(run, cfg)
     dataset = Dataset.create(run / "dataset")
-    for number in range(cfg.rounds + 1):
-        round = Round(run, number)
-        round.root.mkdir(parents=True, exist_ok=True)
-        policy_stage(cfg, round, robot)
-        if number < cfg.rounds:
-            record_stage(cfg, round, dataset)
-            pairs_stage(cfg, round, dataset)
-            answers_stage(cfg, round, dataset, criterion)
-            fit_stage(cfg, round, dataset)
-        report_stage(cfg, round, criterion)
-        write_report(run)
+    with open_page(dataset) as people:
+        for number in range(cfg.rounds + 1):
+            round = Round(run, number)
+            round.root.mkdir(parents=True, exist_ok=True)
+            policy_stage(cfg, round, robot, people)
+            if number < cfg.rounds:
+                record_stage(cfg, round, dataset, people)
+                pairs_stage(cfg, round, dataset)
+                answers_stage(cfg, round, dataset, criterion, people)
+                fit_stage(cfg, round, dataset, people)
+            report_stage(cfg, round, criterion)
+            write_report(run)
     return run / PAGE_NAME
+
+
+@contextmanager
+def page_of_loop(options: Loop, dataset: Dataset) -> Iterator[People]:
+    """The labeling page of a run, up over all its rounds.
+
+    Raises:
+        GaitprefError: it cannot be served, as where the port is busy.
+    """
+    # A loop without people needs no viser.
+    command = require("gaitpref.label_command", "label")
+    page = require("gaitpref.loop_page", "label")
+    cfg = command.label_cfg(options.page)
+    with page.loop_page(dataset.root, cfg) as (url, opened):
+        os.nice(page.NICENESS)
+        for line in command.greeting(url, dataset.root, cfg):
+            console.print(line)
+        patience = {}
+        if options.patience is not None:
+            patience = {"patience_s": 60 * options.patience}
+        yield People(announce=opened.announce, require_page=opened.require, **patience)
 
 
 def _setting(cfg: LoopCfg) -> Setting:

@@ -17,6 +17,24 @@ from .data_options import Data as Data
 
 
 @dataclass(frozen=True, kw_only=True)
+class Serving:
+    """Where the labeling page is served, and to whom."""
+
+    host: str = "127.0.0.1"
+    """Address to listen on; beyond loopback it needs tokens of `gaitpref raters`."""
+    port: int = 8080
+    """TCP port; a busy one is an error, 0 takes a free one."""
+    guidelines: Path | None = None
+    """Markdown that tells people what to look for."""
+    cert: Path | None = None
+    """Certificate chain for TLS, PEM."""
+    key: Path | None = None
+    """Its private key, PEM."""
+    no_auth: bool = False
+    """Ask for no token; only on loopback."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Loop:
     """Train, record, ask, fit and retrain, round after round.
 
@@ -30,7 +48,10 @@ class Loop:
     labels: int | None = None
     """Answers in all, over all rounds; the preset's by default."""
     rater: Literal["simulated", "human"] = "simulated"
-    """Who answers."""
+    """Who answers: a program, or people on a labeling page that is up all the time."""
+    patience: float | None = None
+    """Minutes a round waits for people; then it goes on with the answers there are.
+    Without it, a round waits until all its pairs are answered."""
     criterion: str = "high_step"
     """What the simulated rater looks for: task, smooth, high_step, crouch, low_energy,
     or your own as package.module:function, a callable features [..., F] -> score
@@ -45,6 +66,8 @@ class Loop:
     """MJCF of the robot; the Go1 that ships by default."""
     seed: int = 0
     """Where all chance comes from: equal seeds give equal files."""
+    page: Serving = Serving()
+    """The page people answer on, with `--rater human`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,6 +124,9 @@ class Pairs:
     """Data set directory."""
     count: int
     """Pairs to add."""
+    gold: int = 0
+    """Pairs with a known answer to add as well, to measure raters: of the two robots,
+    one falls. Fewer where not so many fell."""
     strategy: Literal["uniform", "disagreement"] | None = None
     """How they are chosen; disagreement of the ensemble where --reward is given, else
     uniform."""
@@ -174,24 +200,12 @@ class Raters:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Label:
+class Label(Serving):
     """Serve the labeling page of a data set: people see two clips and say which is
     better."""
 
     dataset: Path
     """Data set directory with pairs."""
-    host: str = "127.0.0.1"
-    """Address to listen on; beyond loopback it needs tokens of `gaitpref raters`."""
-    port: int = 8080
-    """TCP port; a busy one is an error, 0 takes a free one."""
-    guidelines: Path | None = None
-    """Markdown that tells people what to look for."""
-    cert: Path | None = None
-    """Certificate chain for TLS, PEM."""
-    key: Path | None = None
-    """Its private key, PEM."""
-    no_auth: bool = False
-    """Ask for no token; only on loopback."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,7 +226,9 @@ _MINIMUM = {
     "count": 1,
     "envs": 1,
     "episodes": 1,
+    "gold": 0,
     "labels": 1,
+    "patience": 0,
     "rounds": 1,
     "seed": 0,
     "steps": 0,

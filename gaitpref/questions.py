@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from data.answers import Pair
-from data.clips import cut_clips
+from data.clips import Clip, cut_clips
 from data.dataset import Dataset, EpisodeEntry
 from rewardmodel.acquisition import Disagreement, Strategy, Uniform, choose_pairs
 from rewardmodel.errors import RewardError
@@ -27,9 +27,9 @@ class ClipCfg:
     """Time from the start of a clip to that of the next."""
 
 
-def clips_of(entries: Sequence[EpisodeEntry], cfg: ClipCfg) -> list:
+def clips_of(entries: Sequence[EpisodeEntry], cfg: ClipCfg) -> list[Clip]:
     """Clips of all `entries`, whatever their control rates."""
-    clips = []
+    clips: list[Clip] = []
     for entry in entries:
         dt_s = entry.meta.control_dt_s
         clips += cut_clips(
@@ -81,4 +81,45 @@ def ask(
             f"{count} are wanted: record more with `gaitpref record --policy POLICY "
             f"--dataset {dataset.root}`, or ask for fewer"
         )
+    return chosen
+
+
+def with_known_answer(
+    entries: Sequence[EpisodeEntry],
+    cfg: ClipCfg,
+    count: int,
+    *,
+    known: Sequence[Pair],
+    round_number: int,
+    rng: np.random.Generator,
+) -> list[Pair]:
+    """Up to `count` pairs under one command of which one robot falls, and one does not.
+
+    Such a pair asks nothing about gaits: its answer is known, and measures the rater.
+    Each robot that fell comes once at most.
+    """
+    by_sha256 = {entry.sha256: entry for entry in entries}
+    clips = clips_of(entries, cfg)
+    taken = {frozenset((pair.a, pair.b)) for pair in known}
+    chosen: list[Pair] = []
+    for index in rng.permutation(len(clips)):
+        clip, entry = clips[index], by_sha256[clips[index].rollout]
+        if len(chosen) == count:
+            break
+        if entry.end_reason != "terminated" or clip.stop < entry.num_steps:
+            continue
+        standing = [
+            other
+            for other in clips
+            if by_sha256[other.rollout].end_reason == "truncated"
+            and by_sha256[other.rollout].meta.command == entry.meta.command
+            and frozenset((clip, other)) not in taken
+        ]
+        if not standing:
+            continue
+        better = standing[rng.integers(len(standing))]
+        sides = (better, clip) if rng.random() < 0.5 else (clip, better)
+        gold = "a" if sides[0] == better else "b"
+        info = {"gold": gold, "because": "the other robot falls"}
+        chosen.append(Pair.make(*sides, strategy="gold", round=round_number, info=info))
     return chosen

@@ -8,18 +8,15 @@ be killed anywhere and started again.
 from __future__ import annotations
 
 import json
-import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from data.dataset import Dataset
 from data.files import replace_directory, write_atomically
 from policy.checkpoint import load_policy
 from policy.evaluate import rollout_features, summarise
-from policy.ppo import RewardFn
+from policy.ppo import IterationStats, RewardFn
 from policy.record import record
 from policy.robot import Robot
 from policy.train import POLICY_NAME, SUMMARY_NAME, TrainCfg, train
@@ -29,60 +26,18 @@ from rewardmodel.report import FitReport
 from rewardmodel.storage import load_reward, save_reward
 
 from .criteria import Criterion
+from .people import People
 from .progress import console, counting_bar, training_bar
-from .questions import ask
-from .rater import answer_pairs
 from .rewards import score_of_criterion, total_reward
+from .rounds import Round, seed_of
 from .run_config import LoopCfg
-
-RATER_ID = "simulated"
-
-
-@dataclass(frozen=True)
-class Round:
-    """The files of one round."""
-
-    run: Path
-    number: int
-
-    @property
-    def root(self) -> Path:
-        return self.run / "rounds" / f"{self.number:02d}"
-
-    @property
-    def policy(self) -> Path:
-        """The round's policy file."""
-        return self.root / "policy" / POLICY_NAME
-
-    @property
-    def reward(self) -> Path:
-        """The reward fitted to all answers up to this round."""
-        return self.root / "reward"
-
-    @property
-    def report(self) -> Path:
-        return self.root / "report.json"
-
-    @property
-    def recorded(self) -> Path:
-        """Names the episodes of the round, once all are in the data set."""
-        return self.root / "episodes.json"
-
-    @property
-    def before(self) -> Round:
-        return Round(self.run, self.number - 1)
 
 
 class Interrupted(KeyboardInterrupt):
     """Training was interrupted by the user; the same command goes on from there."""
 
 
-def seed_of(cfg: LoopCfg, *purpose: int) -> int:
-    """A seed of its own for every purpose."""
-    return int(np.random.SeedSequence([cfg.seed, *purpose]).generate_state(1)[0])
-
-
-def policy_stage(cfg: LoopCfg, round: Round, robot: Robot) -> None:
+def policy_stage(cfg: LoopCfg, round: Round, robot: Robot, people: People) -> None:
     """Train the round's policy: the first on the base, later ones on the reward."""
     if round.policy.exists():
         return
@@ -119,6 +74,14 @@ def policy_stage(cfg: LoopCfg, round: Round, robot: Robot) -> None:
         exploration_std=std,
     )
     with training_bar(f"round {round.number}: training", steps) as bar:
+
+        def after(stats: IterationStats) -> None:
+            bar(stats)
+            # The last iteration may end beyond the steps that were asked for.
+            done = min(stats.steps / max(steps, 1), 1.0)
+            people.tell(f"{_place(cfg, round)}: training", done)
+
+        people.tell(f"{_place(cfg, round)}: training", 0.0)
         result = train(
             partial,
             robot,
@@ -127,18 +90,19 @@ def policy_stage(cfg: LoopCfg, round: Round, robot: Robot) -> None:
             reward_name=name,
             init=init,
             resume=True,
-            on_iteration=bar,
+            on_iteration=after,
         )
     if not result.finished:
         raise Interrupted
     replace_directory(partial, round.policy.parent)
 
 
-def record_stage(cfg: LoopCfg, round: Round, dataset: Dataset) -> None:
+def record_stage(cfg: LoopCfg, round: Round, dataset: Dataset, people: People) -> None:
     """Log episodes of the round's policy and its checkpoints to the data set."""
     if round.recorded.exists():
         return
     seed = seed_of(cfg, round.number, 2)
+    people.tell(f"{_place(cfg, round)}: recording what the new policy does")
     with counting_bar(f"round {round.number}: recording", cfg.record.episodes) as bar:
 
         def counted() -> Any:
@@ -153,67 +117,11 @@ def record_stage(cfg: LoopCfg, round: Round, dataset: Dataset) -> None:
     write_atomically(round.recorded, json.dumps(names, indent=0).encode())
 
 
-def pairs_stage(cfg: LoopCfg, round: Round, dataset: Dataset) -> None:
-    """Add the round's questions, most of them where the ensemble disagrees."""
-    with dataset.answers() as store:
-        if store.pairs(round=round.number):
-            return
-        known = store.pairs()
-    model = load_reward(round.before.reward) if round.number else None
-    names = set(json.loads(round.recorded.read_text()))
-    entries = [entry for entry in dataset.entries() if entry.sha256 in names]
-    count = cfg.labels_of(round.number)
-    rng = np.random.default_rng(seed_of(cfg, round.number, 3))
-    chosen = ask(
-        dataset,
-        entries,
-        cfg.clips,
-        count,
-        known=known,
-        model=model,
-        round_number=round.number,
-        uniform_share=cfg.uniform_share,
-        rng=rng,
-    )
-    with dataset.answers() as store:
-        store.add_pairs(chosen)
-
-
-def answers_stage(
-    cfg: LoopCfg, round: Round, dataset: Dataset, criterion: Criterion
-) -> None:
-    """Have the round's questions answered."""
-    if cfg.rater == "simulated":
-        answer_pairs(
-            dataset,
-            criterion,
-            rater_id=RATER_ID,
-            seed=seed_of(cfg, round.number, 4),
-            round=round.number,
-        )
-        return
-    wait_for_answers(dataset, round.number, cfg.labels_of(round.number))
-
-
-def wait_for_answers(dataset: Dataset, round: int, count: int) -> None:
-    """Wait until `count` pairs of the round have an answer, whoever gives it."""
-    console.print(f"round {round}: waiting for {count} answers to {dataset.root}")
-    with (
-        counting_bar(f"round {round}: answers", count) as bar,
-        dataset.answers() as store,
-    ):
-        while True:
-            answered = count - len(store.unanswered(round=round))
-            bar.update(bar.task_ids[0], completed=answered)
-            if answered >= count:
-                return
-            time.sleep(0.5)
-
-
-def fit_stage(cfg: LoopCfg, round: Round, dataset: Dataset) -> None:
+def fit_stage(cfg: LoopCfg, round: Round, dataset: Dataset, people: People) -> None:
     """Fit a reward to all answers so far."""
     if round.reward.exists():
         return
+    people.tell(f"{_place(cfg, round)}: learning from the answers")
     pairs = load_pairs([dataset])
     model, report = fit_reward(pairs, cfg.fit, seed=seed_of(cfg, round.number, 5))
     save_reward(model, round.reward)
@@ -284,3 +192,10 @@ def report_stage(cfg: LoopCfg, round: Round, criterion: Criterion) -> None:
 def _made(directory: Path) -> Path:
     directory.mkdir(parents=True, exist_ok=True)
     return directory
+
+
+def _place(cfg: LoopCfg, round: Round) -> str:
+    """Where the loop is, for people, who count from 1."""
+    if round.number == cfg.rounds:
+        return "all rounds are answered"
+    return f"round {round.number + 1} of {cfg.rounds}"

@@ -82,19 +82,20 @@ class Proxy:
             self._application(), access_log=None, shutdown_timeout=1.0
         )
         await self._runner.setup()
+        # Before the port is open: the first visitor may be waiting for it.
+        await self._relay.start(self._login.rater)
         host = self.cfg.host.strip("[]")
         site = web.TCPSite(self._runner, host, self.cfg.port, ssl_context=context)
         try:
             await site.start()
         except OSError as error:
-            await self._runner.cleanup()
+            await self.stop()
             raise GaitprefError(
                 f"port {self.cfg.port} on {self.cfg.host} cannot be opened "
                 f"({error.strerror or error}); stop what uses it, or choose another "
                 "with --port"
             ) from None
         self._port = self._runner.addresses[0][1]
-        await self._relay.start(self._login.rater)
 
     async def stop(self) -> None:
         """Close all pages and the port."""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import io
 import logging
 import threading
 import warnings
 from collections.abc import Callable, Coroutine
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import redirect_stdout
 from typing import Any, TypeVar
 
 import viser
@@ -48,7 +50,9 @@ class Site:
         """
         # A visitor may leave between two writes; viser would warn about each.
         warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
-        self._viser = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+        # It announces its own port, behind which nobody finds a page.
+        with redirect_stdout(io.StringIO()):
+            self._viser = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
         lock_down(self._viser)
         self._secret = new_secret()
         self._proxy = Proxy(
@@ -124,7 +128,8 @@ class Site:
         self._loader.shutdown(wait=True, cancel_futures=True)
         self._worker.shutdown(wait=True, cancel_futures=True)
         self._loop.stop()
-        self._viser.stop()
+        with redirect_stdout(io.StringIO()):
+            self._viser.stop()
 
     def _open(self, client: viser.ClientHandle, rater: str, new_page: NewPage) -> None:
         self._ticker.add(client.client_id, new_page(client, rater))

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from pathlib import Path
-
-from data.files import write_atomically
+from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
@@ -31,21 +27,3 @@ StatusSource = Callable[[], LoopStatus | None]
 def no_status() -> LoopStatus | None:
     """There is no loop."""
     return None
-
-
-def write_status(path: Path, status: LoopStatus) -> None:
-    """Leave the status for a page in another process."""
-    write_atomically(path, json.dumps(asdict(status)).encode())
-
-
-def status_in(path: Path) -> StatusSource:
-    """The status somebody writes into the file `path`; none while there is no file."""
-
-    def read() -> LoopStatus | None:
-        try:
-            values = json.loads(path.read_text())
-            return LoopStatus(str(values["text"])[:200], values["progress"])
-        except (OSError, ValueError, KeyError, TypeError):
-            return None
-
-    return read

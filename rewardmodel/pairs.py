@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.answers import Answer, Pair
+from data.answers import Answer, AnswerStore, Pair
 from data.clips import Clip
 from data.dataset import Dataset
 
@@ -80,36 +80,58 @@ def load_pairs(
     """Gather the current answers of `datasets`, in an order that depends on them alone.
 
     An answer found in several data sets counts once; a clip may lie in another data set
-    than the answer about it.
+    than the answer about it. A rater who was asked about a pair again counts once too,
+    with the mean of both answers: a contradiction says that the clips are close. Pairs
+    with a known answer measure raters and teach nothing.
 
     Raises:
         RewardError: fewer than `at_least` answers prefer a clip or call both equal.
         DatasetError, EpisodeError: an episode is missing or damaged.
     """
     answered = _current_answers(datasets)
-    used = [(pair, answer) for pair, answer in answered if answer.target is not None]
+    used = _evidence(answered)
     if len(used) < max(1, at_least):
         raise RewardError(_too_few(datasets, len(used), len(answered), at_least))
     owner = _owners(datasets)
-    pairs = [pair for pair, _ in used]
+    pairs = [pair for pair, _, _ in used]
     sides = [pair.a for pair in pairs] + [pair.b for pair in pairs]
     clips = fill_clips([clip.steps for clip in sides], _rows(sides, owner))
     entries = [owner(pair.a.rollout).entry(pair.a.rollout) for pair in pairs]
     return AnsweredPairs(
         left=clips.part(slice(len(pairs))),
         right=clips.part(slice(len(pairs), None)),
-        target=torch.tensor([answer.target for _, answer in used]),
+        target=torch.tensor([target for _, _, target in used]),
         episodes=tuple((pair.a.rollout, pair.b.rollout) for pair in pairs),
-        raters=tuple(answer.rater_id for _, answer in used),
+        raters=tuple(rater_id for _, rater_id, _ in used),
         commands=torch.tensor([entry.meta.command for entry in entries]),
         rounds=tuple(pair.round for pair in pairs),
-        num_without_target=len(answered) - len(used),
+        num_without_target=sum(answer.target is None for _, answer in answered),
         answers_sha256=_label_set(used),
     )
 
 
+def count_evidence(store: AnswerStore) -> int:
+    """How many answers of one data set a fit would use."""
+    return len(_evidence(store.current_answers()))
+
+
+def _evidence(answered: Sequence[tuple[Pair, Answer]]) -> list[tuple[Pair, str, float]]:
+    """Pair, rater and mean target of whatever teaches which gait is better."""
+    targets: dict[tuple[str, str], list[float]] = defaultdict(list)
+    pairs: dict[str, Pair] = {}
+    for pair, answer in answered:
+        if answer.target is not None and pair.gold is None:
+            pairs[pair.pair_id] = pair
+            targets[pair.pair_id, answer.rater_id].append(answer.target)
+    evidence = [
+        (pairs[pair_id], rater_id, sum(of_both) / len(of_both))
+        for (pair_id, rater_id), of_both in targets.items()
+    ]
+    return sorted(evidence, key=lambda row: _line(*row))
+
+
 def _current_answers(datasets: Sequence[Dataset]) -> list[tuple[Pair, Answer]]:
-    """Every current answer once, sorted by what it says."""
+    """Every current answer once."""
     answers: dict[str, tuple[Pair, Answer]] = {}
     for dataset in datasets:
         with dataset.answers_copy() as store:
@@ -117,8 +139,7 @@ def _current_answers(datasets: Sequence[Dataset]) -> list[tuple[Pair, Answer]]:
                 answers[answer.answer_id] = (pair, answer)
     # A copy of a data set may not know that its answer was corrected elsewhere.
     corrected = {answer.supersedes for _, answer in answers.values()}
-    current = [row for row in answers.values() if row[1].answer_id not in corrected]
-    return sorted(current, key=lambda row: _line(*row))
+    return [row for row in answers.values() if row[1].answer_id not in corrected]
 
 
 def _owners(datasets: Sequence[Dataset]) -> Callable[[str], Dataset]:
@@ -143,13 +164,13 @@ def _rows(
             yield positions[index], rows
 
 
-def _line(pair: Pair, answer: Answer) -> str:
+def _line(pair: Pair, rater_id: str, target: float) -> str:
     """What is fitted of an answer: equal lines are the same evidence."""
-    return f"{pair.a.key} {pair.b.key} {answer.rater_id} {answer.target}"
+    return f"{pair.a.key} {pair.b.key} {rater_id} {target}"
 
 
-def _label_set(used: Sequence[tuple[Pair, Answer]]) -> str:
-    lines = "\n".join(_line(pair, answer) for pair, answer in used)
+def _label_set(used: Sequence[tuple[Pair, str, float]]) -> str:
+    lines = "\n".join(_line(*row) for row in used)
     return hashlib.sha256(lines.encode()).hexdigest()
 
 

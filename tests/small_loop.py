@@ -1,19 +1,33 @@
-"""A loop of a few thousand steps, as a process: `python -m tests.small_loop RUN`."""
+"""A loop of a few thousand steps, as a process: `python -m tests.small_loop RUN`.
+
+With `--port P` people answer it on the labeling page, `--patience S` seconds a round.
+"""
 
 from __future__ import annotations
 
 import os
-import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import torch
+import tyro
 
-from gaitpref.loop import run_configured
-from gaitpref.options import Loop
+from gaitpref.loop import page_of_loop, run_configured
+from gaitpref.options import Loop, Serving
 from gaitpref.run_config import LoopCfg, resolve
 from policy.ppo import PpoCfg
 from policy.record import RecordCfg
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Run or go on with the small loop."""
+
+    run: tyro.conf.Positional[Path]
+    port: int | None = None
+    patience: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
 
 
 def small_cfg(*, seed: int = 0, base: str = "none") -> LoopCfg:
@@ -32,12 +46,22 @@ def small_cfg(*, seed: int = 0, base: str = "none") -> LoopCfg:
     )
 
 
-def main(run: Path) -> None:
+def human_cfg() -> LoopCfg:
+    """The same with people; long enough that they can answer while it trains."""
+    return replace(small_cfg(), rater="human", round_steps=20_000)
+
+
+def main(options: Options) -> None:
     """Run or go on with the small loop in the directory `run`."""
     torch.set_num_threads(1)
-    run_configured(run, small_cfg())
+    if options.port is None:
+        run_configured(options.run, small_cfg())
+        return
+    patience = None if options.patience is None else options.patience / 60
+    asked = Loop(run=options.run, patience=patience, page=Serving(port=options.port))
+    run_configured(options.run, human_cfg(), open_page=partial(page_of_loop, asked))
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(tyro.cli(Options))
     os._exit(0)

@@ -1,0 +1,124 @@
+"""The labeling page beside the loop, up over all rounds.
+
+It is a process of its own: training holds the interpreter for long, and the page would
+stutter. One pipe joins the two. The loop sends what it is doing; when the loop is gone,
+however it ended, the pipe ends, and so does the page.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+
+from data.dataset import Dataset
+from data.errors import GaitprefError
+from labeling_ui.server import LabelCfg, LabelServer
+from labeling_ui.status import LoopStatus
+
+_START_S = 120.0
+_STOP_S = 20.0
+NICENESS = 5
+"""Of the loop: who answers must not wait for a training that takes minutes anyway."""
+
+
+class LoopPage:
+    """The page as the loop sees it."""
+
+    def __init__(self, process: BaseProcess, pipe: Connection) -> None:
+        self._process, self._pipe = process, pipe
+
+    def announce(self, status: LoopStatus) -> None:
+        """Show on the page what the loop is doing; harmless where the page is gone."""
+        try:
+            self._pipe.send(status)
+        except OSError:
+            return
+
+    def require(self) -> None:
+        """Make sure that the page is up.
+
+        Raises:
+            GaitprefError: it is not.
+        """
+        if not self._process.is_alive():
+            raise GaitprefError(
+                "the labeling page has ended (exit code "
+                f"{self._process.exitcode}); all answers are kept, and the same "
+                "command goes on"
+            )
+
+
+@contextmanager
+def loop_page(root: Path, cfg: LabelCfg) -> Iterator[tuple[str, LoopPage]]:
+    """Serve the page of the data set `root` while the block runs; its address too.
+
+    Raises:
+        GaitprefError: the page cannot be served, as where the port is busy.
+    """
+    context = multiprocessing.get_context("spawn")
+    here, there = context.Pipe()
+    process = context.Process(target=_serve, args=(root, cfg, there), name="page")
+    process.start()
+    there.close()
+    try:
+        yield _address(here), LoopPage(process, here)
+    finally:
+        here.close()
+        process.join(_STOP_S)
+        if process.is_alive():
+            process.kill()
+            process.join()
+
+
+def _address(pipe: Connection) -> str:
+    """What the page says of itself once it is up.
+
+    Raises:
+        GaitprefError: it does not come up.
+    """
+    try:
+        if pipe.poll(_START_S):
+            address, refusal = pipe.recv()
+            if refusal:
+                raise GaitprefError(refusal)
+            return address
+    except (EOFError, OSError):
+        pass
+    raise GaitprefError("the labeling page does not start; see its message above")
+
+
+class _Latest:
+    """The last status that came through the pipe."""
+
+    def __init__(self) -> None:
+        self.status: LoopStatus | None = None
+
+    def read(self) -> LoopStatus | None:
+        return self.status
+
+
+def _serve(root: Path, cfg: LabelCfg, pipe: Connection) -> None:
+    # Ctrl-C reaches the whole group: the loop saves first, and the page stays until it
+    # has. That the loop is gone is what the pipe says.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    latest = _Latest()
+    try:
+        server = LabelServer(Dataset.open(root), cfg, status=latest.read)
+        server.start()
+    except GaitprefError as error:
+        pipe.send(("", str(error)))
+        return
+    pipe.send((server.url, ""))
+    try:
+        while True:
+            latest.status = pipe.recv()
+    except (EOFError, OSError):
+        # A server that shuts down orderly keeps the port for seconds, and the next
+        # loop may want it at once. Every answer that was counted is on the disk.
+        os._exit(0)

@@ -1,0 +1,52 @@
+"""Where a round's files are, and its chance comes from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from policy.train import POLICY_NAME
+
+from .run_config import LoopCfg
+
+
+@dataclass(frozen=True)
+class Round:
+    """The files of one round."""
+
+    run: Path
+    number: int
+
+    @property
+    def root(self) -> Path:
+        return self.run / "rounds" / f"{self.number:02d}"
+
+    @property
+    def policy(self) -> Path:
+        """The round's policy file."""
+        return self.root / "policy" / POLICY_NAME
+
+    @property
+    def reward(self) -> Path:
+        """The reward fitted to all answers up to this round."""
+        return self.root / "reward"
+
+    @property
+    def report(self) -> Path:
+        return self.root / "report.json"
+
+    @property
+    def recorded(self) -> Path:
+        """Names the episodes of the round, once all are in the data set."""
+        return self.root / "episodes.json"
+
+    @property
+    def before(self) -> Round:
+        return Round(self.run, self.number - 1)
+
+
+def seed_of(cfg: LoopCfg, *purpose: int) -> int:
+    """A seed of its own for every purpose."""
+    return int(np.random.SeedSequence([cfg.seed, *purpose]).generate_state(1)[0])
