@@ -3,8 +3,8 @@
     python -m benchmarks.exploration [--quick] [--json FILE]
 
 Bins of (forward, left, yaw rate, height, roll, pitch), as wide as `MOTION_SCALE`, that
-more than one step of the last quarter of training fell into, over three seeds; and where
-the KL of an update settles when its penalty is adapted.
+more than one step of the last quarter of training fell into, over three seeds; and
+where the KL of an update settles when its penalty is adapted.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The two stages of a round that ask: choose its pairs, and have them answered."""
+"""The stage of a round that asks: choose pairs, have them answered, choose again."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 
 from data.answers import AnswerStore
 from data.dataset import Dataset
-from rewardmodel.pairs import MIN_ANSWERS, count_evidence
-from rewardmodel.storage import load_reward
+from rewardmodel.fit import fit_reward
+from rewardmodel.pairs import MIN_ANSWERS, count_evidence, load_pairs
 
 from .criteria import Criterion
 from .people import People
@@ -24,24 +24,45 @@ RATER_ID = "simulated"
 GOLD_SHARE = 0.05
 """Pairs with a known answer to every pair that people are asked."""
 _POLL_S = 0.5
+_OPEN_PAIRS = 2
 
 
-def pairs_stage(cfg: LoopCfg, round: Round, dataset: Dataset) -> None:
-    """Add the round's questions, most of them where the ensemble disagrees."""
+def questions_stage(
+    cfg: LoopCfg, round: Round, dataset: Dataset, criterion: Criterion, people: People
+) -> None:
+    """Ask the round's questions in batches, each where the answers so far leave doubt.
+
+    Within one batch, questions about the same doubt are as good as one.
+    """
+    if round.reward.exists():
+        return
+    count = cfg.labels_of(round.number)
+    patience = Patience(people)
     with dataset.answers() as store:
-        if store.pairs(round=round.number):
-            return
-    _add_pairs(cfg, round, dataset, cfg.labels_of(round.number))
+        while True:
+            asked, _ = _asked_and_left(store, round.number)
+            last = asked >= count
+            if asked and not _answered(
+                cfg, round, dataset, criterion, patience, last=last
+            ):
+                return
+            if last:
+                return
+            _add_pairs(cfg, round, dataset, min(cfg.batch_labels, count - asked))
 
 
 def _add_pairs(cfg: LoopCfg, round: Round, dataset: Dataset, count: int) -> None:
     with dataset.answers() as store:
         known = store.pairs()
-    model = load_reward(round.before.reward) if round.number else None
-    names = set(json.loads(round.recorded.read_text()))
-    entries = [entry for entry in dataset.entries() if entry.sha256 in names]
+        enough = count_evidence(store) >= MIN_ANSWERS
     # More pairs for the same round are others, even after a restart.
     asked_before = sum(pair.round == round.number for pair in known)
+    model = None
+    if enough:
+        seed = seed_of(cfg, round.number, 7, asked_before)
+        model, _ = fit_reward(load_pairs([dataset]), cfg.fit, seed=seed)
+    names = set(json.loads(round.recorded.read_text()))
+    entries = [entry for entry in dataset.entries() if entry.sha256 in names]
     rng = np.random.default_rng([seed_of(cfg, round.number, 3), asked_before])
     chosen = ask(
         dataset,
@@ -67,46 +88,74 @@ def _add_pairs(cfg: LoopCfg, round: Round, dataset: Dataset, count: int) -> None
         store.add_pairs(chosen)
 
 
-def answers_stage(
-    cfg: LoopCfg, round: Round, dataset: Dataset, criterion: Criterion, people: People
-) -> None:
-    """Have the round's questions answered."""
-    if round.reward.exists():
-        return
-    if cfg.rater == "simulated":
-        answer_pairs(
-            dataset,
-            criterion,
-            rater_id=RATER_ID,
-            seed=seed_of(cfg, round.number, 4),
-            round=round.number,
+def _answered(
+    cfg: LoopCfg,
+    round: Round,
+    dataset: Dataset,
+    criterion: Criterion,
+    patience: Patience,
+    *,
+    last: bool,
+) -> bool:
+    """Have the pairs of the round answered; False where patience is over."""
+    if cfg.rater == "human":
+        # A few open pairs keep people busy while the next batch is chosen.
+        return wait_for_people(
+            cfg, round, dataset, patience, open_pairs=0 if last else _OPEN_PAIRS
         )
-        return
-    wait_for_people(cfg, round, dataset, people)
+    answer_pairs(
+        dataset,
+        criterion,
+        rater_id=RATER_ID,
+        seed=seed_of(cfg, round.number, 4),
+        round=round.number,
+    )
+    return True
+
+
+class Patience:
+    """How long people have been waited for in a round."""
+
+    def __init__(self, people: People) -> None:
+        self.people = people
+        self._since = time.monotonic()
+
+    @property
+    def waited_s(self) -> float:
+        """Since the round's first question."""
+        return time.monotonic() - self._since
+
+    @property
+    def over(self) -> bool:
+        """Whether the round goes on with what it has."""
+        return self.waited_s >= self.people.patience_s
 
 
 def wait_for_people(
-    cfg: LoopCfg, round: Round, dataset: Dataset, people: People
-) -> None:
-    """Wait until every pair of the round has an answer, or patience is over.
+    cfg: LoopCfg, round: Round, dataset: Dataset, patience: Patience, *, open_pairs: int
+) -> bool:
+    """Wait until at most `open_pairs` of the round are open, or patience is over.
 
-    Either way there are answers enough to fit when this returns: where too many are
-    "can't tell" or "bad clip", more pairs are asked.
+    Either way there are answers enough to fit when the round's last pairs were waited
+    for: where too many are "can't tell" or "bad clip", more pairs are asked.
+
+    Returns whether patience lasted.
 
     Raises:
         GaitprefError: the page is gone.
     """
-    since = time.monotonic()
+    count, people = cfg.labels_of(round.number), patience.people
     title = f"round {round.number}: answers"
-    with dataset.answers() as store, counting_bar(title, 0) as bar:
-        console.print(f"round {round.number}: waiting for answers to {dataset.root}")
+    with dataset.answers() as store, counting_bar(title, count) as bar:
         while True:
             people.require_page()
             asked, left = _asked_and_left(store, round.number)
-            bar.update(bar.task_ids[0], total=asked, completed=asked - left)
-            waited_s = time.monotonic() - since
-            wanted = left
-            if left == 0 or waited_s >= people.patience_s:
+            bar.update(bar.task_ids[0], completed=asked - left)
+            done = left <= open_pairs
+            wanted = count - (asked - left)
+            if done and open_pairs:
+                return True
+            if done or patience.over:
                 wanted = MIN_ANSWERS - count_evidence(store)
                 if wanted <= 0:
                     break
@@ -115,14 +164,16 @@ def wait_for_people(
             people.tell(
                 f"round {round.number + 1} of {cfg.rounds}: waiting for {wanted} more "
                 f"answer{'s' * (wanted != 1)}",
-                (asked - left) / asked,
+                min(1.0, (asked - left) / count),
             )
             time.sleep(_POLL_S)
     if left:
         console.print(
-            f"round {round.number}: going on after {waited_s / 60:.1f} minutes, "
-            f"{left} of {asked} pairs are still open; their answers count later"
+            f"round {round.number}: going on after {patience.waited_s / 60:.1f} "
+            f"minutes, {left} of {asked} pairs are still open; their answers count "
+            f"later"
         )
+    return done
 
 
 def _asked_and_left(store: AnswerStore, round: int) -> tuple[int, int]:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from data.dataset import Dataset
 
-from .asking import answers_stage, pairs_stage
+from .asking import questions_stage
 from .criteria import load_criterion
 from .extras import require
 from .options import Loop
@@ -61,8 +61,7 @@ def run_configured(run: Path, cfg: LoopCfg, *, open_page: OpenPage = no_page) ->
             policy_stage(cfg, round, robot, people)
             if number < cfg.rounds:
                 record_stage(cfg, round, dataset, people)
-                pairs_stage(cfg, round, dataset)
-                answers_stage(cfg, round, dataset, criterion, people)
+                questions_stage(cfg, round, dataset, criterion, people)
                 fit_stage(cfg, round, dataset, people)
             report_stage(cfg, round, criterion)
             write_report(run)

@@ -78,6 +78,8 @@ class LoopCfg:
     """Noise put back every round; None keeps what the policy has."""
     clips: ClipCfg = field(default_factory=ClipCfg)
     """How episodes are cut into clips."""
+    batch_labels: int = 10
+    """Questions chosen at a time; a reward is fitted to all answers before the next."""
     uniform_share: float = 0.2
     """Share of a round's pairs chosen without looking at the ensemble."""
     evaluation_episodes: int = 64
@@ -96,6 +98,8 @@ class LoopCfg:
     def __post_init__(self) -> None:
         if self.rounds < 1:
             raise RunError(f"--rounds must be at least 1, got {self.rounds}")
+        if self.batch_labels < 1:
+            raise RunError(f"batch_labels must be at least 1, got {self.batch_labels}")
         if self.labels < 4 * self.rounds:
             raise RunError(
                 f"--labels {self.labels} is too few for {self.rounds} rounds: a round "
@@ -131,16 +135,16 @@ def resolve(options: Loop) -> LoopCfg:
     }
     if scratch:
         return LoopCfg(
-            rounds=6 if options.rounds is None else options.rounds,
+            rounds=3 if options.rounds is None else options.rounds,
             labels=100 if options.labels is None else options.labels,
             base_steps=0,
-            round_steps=250_000,
+            round_steps=600_000,
             last_round_steps=1_200_000 if quick else 2_500_000,
             learned_weight=1.0,
             exploration=ExplorationCfg(),
             # Beside clips without noise, those with it teach that moving is bad; and a
             # robot that only shakes shows nobody what walking would be like.
-            record=RecordCfg(noisy_share=1.0, babble_share=0.4),
+            record=RecordCfg(episodes=96, noisy_share=1.0, babble_share=0.3),
             **common,
         )
     rounds = 3 if quick else 5
