@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from data.answer_backend import Address
 from data.answers import AnswerStore
 from data.clips import Clip
 from data.episode import Episode, decode_episode, decode_features
@@ -40,21 +41,26 @@ ANSWERS_NAME = "preferences.sqlite"
 class Dataset:
     """A data set directory; several processes may read and add at once."""
 
-    def __init__(self, root: Path) -> None:
+    def __init__(self, root: Path, *, answers: Address | None = None) -> None:
         """Open `root`; prefer `Dataset.open` and `Dataset.create`.
+
+        Args:
+            root: The directory.
+            answers: Where pairs and answers are, if not in a file of the directory.
 
         Raises:
             DatasetError: `root` is no data set, or of another version.
         """
         self.root = root
+        self.answers_address = root / ANSWERS_NAME if answers is None else answers
         self._manifest = ManifestFile(root)
         self._verified: set[str] = set()
         self._touched: set[str] = set()
         self._features = FeatureCache()
 
     @staticmethod
-    def create(root: Path) -> Dataset:
-        """Make `root` a data set, or open it if it is one.
+    def create(root: Path, *, answers: Address | None = None) -> Dataset:
+        """Make `root` a data set, or open it if it is one; `answers` as for `open`.
 
         Raises:
             DatasetError: the manifest there cannot be used, or the directory cannot be
@@ -63,16 +69,20 @@ class Dataset:
         with writable(root):
             (root / "rollouts").mkdir(parents=True, exist_ok=True)
         ManifestFile.create(root)
-        return Dataset(root)
+        return Dataset(root, answers=answers)
 
     @staticmethod
-    def open(root: Path) -> Dataset:
+    def open(root: Path, *, answers: Address | None = None) -> Dataset:
         """Open the data set at `root`.
+
+        Args:
+            root: The directory.
+            answers: Where pairs and answers are, if not in a file of the directory.
 
         Raises:
             DatasetError: `root` is no data set, or of another version.
         """
-        return Dataset(root)
+        return Dataset(root, answers=answers)
 
     def entries(self) -> tuple[EpisodeEntry, ...]:
         """All episodes, sorted by hash; what others added meanwhile is included.
@@ -241,7 +251,7 @@ class Dataset:
         Raises:
             AnswerError: the data base cannot be used.
         """
-        return AnswerStore.open(self.root / ANSWERS_NAME)
+        return AnswerStore.open(self.answers_address)
 
     def answers_copy(self) -> AnswerStore:
         """A copy of them in memory, as they are now; for those who only read.
@@ -249,7 +259,7 @@ class Dataset:
         Raises:
             AnswerError: the data base cannot be used.
         """
-        return AnswerStore.snapshot(self.root / ANSWERS_NAME)
+        return AnswerStore.snapshot(self.answers_address)
 
     def _list(self, added: Iterable[EpisodeEntry]) -> None:
         new = {entry.sha256: entry for entry in added}

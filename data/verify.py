@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from data.answer_backend import Address
 from data.answer_check import Asked, asked, damaged_rows
 from data.dataset import ANSWERS_NAME, Dataset
 from data.errors import AnswerError, DatasetError
@@ -47,8 +48,12 @@ class Verified:
     """Files nobody knows, left by a killed writer: harmless, `recover` takes them."""
 
 
-def verify(root: Path) -> Verified:
+def verify(root: Path, *, answers: Address | None = None) -> Verified:
     """Compare every file with its hash and every answer with its checksum.
+
+    Args:
+        root: The data set.
+        answers: Where its answers are, if not in its own file.
 
     Raises:
         DatasetError: `root` is no data set, or of another version.
@@ -60,7 +65,7 @@ def verify(root: Path) -> Verified:
         entries = {entry.sha256: entry for entry in dataset.entries()}
     except DatasetError as error:
         damages.append(Damage("manifest", MANIFEST_NAME, str(error)))
-    answered, answer_damages = _answers(root / ANSWERS_NAME)
+    answered, answer_damages = _answers(answers or root / ANSWERS_NAME)
     touched = _answers_by_episode(answered)
     damages += _files(dataset, entries.values(), touched)
     damages += answer_damages
@@ -116,17 +121,17 @@ def _file_damage(
     return None
 
 
-def _answers(path: Path) -> tuple[list[Asked], list[Damage]]:
+def _answers(address: Address) -> tuple[list[Asked], list[Damage]]:
     """What the answers are about as far as it can be read, and what is wrong."""
-    if not path.exists():
+    if isinstance(address, Path) and not address.exists():
         return [], []
     damages: list[Damage] = []
     try:
         damages += [
             Damage("answers", ANSWERS_NAME, row.message, answers=row.answers)
-            for row in damaged_rows(path)
+            for row in damaged_rows(address)
         ]
-        return asked(path), damages
+        return asked(address), damages
     except (AnswerError, sqlite3.Error, UnicodeDecodeError) as error:
         message = f"it cannot be read: {' '.join(str(error).split())}"
         return [], [*damages, Damage("answers", ANSWERS_NAME, message)]
