@@ -25,6 +25,7 @@ from data.transfer import Transferred, split, transfer
 from data.verify import Verified, verify
 
 from . import data_options as options
+from .opening import address, open_dataset
 
 EXIT_DAMAGED = 1
 console = Console(stderr=True, highlight=False)
@@ -42,7 +43,7 @@ def run(action: options.Action) -> int:
         case options.Merge() | options.Split() | options.Subset():
             _transfer(action)
         case options.Pack():
-            size = pack(Dataset.open(action.dataset), action.out)
+            size = pack(open_dataset(action), action.out)
             _say(action.json, {"archive": str(action.out), "bytes": size})
         case options.Unpack():
             made = unpack(action.archive, action.dataset)
@@ -56,7 +57,7 @@ def run(action: options.Action) -> int:
 
 
 def _info(action: options.Info) -> None:
-    seen = overview(Dataset.open(action.dataset))
+    seen = overview(open_dataset(action))
     if action.json:
         print(json.dumps(asdict(seen)))
         return
@@ -90,7 +91,7 @@ def _counts(title: str, counts: Mapping[str, int]) -> Table:
 
 
 def _verify(action: options.Verify) -> int:
-    found = verify(action.dataset)
+    found = verify(action.dataset, answers=address(action.answers))
     if action.json:
         print(json.dumps(asdict(found)))
     else:
@@ -143,10 +144,11 @@ def _transfer(action: options.Merge | options.Split | options.Subset) -> None:
     match action:
         case options.Merge():
             sources = {str(path): Dataset.open(path) for path in action.source}
-            target = Dataset.create(action.dataset)
+            answers = address(action.answers)
+            target = Dataset.create(action.dataset, answers=answers)
             report = {name: transfer(s, target) for name, s in sources.items()}
         case options.Split():
-            source, shares = Dataset.open(action.dataset), _shares(action.part)
+            source, shares = open_dataset(action), _shares(action.part)
             report = split(source, shares, action.out, seed=action.seed)
         case options.Subset():
             report = {str(action.out): _subset(action)}
@@ -176,7 +178,7 @@ def _shares(parts: tuple[str, ...]) -> dict[str, float]:
 
 
 def _subset(action: options.Subset) -> Transferred:
-    source = Dataset.open(action.dataset)
+    source = open_dataset(action)
     entries = [
         entry
         for entry in source.entries()
@@ -215,7 +217,7 @@ def _card(action: options.Card) -> None:
         consent=action.consent,
     )
     path = action.out or action.dataset / CARD_NAME
-    text = card(overview(Dataset.open(action.dataset)), facts)
+    text = card(overview(open_dataset(action)), facts)
     _write(path, text.encode())
     if facts.open_fields:
         names = ", ".join(name.replace("_", " ") for name in facts.open_fields)
@@ -223,7 +225,7 @@ def _card(action: options.Card) -> None:
 
 
 def _labels(action: options.Labels) -> None:
-    rows = labels(Dataset.open(action.dataset))
+    rows = labels(open_dataset(action))
     if action.format == "parquet":
         if action.out is None:
             raise DatasetError("parquet is no text; give --out FILE.parquet")

@@ -24,12 +24,24 @@ class _Reporting(_OnDataset):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Info(_Reporting):
+class _OnAnswers(_OnDataset):
+    answers: str | None = None
+    """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
+    file by default."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ReportingAnswers(_OnAnswers, _Reporting):
+    pass
+
+
+@dataclass(frozen=True, kw_only=True)
+class Info(_ReportingAnswers):
     """Count episodes, steps, falls, policies, commands and answers."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Verify(_Reporting):
+class Verify(_ReportingAnswers):
     """Compare every byte with what was written; exits 1 if something is damaged."""
 
 
@@ -46,7 +58,7 @@ class Recover(_Reporting):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Merge(_Reporting):
+class Merge(_ReportingAnswers):
     """Take in other data sets: equal episodes once, answers apart by rater."""
 
     source: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction]
@@ -54,7 +66,7 @@ class Merge(_Reporting):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Split(_Reporting):
+class Split(_ReportingAnswers):
     """Make one data set per part, by episode; pairs across two parts are left out."""
 
     out: Path
@@ -69,7 +81,7 @@ class Split(_Reporting):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Subset(_Reporting):
+class Subset(_ReportingAnswers):
     """Copy the episodes that fit every filter, with the answers about them."""
 
     out: Path
@@ -87,7 +99,7 @@ class Subset(_Reporting):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pack(_Reporting):
+class Pack(_ReportingAnswers):
     """Write the whole data set to one archive."""
 
     out: Path
@@ -103,7 +115,7 @@ class Unpack(_Reporting):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Card(_OnDataset):
+class Card(_OnAnswers):
     """Write a data card in Markdown; says what the publisher still has to fill in."""
 
     out: Path | None = None
@@ -123,7 +135,7 @@ class Card(_OnDataset):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Labels(_OnDataset):
+class Labels(_OnAnswers):
     """Print every answer in the published form, corrected ones too."""
 
     format: Literal["jsonl", "csv", "parquet"] = "jsonl"

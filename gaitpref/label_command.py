@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from data.dataset import Dataset
 from labeling_ui.server import LabelCfg, LabelServer
 from labeling_ui.status import status_in
 
 from . import options
+from .opening import open_dataset
 from .serving import require_port, wait_until_stopped
 
 STATUS_NAME = "status.json"
@@ -16,7 +16,7 @@ STATUS_NAME = "status.json"
 def run(command: options.Label) -> int:
     """Serve the page until it is stopped; gives the exit code."""
     require_port(command.port)
-    dataset = Dataset.open(command.dataset)
+    dataset = open_dataset(command)
     cfg = LabelCfg(
         host=command.host,
         port=command.port,

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from data.answer_backend import Address
 from data.dataset import Dataset
 
 from .criteria import load_criterion
+from .opening import address
 from .options import Loop
 from .report import PAGE_NAME, write_report
 from .rewards import criterion_context
@@ -33,15 +35,23 @@ def run_loop(options: Loop) -> Path:
     cfg = resolve(options)
     setting = _setting(cfg)
     ppo = replace(cfg.ppo, hidden_sizes=setting.hidden_sizes)
-    return run_configured(options.run, replace(cfg, env=setting.env, ppo=ppo))
+    cfg = replace(cfg, env=setting.env, ppo=ppo)
+    return run_configured(options.run, cfg, answers=address(options.answers))
 
 
-def run_configured(run: Path, cfg: LoopCfg) -> Path:
-    """Run or go on with the loop of `cfg` in the directory `run`."""
+def run_configured(run: Path, cfg: LoopCfg, *, answers: Address | None = None) -> Path:
+    """Run or go on with the loop of `cfg` in the directory `run`.
+
+    Args:
+        run: The run's directory.
+        cfg: Everything that decides how the run goes.
+        answers: Where pairs and answers are kept, if not in a file of the run. It is
+            no part of the configuration: it may hold a password.
+    """
     robot = _setting(cfg).robot
     criterion = load_criterion(cfg.criterion, criterion_context(robot, cfg.env))
     claim(run, cfg)
-    dataset = Dataset.create(run / "dataset")
+    dataset = Dataset.create(run / "dataset", answers=answers)
     for number in range(cfg.rounds + 1):
         round = Round(run, number)
         round.root.mkdir(parents=True, exist_ok=True)

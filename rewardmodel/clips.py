@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from data.clips import Clip
-from data.features import FEATURE_DIM, column
+from data.features import FEATURE_DIM, column, columns
 
 ClipRows = Callable[[Clip], np.ndarray]
 """Gives the feature rows [steps, F] of a clip; `Dataset.clip_features` is one."""
@@ -27,7 +27,10 @@ _FALLEN = column("fallen").start
 
 @dataclass(frozen=True, eq=False)
 class ClipBatch:
-    """Feature rows of clips, padded with zeros behind the last step of each."""
+    """Feature rows of clips, padded with zeros behind the last step of each.
+
+    A feature that was not measured, as on hardware, is NaN in all steps of its clip.
+    """
 
     features: Tensor
     """[B, T, F] float32."""
@@ -46,7 +49,7 @@ class ClipBatch:
             )
         # One pass without a mask as large as the features; NaN is passed on by both.
         if not all(torch.isfinite(v) for v in self.features.aminmax()):
-            raise ValueError("a clip holds feature rows that are not finite")
+            _require_missing_as_a_whole(self.features, self.valid)
 
     def __len__(self) -> int:
         return len(self.features)
@@ -76,6 +79,22 @@ class ClipBatch:
         starts = torch.zeros_like(self.valid)
         starts[:, 0] = True
         return starts
+
+
+def _require_missing_as_a_whole(features: Tensor, valid: Tensor) -> None:
+    """Let NaN pass where a whole feature is missing in a whole clip, and only there.
+
+    Raises:
+        ValueError: something is not finite for another reason.
+    """
+    known = ~features.isinf().any()
+    for part in columns().values():
+        nan = features[..., part].isnan()
+        somewhere = (nan.any(dim=-1) & valid).any(dim=1)
+        everywhere = (nan.all(dim=-1) | ~valid).all(dim=1)
+        known = known & (~somewhere | everywhere).all()
+    if not known:
+        raise ValueError("a clip holds feature rows that are not finite")
 
 
 def pad_clips(rows: Sequence[np.ndarray]) -> ClipBatch:
