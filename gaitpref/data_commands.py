@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from rich.table import Table
 
 from data.archive import CARD_NAME, pack, unpack
 from data.card import CardFacts, card
+from data.clips import Clip
 from data.dataset import Dataset
 from data.errors import DatasetError
 from data.files import write_atomically
@@ -25,6 +26,7 @@ from data.transfer import Transferred, split, transfer
 from data.verify import Verified, verify
 
 from . import data_options as options
+from .extras import require
 from .opening import address, open_dataset
 
 EXIT_DAMAGED = 1
@@ -53,6 +55,8 @@ def run(action: options.Action) -> int:
             _card(action)
         case options.Labels():
             _labels(action)
+        case options.View():
+            _view(action)
     return 0
 
 
@@ -241,6 +245,39 @@ def _labels(action: options.Labels) -> None:
     else:
         _write(action.out, text.encode())
         console.print(f"{len(rows):,} answers are in {action.out}")
+
+
+def _view(action: options.View) -> None:
+    dataset = open_dataset(action)
+    if (action.pair is None) == (action.episode is None):
+        raise DatasetError("say what to show: either --pair ID or --episode ID")
+    if action.pair is not None:
+        with dataset.answers_copy() as store:
+            pairs = {pair.pair_id: pair for pair in store.pairs()}
+        pair = pairs[_only(pairs, action.pair, "pair", action.dataset)]
+        clips = {"a": pair.a, "b": pair.b}
+    else:
+        entries = {entry.sha256: entry for entry in dataset.entries()}
+        sha256 = _only(entries, action.episode or "", "episode", action.dataset)
+        clips = {"robot": Clip(sha256, 0, entries[sha256].num_steps)}
+    # Before the import, which would name a package and not the extra.
+    for module in ("mcap_ros2.writer", "mujoco"):
+        require(module, "view")
+    from .viewing.export import layout_path, write_view
+
+    with writable(action.out.parent):
+        write_view(action.out, dataset, clips)
+    console.print(f"{action.out} and {layout_path(action.out)} are written")
+
+
+def _only(known: Iterable[str], start: str, what: str, where: Path) -> str:
+    """The one id that begins with `start`."""
+    found = [name for name in known if name.startswith(start)]
+    if len(found) != 1:
+        raise DatasetError(
+            f"{len(found)} {what}s of {where} begin with {start!r}; give more of the id"
+        )
+    return found[0]
 
 
 def _write(path: Path, content: bytes) -> None:

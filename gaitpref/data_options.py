@@ -144,6 +144,21 @@ class Labels(_OnAnswers):
     """File to write; the terminal by default."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class View(_OnAnswers):
+    """Write clips for Foxglove, Rerun or PlotJuggler, and a Foxglove layout beside it.
+
+    Both clips of a pair start at time 0 and run side by side. Needs the extra `view`.
+    """
+
+    out: Path
+    """MCAP file to write; the layout is called FILE.layout.json."""
+    pair: str | None = None
+    """Id of the pair to show, or its first letters."""
+    episode: str | None = None
+    """SHA-256 of the episode to show, or its first letters."""
+
+
 Action = (
     Annotated[Info, tyro.conf.subcommand("info")]
     | Annotated[Verify, tyro.conf.subcommand("verify")]
@@ -155,6 +170,7 @@ Action = (
     | Annotated[Unpack, tyro.conf.subcommand("unpack")]
     | Annotated[Card, tyro.conf.subcommand("card")]
     | Annotated[Labels, tyro.conf.subcommand("labels")]
+    | Annotated[View, tyro.conf.subcommand("view")]
 )
 
 
