@@ -159,6 +159,23 @@ class View(_OnAnswers):
     """SHA-256 of the episode to show, or its first letters."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Import(_ReportingAnswers):
+    """Take in what others recorded: a ROS 2 bag, or answers of other projects."""
+
+    format: Literal["ros2", "uni-rlhf", "imitation"]
+    """ros2: a bag in MCAP, needs --map and the extras `view` and `train`. uni-rlhf: a
+    directory that `data export --format uni-rlhf` made, with labels in it. imitation:
+    the file of a PreferenceDataset. The last two add answers about episodes that are
+    here; their pickles are read without running anything in them."""
+    source: tyro.conf.Positional[Path]
+    """The bag, directory or file."""
+    map: Path | None = None
+    """TOML file that says what the topics and joints of a bag are called."""
+    rater: str = "imported"
+    """Pseudonym of who gave the answers."""
+
+
 Action = (
     Annotated[Info, tyro.conf.subcommand("info")]
     | Annotated[Verify, tyro.conf.subcommand("verify")]
@@ -171,6 +188,7 @@ Action = (
     | Annotated[Card, tyro.conf.subcommand("card")]
     | Annotated[Labels, tyro.conf.subcommand("labels")]
     | Annotated[View, tyro.conf.subcommand("view")]
+    | Annotated[Import, tyro.conf.subcommand("import")]
 )
 
 

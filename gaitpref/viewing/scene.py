@@ -109,7 +109,7 @@ def _shape(
     return {"type": kind, "pose": pose, "scale": vector(scale)}
 
 
-def _rgba(mj_model: mujoco.MjModel, geom: int) -> np.ndarray:
+def _rgba(mj_model: mujoco.MjModel, geom: int | np.integer) -> np.ndarray:
     material = mj_model.geom_matid[geom]
     own = mj_model.geom_rgba[geom]
     # What MuJoCo gives a geom without a colour, which then has that of its material.
