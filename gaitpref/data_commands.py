@@ -26,6 +26,7 @@ from data.transfer import Transferred, split, transfer
 from data.verify import Verified, verify
 
 from . import data_options as options
+from .exchange_commands import export, import_into
 from .extras import require
 from .opening import address, open_dataset
 
@@ -58,7 +59,9 @@ def run(action: options.Action) -> int:
         case options.View():
             _view(action)
         case options.Import():
-            _import(action)
+            _say(action.json, import_into(action))
+        case options.Export():
+            _say(action.json, asdict(export(action)))
     return 0
 
 
@@ -270,26 +273,6 @@ def _view(action: options.View) -> None:
     with writable(action.out.parent):
         write_view(action.out, dataset, clips)
     console.print(f"{action.out} and {layout_path(action.out)} are written")
-
-
-def _import(action: options.Import) -> None:
-    if action.format == "ros2":
-        if action.map is None:
-            raise DatasetError("--format ros2 needs --map FILE.toml")
-        for module in ("mcap_ros2.decoder", "mujoco"):
-            require(module, "train,view")
-        from .bags.bag_map import load_map
-        from .bags.convert import bag_episodes
-
-        found = bag_episodes(action.source, load_map(action.map), action.map.parent)
-        entries = Dataset.create(action.dataset).add_episodes(found)
-        missing = {entry.meta.extra["missing_features"] for entry in entries}
-        facts: dict[str, Any] = {
-            "episodes": len(entries),
-            "steps": sum(entry.num_steps for entry in entries),
-            "missing": sorted({name for names in missing for name in names.split()}),
-        }
-        _say(action.json, facts)
 
 
 def _only(known: Iterable[str], start: str, what: str, where: Path) -> str:

@@ -176,6 +176,17 @@ class Import(_ReportingAnswers):
     """Pseudonym of who gave the answers."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Export(_ReportingAnswers):
+    """Write the data set in the format of another project; needs the extra `export`."""
+
+    format: Literal["minari", "lerobot", "hf", "uni-rlhf", "d4rl"]
+    """minari and lerobot hold episodes, d4rl the steps of all episodes in one array, hf
+    preferences, uni-rlhf both."""
+    out: Path
+    """Directory to make."""
+
+
 Action = (
     Annotated[Info, tyro.conf.subcommand("info")]
     | Annotated[Verify, tyro.conf.subcommand("verify")]
@@ -189,6 +200,7 @@ Action = (
     | Annotated[Labels, tyro.conf.subcommand("labels")]
     | Annotated[View, tyro.conf.subcommand("view")]
     | Annotated[Import, tyro.conf.subcommand("import")]
+    | Annotated[Export, tyro.conf.subcommand("export")]
 )
 
 
