@@ -9,7 +9,7 @@ Shapes: T steps of an episode, F columns of the feature row.
 
 from __future__ import annotations
 
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -200,11 +200,7 @@ class Dataset:
             DatasetError: the clip reaches beyond its episode; else as for `read`.
         """
         entry = self.entry(clip.rollout)
-        if clip.stop > entry.num_steps:
-            raise DatasetError(
-                f"clip {clip.key} ends at step {clip.stop}, its episode has "
-                f"{entry.num_steps}; the answers belong to another data set"
-            )
+        _require_within(clip, entry.num_steps)
         if entry.tail_sha256 and clip.rollout not in self._touched:
             self._touched.add(clip.rollout)
             with self._file_expected(entry) as path:
@@ -222,9 +218,15 @@ class Dataset:
         Raises:
             DatasetError, EpisodeError: as for `clip_features`.
         """
-        self._touched.update(clip.rollout for clip in clips)
-        for position in sorted(range(len(clips)), key=lambda i: clips[i].rollout):
-            yield position, self.clip_features(clips[position])
+        positions: dict[str, list[int]] = defaultdict(list)
+        for position, clip in enumerate(clips):
+            positions[clip.rollout].append(position)
+        self._touched.update(positions)
+        for rollout in sorted(positions):
+            features = self.features(rollout)
+            for position in positions[rollout]:
+                _require_within(clips[position], len(features))
+                yield position, features[clips[position].rows]
 
     def content(self, entry: EpisodeEntry) -> bytes:
         """The bytes of an episode file, compared with the manifest on first use.
@@ -302,6 +304,14 @@ class Dataset:
                 f"{path} is missing, the manifest promises {entry.bytes} bytes; "
                 "restore it from a copy of the data set"
             ) from None
+
+
+def _require_within(clip: Clip, num_steps: int) -> None:
+    if clip.stop > num_steps:
+        raise DatasetError(
+            f"clip {clip.key} ends at step {clip.stop}, its episode has {num_steps}; "
+            "the answers belong to another data set"
+        )
 
 
 def _entry_of(content: bytes, episode: Episode) -> EpisodeEntry:

@@ -65,9 +65,12 @@ def verify(root: Path, *, answers: Address | None = None) -> Verified:
         entries = {entry.sha256: entry for entry in dataset.entries()}
     except DatasetError as error:
         damages.append(Damage("manifest", MANIFEST_NAME, str(error)))
-    answered, answer_damages = _answers(answers or root / ANSWERS_NAME)
-    touched = _answers_by_episode(answered)
-    damages += _files(dataset, entries.values(), touched)
+    # Hashing holds no lock of the interpreter.
+    with ThreadPoolExecutor(min(4, os.cpu_count() or 1)) as pool:
+        files = pool.map(lambda entry: _file_damage(dataset, entry), entries.values())
+        answered, answer_damages = _answers(answers or root / ANSWERS_NAME)
+        touched = _answers_by_episode(answered)
+        damages += _files(entries.values(), files, touched)
     damages += answer_damages
     if entries:
         damages += _dangling(answered, entries)
@@ -81,23 +84,16 @@ def verify(root: Path, *, answers: Address | None = None) -> Verified:
 
 
 def _files(
-    dataset: Dataset,
     entries: Iterable[EpisodeEntry],
+    found: Iterable[tuple[DamageKind, str] | None],
     touched: Mapping[str, tuple[str, ...]],
 ) -> list[Damage]:
     """Episode files that are not what the manifest promises."""
-
-    def check(entry: EpisodeEntry) -> Damage | None:
-        found = _file_damage(dataset, entry)
-        if found is None:
-            return None
-        kind, message = found
-        answers = touched.get(entry.sha256, ())
-        return Damage(kind, entry.path, message, entry.sha256, answers)
-
-    # Hashing holds no lock of the interpreter.
-    with ThreadPoolExecutor(min(4, os.cpu_count() or 1)) as pool:
-        return [damage for damage in pool.map(check, entries) if damage is not None]
+    return [
+        Damage(damage[0], e.path, damage[1], e.sha256, touched.get(e.sha256, ()))
+        for e, damage in zip(entries, found, strict=True)
+        if damage is not None
+    ]
 
 
 def _file_damage(

@@ -10,7 +10,7 @@ Shapes: B clips, T steps of the longest, F features, M ensemble members.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass
 
 import numpy as np
 import torch
@@ -36,8 +36,12 @@ class ClipBatch:
     """[B, T, F] float32."""
     valid: Tensor
     """[B, T] bool: steps that the clip has."""
+    checked: InitVar[bool] = False
+    """These are rows of a batch that was looked at already."""
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, checked: bool) -> None:
+        if checked:
+            return
         if self.features.ndim != 3 or self.features.shape[-1] != FEATURE_DIM:
             raise ValueError(
                 f"clips must be [B, T, {FEATURE_DIM}], got {list(self.features.shape)}"
@@ -56,7 +60,7 @@ class ClipBatch:
 
     def part(self, rows: slice) -> ClipBatch:
         """Some of the clips, padded as before."""
-        return ClipBatch(self.features[rows], self.valid[rows])
+        return ClipBatch(self.features[rows], self.valid[rows], checked=True)
 
     @property
     def fallen(self) -> Tensor:
