@@ -126,11 +126,15 @@ def fill_clips(
         raise ValueError("a batch needs at least one clip, and each clip a step")
     # Filled in place: the rows of many clips would not fit into memory twice.
     features = np.zeros((len(steps), max(steps), FEATURE_DIM), dtype=np.float32)
+    finite = True
     for position, clip in rows:
-        features[position, : steps[position]] = clip
+        own = features[position, : steps[position]]
+        own[:] = clip
+        # While it is in the cache: looking at all clips once more takes longer.
+        finite &= bool(np.isfinite(np.vdot(own, own)))
     lengths = torch.tensor(steps)
     valid = torch.arange(features.shape[1]) < lengths[:, None]
-    return ClipBatch(torch.from_numpy(features), valid)
+    return ClipBatch(torch.from_numpy(features), valid, checked=finite)
 
 
 def mean_over(values: Tensor, counted: Tensor) -> Tensor:

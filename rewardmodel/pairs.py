@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,29 +87,29 @@ def load_pairs(
         DatasetError, EpisodeError: an episode is missing or damaged.
     """
     answered = _current_answers(datasets)
-    used = [(pair, answer) for pair, answer in answered if answer.target is not None]
+    used = [row for row in answered if row[2].target is not None]
     if len(used) < max(1, at_least):
         raise RewardError(_too_few(datasets, len(used), len(answered), at_least))
     owner = _owners(datasets)
-    pairs = [pair for pair, _ in used]
+    pairs = [pair for _, pair, _ in used]
     sides = [pair.a for pair in pairs] + [pair.b for pair in pairs]
     clips = fill_clips([clip.steps for clip in sides], _rows(sides, owner))
     entries = [owner(pair.a.rollout).entry(pair.a.rollout) for pair in pairs]
     return AnsweredPairs(
         left=clips.part(slice(len(pairs))),
         right=clips.part(slice(len(pairs), None)),
-        target=torch.tensor([answer.target for _, answer in used]),
+        target=torch.tensor([answer.target for _, _, answer in used]),
         episodes=tuple((pair.a.rollout, pair.b.rollout) for pair in pairs),
-        raters=tuple(answer.rater_id for _, answer in used),
+        raters=tuple(answer.rater_id for _, _, answer in used),
         commands=torch.tensor([entry.meta.command for entry in entries]),
         rounds=tuple(pair.round for pair in pairs),
         num_without_target=len(answered) - len(used),
-        answers_sha256=_label_set(used),
+        answers_sha256=_label_set(line for line, _, _ in used),
     )
 
 
-def _current_answers(datasets: Sequence[Dataset]) -> list[tuple[Pair, Answer]]:
-    """Every current answer once, sorted by what it says."""
+def _current_answers(datasets: Sequence[Dataset]) -> list[tuple[str, Pair, Answer]]:
+    """Every current answer once, behind its line and sorted by that."""
     answers: dict[str, tuple[Pair, Answer]] = {}
     for dataset in datasets:
         with dataset.answers_copy() as store:
@@ -118,7 +118,8 @@ def _current_answers(datasets: Sequence[Dataset]) -> list[tuple[Pair, Answer]]:
     # A copy of a data set may not know that its answer was corrected elsewhere.
     corrected = {answer.supersedes for _, answer in answers.values()}
     current = [row for row in answers.values() if row[1].answer_id not in corrected]
-    return sorted(current, key=lambda row: _line(*row))
+    lines = [(_line(*row), *row) for row in current]
+    return sorted(lines, key=lambda row: row[0])
 
 
 def _owners(datasets: Sequence[Dataset]) -> Callable[[str], Dataset]:
@@ -148,9 +149,8 @@ def _line(pair: Pair, answer: Answer) -> str:
     return f"{pair.a.key} {pair.b.key} {answer.rater_id} {answer.target}"
 
 
-def _label_set(used: Sequence[tuple[Pair, Answer]]) -> str:
-    lines = "\n".join(_line(pair, answer) for pair, answer in used)
-    return hashlib.sha256(lines.encode()).hexdigest()
+def _label_set(lines: Iterable[str]) -> str:
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
 
 def _too_few(
