@@ -1,10 +1,10 @@
-"""What an environment step costs beside the physics in it, and beside another project's.
+"""What an environment step costs beside the physics in it, and beside EnvPool's.
 
     python -m benchmarks.throughput [--quick] [--json FILE]
 
-Five physics steps of 4 ms a control step, random actions, every part in a process of its
-own, three turns of all parts in one run: the best of each counts, so that a busy machine
-hurts all alike. EnvPool is measured where it is installed (`pip install envpool`).
+Five physics steps of 4 ms a control step, random actions, every part in a process of
+its own, three turns of all parts in one run: the best of each counts, so that a busy
+machine hurts all alike. EnvPool is measured where it is installed.
 """
 
 from __future__ import annotations

@@ -62,6 +62,8 @@ def run(command: options.Command) -> int:
 def _home_of(command: options.Command) -> tuple[str, str]:
     """The module of a command, and the extra that installs what it imports."""
     match command:
+        case options.Fit() | options.Relabel():
+            return "fit_command", "fit"
         case options.Raters():
             return "raters_command", "label"
         case options.Label():

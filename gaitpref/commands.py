@@ -10,6 +10,7 @@ import numpy as np
 import torch
 
 from data.dataset import Dataset
+from data.episode_chunks import Compression
 from data.errors import DatasetError
 from policy.checkpoint import PolicyError, load_policy
 from policy.config import EnvCfg
@@ -21,22 +22,19 @@ from policy.record import RecordCfg, record
 from policy.reward import KnownTermsCfg, task_reward_for
 from policy.robot import load_robot_xml
 from policy.train import POLICY_NAME, RESUME_NAME, TrainCfg, train
-from rewardmodel.cfg import FitCfg
 from rewardmodel.errors import RewardError
-from rewardmodel.fit import fit_reward
-from rewardmodel.pairs import load_pairs
-from rewardmodel.storage import load_reward, save_reward
+from rewardmodel.storage import load_reward
 
 from . import options
 from .criteria import CriterionContext, load_criterion
 from .loop import run_loop
+from .opening import open_dataset
 from .progress import console, counting_bar, training_bar
 from .questions import ClipCfg, ask, with_known_answer
 from .rater import answer_pairs
 from .report import write_report
 from .rewards import criterion_context, load_score, total_reward
 from .setting import setting_of
-from .stages import fit_summary
 
 EXIT_INTERRUPTED = 130
 
@@ -58,8 +56,6 @@ def run(command: options.Command) -> int:
             _pairs(command)
         case options.Answer():
             _answer(command)
-        case options.Fit():
-            _fit(command)
         case options.Evaluate():
             _evaluate(command)
         case options.Report():
@@ -126,7 +122,8 @@ def _record(command: options.Record) -> None:
                 bar.advance(bar.task_ids[0])
                 yield episode
 
-        entries = dataset.add_episodes(counted())
+        compression: Compression = "zstd" if command.compression == "zstd" else ""
+        entries = dataset.add_episodes(counted(), compression=compression)
     steps = sum(entry.num_steps for entry in entries)
     console.print(
         f"{len(entries)} episodes with {steps:,} steps are in {command.dataset}"
@@ -134,7 +131,7 @@ def _record(command: options.Record) -> None:
 
 
 def _pairs(command: options.Pairs) -> None:
-    dataset = Dataset.open(command.dataset)
+    dataset = open_dataset(command)
     if command.strategy == "disagreement" and command.reward is None:
         raise RewardError(
             "--strategy disagreement needs an ensemble: give --reward REWARD_DIR, "
@@ -171,7 +168,7 @@ def _pairs(command: options.Pairs) -> None:
 
 
 def _answer(command: options.Answer) -> None:
-    dataset = Dataset.open(command.dataset)
+    dataset = open_dataset(command)
     criterion = load_criterion(command.criterion, _context_of(dataset))
     rater = f"simulated:{command.criterion}"
     count = answer_pairs(dataset, criterion, rater_id=rater, seed=command.seed)
@@ -196,13 +193,6 @@ def _context_of(dataset: Dataset) -> CriterionContext:
     return CriterionContext(
         task=task_reward_for(robot, EnvCfg().task), control_dt_s=meta.control_dt_s
     )
-
-
-def _fit(command: options.Fit) -> None:
-    pairs = load_pairs([Dataset.open(path) for path in command.dataset])
-    model, report = fit_reward(pairs, FitCfg(), seed=command.seed)
-    save_reward(model, command.out)
-    console.print(f"{fit_summary(report)}; the reward is {command.out}")
 
 
 def _evaluate(command: options.Evaluate) -> None:

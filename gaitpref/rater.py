@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import math
 import uuid
 
 import numpy as np
@@ -25,7 +26,12 @@ def clip_score(dataset: Dataset, clip: Clip, criterion: Criterion) -> float:
 
 
 def judge(score_a: float, score_b: float) -> Choice:
-    """The better clip; equal where the scores are, up to rounding."""
+    """The better clip; equal where the scores are, up to rounding.
+
+    A criterion that needs a feature nobody measured gives NaN: then nobody can tell.
+    """
+    if math.isnan(score_a) or math.isnan(score_b):
+        return "skip"
     if abs(score_a - score_b) <= 1e-6 * max(abs(score_a), abs(score_b), 1e-6):
         return "equal"
     return "a" if score_a > score_b else "b"
