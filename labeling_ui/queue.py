@@ -129,6 +129,9 @@ class RaterSession:
             answer = _spelled(question, judgement, self.rater_id, now)
             self._store.add_answer(answer)
             self._board.close(question.question_id)
+            if len(pile) == 1:
+                # Here, so that the disk is waited for once and not twice.
+                self._asked(now)
         # Only now: an answer that failed to be stored may be sent again at once.
         self._guard = guard.on_screen(None, now)
         return Outcome(True, answer=answer)
