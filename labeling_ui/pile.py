@@ -99,6 +99,7 @@ class Pile:
         *,
         corrects: str | None = None,
     ) -> None:
+        """Put a question on top."""
         question = Shown(
             question_id=new_id(),
             rater_id=self._rater_id,
