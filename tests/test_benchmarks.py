@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from benchmarks import hour
+
 
 def test_learning(tmp_path: Path) -> None:
     """Every figure of the goals is there, as a number, in one flat object."""
@@ -26,3 +28,12 @@ def test_learning(tmp_path: Path) -> None:
         "scratch_peak_mb",
     ):
         assert isinstance(result[name], int | float), name
+
+
+def test_nothing_is_lost_or_doubled_in_an_hour_in_short() -> None:
+    """Eight raters answer at once; the benchmark does the same for longer."""
+    figures = hour.measured(6)
+    assert figures.hour_answers == 8 * 6
+    assert figures.hour_lost == figures.hour_doubled == 0
+    # Eight pages at work: no leak shows in so little, but a burst would.
+    assert figures.hour_memory_growth_mb < 60
