@@ -149,7 +149,8 @@ def _version(connection: sqlite3.Connection, path: Path) -> int:
 def _migrate(connection: sqlite3.Connection, path: Path) -> None:
     """Apply the missing migrations, each in a transaction of its own.
 
-    A file is copied before each one, so that an older gaitpref can still be used.
+    A file is copied before each one, so that an older gaitpref can still be used. A new
+    one has nothing to lose, and is made in one go.
     """
     connection.create_function("row_crc32", -1, row_crc32, deterministic=True)
     in_memory = not connection.execute("PRAGMA database_list").fetchone()[2]
@@ -162,10 +163,12 @@ def _migrate(connection: sqlite3.Connection, path: Path) -> None:
             if version < SCHEMA_VERSION:
                 if version and not in_memory:
                     _back_up(path, backup_path(path, version))
-                for statement in _statements(version + 1):
-                    connection.execute(statement)
+                reached = version + 1 if version else SCHEMA_VERSION
+                for number in range(version + 1, reached + 1):
+                    for statement in _statements(number):
+                        connection.execute(statement)
                 connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-                connection.execute(f"PRAGMA user_version = {version + 1}")
+                connection.execute(f"PRAGMA user_version = {reached}")
             connection.execute("COMMIT")
         except BaseException:
             if connection.in_transaction:

@@ -112,19 +112,22 @@ class Dataset:
             DatasetError: the manifest is damaged, or the disk is full or not writable.
         """
         added: list[EpisodeEntry] = []
-        # Waiting for the disk takes longer than encoding, and can be done together.
+        # Checksums, hashes and waiting for the disk hold no lock of the interpreter.
         with ThreadPoolExecutor(_WRITERS) as pool:
-            writes: deque[Future[None]] = deque()
+            writes: deque[Future[EpisodeEntry]] = deque()
             for episode in episodes:
-                content = encode_episode(episode, compression=compression)
-                added.append(_entry_of(content, episode))
-                writes.append(pool.submit(self._store, added[-1], content))
+                writes.append(pool.submit(self._write, episode, compression))
                 if len(writes) > 2 * _WRITERS:
-                    writes.popleft().result()
-            for write in writes:
-                write.result()
+                    added.append(writes.popleft().result())
+            added += (write.result() for write in writes)
         self._list(added)
         return added
+
+    def _write(self, episode: Episode, compression: Compression) -> EpisodeEntry:
+        content = encode_episode(episode, compression=compression)
+        entry = _entry_of(content, episode)
+        self._store(entry, content)
+        return entry
 
     def add_from(self, source: Dataset, hashes: Iterable[str]) -> list[EpisodeEntry]:
         """Copy episode files as they are, so that answers about them stay valid.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -38,7 +38,7 @@ class EncodedChunk:
 
     head: bytes
     """The chunk record up to its messages."""
-    stored: list[bytes | memoryview]
+    stored: Sequence[bytes | memoryview]
     """The messages as they are in the file."""
     stored_crc: int
     """CRC-32 of them."""
@@ -154,8 +154,8 @@ def _chunk(
     stored_size, stored_crc = size, crc
     if compressor is not None:
         compression = "zstd"
-        stored = [compressor.compress(b"".join(content))]
-        stored_size, stored_crc = len(stored[0]), zlib.crc32(stored[0])
+        packed = compressor.compress(b"".join(content))
+        stored, stored_size, stored_crc = [packed], len(packed), zlib.crc32(packed)
     name = compression.encode()
     # The record by hand: the library's would copy all messages once more.
     body = struct.pack("<QQQII", start_ns, end_ns, size, crc, len(name)) + name

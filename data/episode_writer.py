@@ -114,7 +114,7 @@ class _Section:
             self.crc = zlib.crc32(part, self.crc)
         return start, self.size - start
 
-    def append_checked(self, parts: list[bytes | memoryview], crc: int) -> None:
+    def append_checked(self, parts: Sequence[bytes | memoryview], crc: int) -> None:
         """Add bytes whose checksum is known."""
         size = sum(map(len, parts))
         self.parts += parts

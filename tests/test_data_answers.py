@@ -434,6 +434,13 @@ def test_a_migration_that_fails_leaves_the_version_before(
         assert len(store.current_answers()) == 3
 
 
+def test_a_new_store_is_alone_in_its_directory(tmp_path: Path) -> None:
+    """It was never older, so there is nothing to keep of that."""
+    with AnswerStore.open(tmp_path / "preferences.sqlite") as store:
+        fill(store)
+    assert [path.name for path in tmp_path.iterdir()] == ["preferences.sqlite"]
+
+
 def test_two_processes_may_migrate_at_once(tmp_path: Path) -> None:
     """One does it, the other waits and finds it done."""
     path = tmp_path / "preferences.sqlite"
