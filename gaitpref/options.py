@@ -202,6 +202,19 @@ class Play:
     """MJCF of the robot; the one the policy was trained on by default."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Robot:
+    """Show what was found in a foreign MJCF, before anything is trained on it."""
+
+    action: tyro.conf.Positional[Literal["inspect"]]
+    """inspect prints legs, feet, home pose, limits, masses and servos, and draws it."""
+    xml: tyro.conf.Positional[Path]
+    """MJCF of the robot."""
+    out: Path | None = None
+    """Directory that gets NAME.png and the completed model NAME.xml; the working
+    directory gets the picture alone by default."""
+
+
 _MINIMUM = {
     "count": 1,
     "envs": 1,
@@ -237,5 +250,6 @@ Command = (
     | Annotated[Raters, tyro.conf.subcommand("raters")]
     | Annotated[Label, tyro.conf.subcommand("label")]
     | Annotated[Play, tyro.conf.subcommand("play")]
+    | Annotated[Robot, tyro.conf.subcommand("robot")]
     | Annotated[Data, tyro.conf.subcommand("data")]
 )
