@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-SOURCES := benchmarks data gaitpref labeling_ui policy rewardmodel tests
+SOURCES := benchmarks data examples gaitpref labeling_ui policy rewardmodel tests
 
 .PHONY: install demo test test-browser test-fast check format lint type clean
 
@@ -10,7 +10,7 @@ install: $(VENV)/.installed
 
 $(VENV)/.installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[train,label,parquet,dev]'
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[train,label,parquet,export,sb3,dev]'
 	touch $@
 
 demo: install

@@ -68,6 +68,8 @@ def _home_of(command: options.Command) -> tuple[str, str]:
             return "raters_command", "label"
         case options.Label():
             return "label_command", "label"
+        case options.Export():
+            return "export_command", "train,export"
         case options.Robot():
             return "robot_command", "train,label"
         case options.Play():

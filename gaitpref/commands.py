@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import torch
@@ -12,7 +12,7 @@ import torch
 from data.dataset import Dataset
 from data.errors import DatasetError
 from policy.checkpoint import PolicyError, load_policy
-from policy.config import EnvCfg
+from policy.config import RANDOMISE, EnvCfg
 from policy.evaluate import evaluate
 from policy.ppo import PpoCfg
 from policy.record import RecordCfg, record
@@ -73,7 +73,8 @@ def _train(command: options.Train) -> int:
             f"another --out"
         )
     setting = setting_of(command.init, command.robot)
-    robot, env = setting.robot, setting.env
+    robot = setting.robot
+    env = replace(setting.env, randomise=RANDOMISE[command.randomize])
     reward_fn = None
     if command.reward != "task":
         score = load_score(command.reward, criterion_context(robot, env))
@@ -83,7 +84,11 @@ def _train(command: options.Train) -> int:
     cfg = TrainCfg(
         steps=command.steps,
         env=env,
-        ppo=PpoCfg(num_envs=command.envs, hidden_sizes=setting.hidden_sizes),
+        ppo=PpoCfg(
+            num_envs=command.envs,
+            hidden_sizes=setting.hidden_sizes,
+            privileged_critic=command.randomize != "off",
+        ),
         seed=command.seed,
     )
     with training_bar("training", command.steps) as bar:

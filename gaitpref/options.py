@@ -65,6 +65,8 @@ class Train:
     keep_task: bool = False
     """Keep the hand-written walking reward beside the given one, so that a style does
     not cost the walk."""
+    randomize: Literal["off", "light", "full"] = "off"
+    """How much robots, sensors and pushes differ from episode to episode."""
     resume: bool = False
     """Go on from where an interrupted run in the same directory stopped."""
     robot: Path | None = None
@@ -203,6 +205,16 @@ class Play:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Export:
+    """Write a policy as ONNX, TorchScript and JSON, for the robot's own computer."""
+
+    policy: Path
+    """Policy file."""
+    out: Path
+    """Directory that gets policy.onnx, policy.pt, policy.json and robot.xml."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Robot:
     """Show what was found in a foreign MJCF, before anything is trained on it."""
 
@@ -250,6 +262,7 @@ Command = (
     | Annotated[Raters, tyro.conf.subcommand("raters")]
     | Annotated[Label, tyro.conf.subcommand("label")]
     | Annotated[Play, tyro.conf.subcommand("play")]
+    | Annotated[Export, tyro.conf.subcommand("export")]
     | Annotated[Robot, tyro.conf.subcommand("robot")]
     | Annotated[Data, tyro.conf.subcommand("data")]
 )
