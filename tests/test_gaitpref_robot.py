@@ -9,7 +9,11 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from data.dataset import Dataset
 from gaitpref.cli import main
+from gaitpref.play_command import live_policy
+from labeling_ui.geometry import instance_poses, robot_geometry
+from labeling_ui.live import Drive
 from policy.config import EnvCfg
 from policy.reward import TaskRewardCfg, size_of, task_reward_for
 from policy.robot import load_robot, load_robot_xml
@@ -64,3 +68,25 @@ def test_the_task_is_measured_by_the_size_of_the_robot() -> None:
     theirs = task_reward_for(other, TaskRewardCfg())
     assert theirs.torque == pytest.approx(-2e-4 / (taller * heavier) ** 2, rel=0.01)
     assert theirs.clearance_m == pytest.approx(0.08 * taller, rel=0.01)
+
+
+def test_a_stranger_is_trained_recorded_drawn_and_driven(tmp_path: Path) -> None:
+    """From its MJCF to a policy, episodes, the page's geometry, and play."""
+    xml = tmp_path / "stranger.xml"
+    xml.write_text(mjcf(Drawing(sign=-1.0, order=("rr", "fr", "rl", "fl"))))
+    out, folder = tmp_path / "run", tmp_path / "dataset"
+    train = ["train", "--out", str(out), "--reward", "task", "--robot", str(xml)]
+    assert main([*train, "--envs", "8", "--steps", "192"]) == 0
+    policy = out / "policy.pt"
+    record = ["record", "--policy", str(policy), "--dataset", str(folder)]
+    assert main([*record, "--episodes", "2"]) == 0
+    dataset = Dataset.open(folder)
+    episode = dataset.read(dataset.entries()[0].sha256)
+    geometry = robot_geometry(episode.mjcf)
+    positions, _ = instance_poses(geometry, episode.qpos[:2])
+    assert len(geometry.instance_body_ids) >= 9
+    assert np.isfinite(positions).all()
+    step = live_policy(policy, None).new_step()
+    drive = Drive(command=(0.3, 0.0, 0.0))
+    assert np.isfinite(step(drive).qpos).all()
+    assert np.isfinite(live_policy(policy, xml).new_step()(drive).qpos).all()
