@@ -19,7 +19,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
-from gaitpref.gym_registration import ENV_ID, register
+from gaitpref.gym_registration import ENV_ID
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,7 +99,6 @@ def train(cfg: ExampleCfg) -> PPO:
     """Train and save a policy."""
     # The networks are small: a second thread wins nothing.
     torch.set_num_threads(1)
-    register()
     envs = gymnasium.make_vec(
         ENV_ID, num_envs=cfg.envs, reward=cfg.reward, keep_task=cfg.keep_task
     )

@@ -22,10 +22,7 @@ from policy.features import OBS_DIM
 from policy.robot import load_robot
 from policy.sim import BatchSim
 
-from .gym_registration import register
 from .step_reward import StepReward, reward_named
-
-register()
 
 OBS_LIMIT = 1e6
 """No observation of a simulation that has not diverged is larger."""

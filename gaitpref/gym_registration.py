@@ -1,4 +1,4 @@
-"""Telling Gymnasium about the environment; cheap, for Gymnasium calls it at import."""
+"""Telling Gymnasium about the environment, without importing what it needs."""
 
 from __future__ import annotations
 
@@ -9,10 +9,7 @@ ENV_ID = "gaitpref/Quadruped-v0"
 
 
 def register() -> None:
-    """Make `gymnasium.make` and `make_vec` know `ENV_ID`.
-
-    An installed gaitpref is found by Gymnasium itself, through an entry point.
-    """
+    """Make `gymnasium.make` and `make_vec` know `ENV_ID`."""
     if ENV_ID not in registry:
         register_env(
             id=ENV_ID,
