@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import torch
@@ -13,7 +13,7 @@ from data.dataset import Dataset
 from data.episode_chunks import Compression
 from data.errors import DatasetError
 from policy.checkpoint import PolicyError, load_policy
-from policy.config import EnvCfg
+from policy.config import RANDOMISE, EnvCfg
 from policy.evaluate import evaluate
 from policy.exploration import ExplorationBonusCfg
 from policy.kl_penalty import KlPenaltyCfg
@@ -71,7 +71,8 @@ def _train(command: options.Train) -> int:
             f"another --out"
         )
     setting = setting_of(command.init, command.robot)
-    robot, env = setting.robot, setting.env
+    robot = setting.robot
+    env = replace(setting.env, randomise=RANDOMISE[command.randomize])
     reward_fn = None
     if command.reward != "task":
         score = load_score(command.reward, criterion_context(robot, env))
@@ -86,6 +87,7 @@ def _train(command: options.Train) -> int:
             hidden_sizes=setting.hidden_sizes,
             bonus=ExplorationBonusCfg(kind=command.exploration),
             kl_penalty=KlPenaltyCfg(kind=command.kl_penalty),
+            privileged_critic=command.randomize != "off",
         ),
         seed=command.seed,
     )

@@ -97,6 +97,8 @@ class Train:
     kl_penalty: Literal["none", "fixed", "adaptive"] = "none"
     """Clip the policy ratio, or penalise the KL from the policy before the update with
     a fixed or an adapted weight."""
+    randomize: Literal["off", "light", "full"] = "off"
+    """How much robots, sensors and pushes differ from episode to episode."""
     resume: bool = False
     """Go on from where an interrupted run in the same directory stopped."""
     robot: Path | None = None
@@ -259,6 +261,29 @@ class Play:
     """MJCF of the robot; the one the policy was trained on by default."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Export:
+    """Write a policy as ONNX, TorchScript and JSON, for the robot's own computer."""
+
+    policy: Path
+    """Policy file."""
+    out: Path
+    """Directory that gets policy.onnx, policy.pt, policy.json and robot.xml."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Robot:
+    """Show what was found in a foreign MJCF, before anything is trained on it."""
+
+    action: tyro.conf.Positional[Literal["inspect"]]
+    """inspect prints legs, feet, home pose, limits, masses and servos, and draws it."""
+    xml: tyro.conf.Positional[Path]
+    """MJCF of the robot."""
+    out: Path | None = None
+    """Directory that gets NAME.png and the completed model NAME.xml; the working
+    directory gets the picture alone by default."""
+
+
 _MINIMUM = {
     "count": 1,
     "envs": 1,
@@ -297,5 +322,7 @@ Command = (
     | Annotated[Raters, tyro.conf.subcommand("raters")]
     | Annotated[Label, tyro.conf.subcommand("label")]
     | Annotated[Play, tyro.conf.subcommand("play")]
+    | Annotated[Export, tyro.conf.subcommand("export")]
+    | Annotated[Robot, tyro.conf.subcommand("robot")]
     | Annotated[Data, tyro.conf.subcommand("data")]
 )

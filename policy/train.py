@@ -18,8 +18,8 @@ from data.plain import to_plain
 
 from .checkpoint import PolicyError, PolicyInfo, read_plain, save_policy
 from .config import EnvCfg
-from .env import QuadrupedEnv
 from .ppo import IterationStats, PpoCfg, RewardFn, Runner
+from .randomise import make_env
 from .robot import Robot
 
 RESUME_NAME = "resume.pt"
@@ -101,7 +101,7 @@ def train(
     out.mkdir(parents=True, exist_ok=True)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(cfg.seed)
-        env = QuadrupedEnv(robot, cfg.env, cfg.ppo.num_envs, seed=cfg.seed)
+        env = make_env(robot, cfg.env, cfg.ppo.num_envs, seed=cfg.seed)
         runner = Runner(env, cfg.ppo)
         session = _Session(out, robot, cfg, runner, reward_name)
         runner.alg.reward_fn = reward_fn
