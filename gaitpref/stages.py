@@ -48,7 +48,7 @@ def policy_stage(cfg: LoopCfg, round: Round, robot: Robot, people: People) -> No
         write_atomically(_made(partial) / POLICY_NAME, source.read_bytes())
         replace_directory(partial, round.policy.parent)
         return
-    reward_fn, name, init, std = None, "task", None, None
+    reward_fn, name, init, std, final_std = None, "task", None, None, None
     if round.number == 0:
         steps = cfg.base_steps
     else:
@@ -66,12 +66,14 @@ def policy_stage(cfg: LoopCfg, round: Round, robot: Robot, people: People) -> No
         init = round.before.policy
         if cfg.exploration is not None:
             std = cfg.exploration.std(round.number, cfg.rounds)
+            final_std = cfg.exploration.final if last else None
     train_cfg = TrainCfg(
         steps=steps,
         env=cfg.env,
         ppo=cfg.ppo,
         seed=seed_of(cfg, round.number, 1),
         exploration_std=std,
+        final_std=final_std,
     )
     with training_bar(f"round {round.number}: training", steps) as bar:
 
