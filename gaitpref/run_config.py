@@ -141,7 +141,7 @@ def resolve(options: Loop) -> LoopCfg:
             labels=100 if options.labels is None else options.labels,
             base_steps=0,
             round_steps=600_000,
-            last_round_steps=1_200_000 if quick else 2_500_000,
+            last_round_steps=1_800_000 if quick else 3_000_000,
             learned_weight=1.0,
             exploration=ExplorationCfg(),
             # Beside clips without noise, those with it teach that moving is bad; and a
