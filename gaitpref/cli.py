@@ -66,6 +66,10 @@ def _home_of(command: options.Command) -> tuple[str, str]:
             return "raters_command", "label"
         case options.Label():
             return "label_command", "label"
+        case options.Trust():
+            return "trust_command", "train"
+        case options.Explain():
+            return "explain_command", "train"
         case options.Play():
             return "play_command", "train,label"
         case _:

@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 import html
-import io
 import json
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from data.files import write_atomically
 
+from .pictures import BLUE, GREY, plain_axes, svg_of
 from .run_config import LoopCfg, RunError, read_config
 
 PAGE_NAME = Path("report") / "index.html"
 """The page, from the directory of the run."""
-
-_BLUE, _GREY = "#2563a8", "#8a94a0"
-
-_NO_METADATA = {"Creator": None, "Date": None, "Format": None, "Type": None}
 
 _STYLE = """
 :root { color-scheme: light dark; --line: #d5dae0; --soft: #66707c; }
@@ -123,22 +118,22 @@ def _curves(criterion: str, rounds: list[dict[str, Any]]) -> str:
     returns = _axes(f"Return under {criterion}")
     points = evaluated("return_mean")
     widths = [r["evaluation"]["return_ci95"] for r in rounds]
-    returns.errorbar(*zip(*points, strict=True), yerr=widths, color=_BLUE, capsize=3)
+    returns.errorbar(*zip(*points, strict=True), yerr=widths, color=BLUE, capsize=3)
 
     learned = _axes("Learned return: before and after training on it")
     for before, after in pairwise(rounds):
         if "learned_return_next" in before and "learned_return" in after:
             pair = (before["learned_return_next"], after["learned_return"])
-            learned.plot((before["round"], after["round"]), pair, "o-", color=_BLUE)
+            learned.plot((before["round"], after["round"]), pair, "o-", color=BLUE)
 
     accuracy = _axes("Held-out accuracy of the reward")
     fits = [(r["round"], r["fit"]) for r in rounds if r.get("fit")]
     for number, fit in fits:
         if fit["held_out_accuracy"] is not None:
             low, high = fit["held_out_interval"]
-            accuracy.plot((number, number), (low, high), color=_GREY)
-            accuracy.plot(number, fit["held_out_accuracy"], "o", color=_BLUE)
-    accuracy.axhline(0.5, color=_GREY, linestyle=":")
+            accuracy.plot((number, number), (low, high), color=GREY)
+            accuracy.plot(number, fit["held_out_accuracy"], "o", color=BLUE)
+    accuracy.axhline(0.5, color=GREY, linestyle=":")
     accuracy.set_ylim(0, 1)
 
     figures = [returns, learned, accuracy]
@@ -148,32 +143,21 @@ def _curves(criterion: str, rounds: list[dict[str, Any]]) -> str:
         ("power_w", "Mechanical power, W"),
     ):
         axes = _axes(label)
-        axes.plot(*zip(*evaluated(key), strict=True), "o-", color=_BLUE)
+        axes.plot(*zip(*evaluated(key), strict=True), "o-", color=BLUE)
         axes.set_ylim(bottom=0)
         figures.append(axes)
     for axes in figures:
         axes.set_xlim(-0.3, rounds[-1]["round"] + 0.3)
-    return "".join(f"<figure>{_svg(axes)}</figure>" for axes in figures)
+    return "".join(
+        f"<figure>{svg_of(axes.get_figure(root=True))}</figure>" for axes in figures
+    )
 
 
 def _axes(title: str) -> Axes:
     axes = Figure(figsize=(4.2, 2.7), layout="constrained").subplots()
-    axes.set_title(title, fontsize=10)
     axes.set_xlabel("round", fontsize=9)
-    axes.tick_params(labelsize=8)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.grid(alpha=0.3)
-    return axes
-
-
-def _svg(axes: Axes) -> str:
-    figure, text = axes.figure, io.StringIO()
-    # A fixed salt and no date: equal runs give equal pages.
-    with matplotlib.rc_context({"svg.hashsalt": "gaitpref", "svg.fonttype": "none"}):
-        figure.savefig(text, format="svg", metadata=_NO_METADATA)  # type: ignore[union-attr]
-    svg = text.getvalue()
-    return svg[svg.index("<svg") :]
+    return plain_axes(axes, title)
 
 
 def _table(rounds: list[dict[str, Any]]) -> str:

@@ -41,6 +41,14 @@ COMMANDS = {
     ),
     "evaluate": (["--policy", "p"], options.Evaluate(policy=Path("p"))),
     "report": (["--run", "r"], options.Report(run=Path("r"))),
+    "trust": (
+        ["--reward", "w", "--dataset", "d"],
+        options.Trust(reward=Path("w"), dataset=Path("d")),
+    ),
+    "explain": (
+        ["--reward", "w", "--dataset", "d", "--out", "o"],
+        options.Explain(reward=Path("w"), dataset=Path("d"), out=Path("o")),
+    ),
 }
 
 
