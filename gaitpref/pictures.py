@@ -30,8 +30,10 @@ def plain_axes(axes: Axes, title: str) -> Axes:
     return axes
 
 
-def svg_of(figure: Figure) -> str:
-    """The figure as an SVG element."""
+def svg_of(axes: Axes) -> str:
+    """The figure of the axes as an SVG element."""
+    figure = axes.get_figure(root=True)
+    assert figure is not None
     svg = _encoded(figure, ".svg").decode()
     return svg[svg.index("<svg") :]
 

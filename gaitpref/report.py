@@ -15,6 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from data.files import write_atomically
 
 from .pictures import BLUE, GREY, plain_axes, svg_of
+from .report_trust import alarm_section, clips_section, trust_cells
 from .run_config import LoopCfg, RunError, read_config
 
 PAGE_NAME = Path("report") / "index.html"
@@ -29,11 +30,13 @@ table { border-collapse: collapse; width: 100%; margin: 1rem 0; }
 th, td { text-align: right; padding: .3rem .6rem;
          border-bottom: 1px solid var(--line); }
 th:first-child, td:first-child { text-align: left; }
+.alarm { border-left: 4px solid #b3382c; padding: .2rem 1rem; }
 .curves { display: grid; grid-template-columns: repeat(auto-fit, minmax(17rem, 1fr));
           gap: 1rem; }
 .curves figure { margin: 0; background: #fff; border: 1px solid var(--line);
                  border-radius: 8px; padding: .4rem; }
 .curves svg { width: 100%; height: auto; display: block; }
+.curves figcaption { color: #333; font-size: .9rem; text-align: center; }
 code, pre { font-size: .9rem; } pre { overflow-x: auto; }
 """
 
@@ -48,7 +51,7 @@ def write_report(run: Path) -> Path:
     rounds = read_rounds(run)
     page = run / PAGE_NAME
     page.parent.mkdir(exist_ok=True)
-    write_atomically(page, render(run.name, cfg, rounds).encode())
+    write_atomically(page, render(run, cfg, rounds).encode())
     return page
 
 
@@ -75,10 +78,10 @@ def read_rounds(run: Path) -> list[dict[str, Any]]:
     return rounds
 
 
-def render(name: str, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
+def render(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
     """The page as HTML."""
     first, last = rounds[0]["evaluation"], rounds[-1]["evaluation"]
-    title = html.escape(f"gaitpref: {name}")
+    title = html.escape(f"gaitpref: {run.name}")
     criterion = html.escape(cfg.criterion)
     done = f"{len(rounds) - 1} of {cfg.rounds} retrainings"
     verdict = (
@@ -97,13 +100,17 @@ def render(name: str, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
         f'<meta name="viewport" content="width=device-width"><title>{title}</title>'
         f"<style>{_STYLE}</style><h1>{title}</h1>"
         f'<p class="lead">{settings}; {done} done.</p><p>{verdict}</p>'
+        f"{alarm_section(rounds)}"
         f'<div class="curves">{_curves(criterion, rounds)}</div>{_table(rounds)}'
+        f"{clips_section(run, rounds)}"
         f"<p>Returns are means over {last['episodes']} episodes on a fixed grid of "
         f"commands, without exploration noise, with 95 % intervals. Held-out accuracy "
         f"is measured on episodes the model of their fold has not seen. The learned "
         f"return is that of the reward a policy was trained against, which is new in "
         f"every round. The drift is the KL divergence per step from the policy of the "
-        f"round before.</p></html>\n"
+        f"round before. Accuracy on own clips: answers about a round's clips, foreseen "
+        f"from the answers before. Far: motion farther from every clip judged before "
+        f"than 95 % of those are from one another.</p></html>\n"
     )
 
 
@@ -148,9 +155,7 @@ def _curves(criterion: str, rounds: list[dict[str, Any]]) -> str:
         figures.append(axes)
     for axes in figures:
         axes.set_xlim(-0.3, rounds[-1]["round"] + 0.3)
-    return "".join(
-        f"<figure>{svg_of(axes.get_figure(root=True))}</figure>" for axes in figures
-    )
+    return "".join(f"<figure>{svg_of(axes)}</figure>" for axes in figures)
 
 
 def _axes(title: str) -> Axes:
@@ -166,6 +171,9 @@ def _table(rounds: list[dict[str, Any]]) -> str:
         "steps",
         "answers",
         "held-out accuracy",
+        "calibration error",
+        "on own clips",
+        "far",
         "return",
         "tracking error",
         "falls/min",
@@ -192,6 +200,7 @@ def _cells(round: dict[str, Any]) -> tuple[str, ...]:
         f"{round['policy_steps']:,}",
         str(fit["answers"]) if fit else "-",
         accuracy,
+        *trust_cells(round),
         _interval(evaluation),
         f"{evaluation['tracking_error_m_s']:.3f} m/s",
         f"{evaluation['falls_per_minute']:.2f}",

@@ -57,9 +57,9 @@ def run(command: options.Trust) -> int:
     return 0
 
 
-def as_json(foreseen: Foreseen, reached: Reach | None) -> dict[str, Any]:
-    """The figures as plain values; what `gaitpref trust --json` and a round report."""
-    values: dict[str, Any] = asdict(foreseen)
+def as_json(foreseen: Foreseen | None, reached: Reach | None) -> dict[str, Any]:
+    """The figures as plain values, for `--json` and for a round's report."""
+    values: dict[str, Any] = asdict(foreseen) if foreseen else {}
     values["policy"] = None
     if reached is not None:
         values["policy"] = asdict(reached) | {"spread_ratio": reached.spread_ratio}

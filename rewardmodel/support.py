@@ -109,6 +109,6 @@ def _cut(
     shape = (whole, PIECE_STEPS, sequences)
     kept = valid[: whole * PIECE_STEPS].reshape(shape).all(dim=1)  # [pieces, N]
     described = normaliser(describe(features[: whole * PIECE_STEPS]))
-    means = described.reshape(*shape, -1).mean(dim=1)
+    means = described.reshape(*shape, described.shape[-1]).mean(dim=1)
     sequence = torch.arange(sequences).expand(whole, -1)
     return means[kept], sequence[kept]

@@ -157,26 +157,25 @@ def judged_spread(model: RewardModel, judged: AnsweredPairs) -> float:
 
 
 def alarms(
-    foreseen: Foreseen, reached: Reach | None, *, return_rose: bool = True
+    foreseen: Foreseen | None, reached: Reach | None, *, return_rose: bool = True
 ) -> tuple[str, ...]:
     """Why not to trust the reward, the gravest reason first; none is the hope.
 
     Args:
-        foreseen: How well held-out answers are foreseen.
+        foreseen: How well held-out answers are foreseen; None before a fit.
         reached: Where the policy is; None without one.
         return_rose: Whether the learned return of the policy rose in training. A
             reward that nobody follows misleads nobody.
     """
     found = []
-    if disagree(foreseen):
+    if foreseen and disagree(foreseen):
         found.append(
             f"the answers do not agree with one another, or with anything this model "
             f"can see: held-out accuracy {_spelled(foreseen.accuracy)} is no better "
             f"than chance"
         )
-    newest = foreseen.newest
-    enough = newest is not None and newest.answers >= ENOUGH_NEWEST
-    if enough and return_rose and newest.share <= 0.5:
+    newest = foreseen.newest if foreseen else None
+    if newest and return_rose and _no_better(newest):
         found.append(
             f"the accuracy on the newest clips, {_spelled(newest)}, is no better than "
             f"chance"
@@ -200,6 +199,10 @@ def disagree(foreseen: Foreseen) -> bool:
     """Whether enough answers were held out to say that they taught nothing."""
     accuracy = foreseen.accuracy
     return accuracy is not None and accuracy.answers >= ENOUGH and accuracy.says_nothing
+
+
+def _no_better(newest: Accuracy) -> bool:
+    return newest.answers >= ENOUGH_NEWEST and newest.share <= 0.5
 
 
 def beyond_judgement(drift: Drift) -> bool:
