@@ -13,7 +13,7 @@ from policy.checkpoint import load_policy
 from policy.evaluate import rollout_features
 from rewardmodel.pairs import AnsweredPairs, load_pairs
 from rewardmodel.storage import load_reward
-from rewardmodel.trust import Accuracy, Foreseen, Reach, alarms, foresee, reach
+from rewardmodel.trust import Accuracy, Foreseen, Reach, alarms, foresee, reach, spelled
 
 from . import options
 from .pictures import save_picture
@@ -109,11 +109,7 @@ def _lines(
             f"{reached.spread_judged:.2f} on the judged clips"
         )
         if reached.drift is not None:
-            lines.append(
-                f"drift           {reached.drift.share_far:.0%} of the policy's motion "
-                f"is far from every judged clip; its median is farther than "
-                f"{reached.drift.quantile:.0%} of the judged clips are from one another"
-            )
+            lines.append(f"drift           {spelled(reached.drift)}")
     return lines
 
 

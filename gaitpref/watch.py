@@ -19,7 +19,7 @@ from rewardmodel.model import RewardModel
 from rewardmodel.pairs import AnsweredPairs, load_pairs
 from rewardmodel.storage import load_reward
 from rewardmodel.support import Drift, Support, support_of
-from rewardmodel.trust import alarms, disagree, foresee, reach
+from rewardmodel.trust import alarms, disagree, foresee, reach, spelled
 
 from .rounds import Round, seed_of
 from .run_config import LoopCfg
@@ -45,7 +45,7 @@ class WatchedReward:
             reward: What the policy is trained on; passed through as it is.
             model: The learned reward.
             support: Of the answers it was fitted to.
-            limit: Share of far motion above which an iteration looks bad.
+            limit: Share of motion beyond what was judged that looks bad.
         """
         self._reward, self._model, self._support = reward, model, support
         self._limit = limit
@@ -67,9 +67,8 @@ class WatchedReward:
         if self._bad < PATIENCE or self.drift is None:
             return None
         return (
-            f"the learned reward rose by {self.rise:.2f} while "
-            f"{self.drift.share_far:.0%} of the policy's motion went beyond what was "
-            f"judged"
+            f"the learned reward rose by {self.rise:.2f} where nobody has judged: "
+            f"{spelled(self.drift)}"
         )
 
     def _look(self, features: Tensor, starts: Tensor) -> None:
@@ -80,13 +79,13 @@ class WatchedReward:
         valid = ~starts.bool()
         valid[0] = True
         self.drift = self._support.drift(features.cpu(), valid.cpu())
-        far = self.drift is not None and self.drift.share_far > self._limit
+        far = self.drift is not None and self.drift.share_beyond > self._limit
         self._bad = self._bad + 1 if far and self.rise > RISE else 0
 
     def save(self, folder: Path) -> None:
         """Leave the last figures beside the policy."""
-        share = None if self.drift is None else self.drift.share_far
-        found = {"alarm": self.alarm, "share_far": share, "learned_rise": self.rise}
+        share = None if self.drift is None else self.drift.share_beyond
+        found = {"alarm": self.alarm, "share_beyond": share, "learned_rise": self.rise}
         write_atomically(folder / WATCH_NAME, json.dumps(found).encode())
 
 
@@ -97,7 +96,7 @@ def watched(
     if cfg.far_limit is None:
         return None
     model = load_reward(round.before.reward)
-    support = support_of(_judged_before(dataset, round), model.normaliser)
+    support = support_of(_judged_before(dataset, round), model)
     return WatchedReward(reward, model, support, cfg.far_limit)
 
 

@@ -18,6 +18,7 @@ from torch import Tensor
 
 from .clips import ClipBatch
 from .descriptors import describe
+from .model import RewardModel
 from .normaliser import Normaliser
 from .pairs import AnsweredPairs
 
@@ -37,16 +38,24 @@ class Drift:
     quantile: float
     """Share of the labelled pieces that are nearer to their own kind than the median
     piece here."""
+    share_overpaid: float
+    """Share that the reward pays more than any labelled piece: it extrapolates."""
     pieces: int
+
+    @property
+    def share_beyond(self) -> float:
+        """The larger share: far away, or paid for what no judged piece has."""
+        return max(self.share_far, self.share_overpaid)
 
 
 class Support:
     """The labelled pieces, and how near they are to one another."""
 
-    def __init__(self, normaliser: Normaliser, pieces: Tensor, episode: Tensor) -> None:
-        """Take descriptors [P, D] in the units of `normaliser`, and whose they are."""
-        self._normaliser = normaliser
+    def __init__(self, model: RewardModel, pieces: Tensor, episode: Tensor) -> None:
+        """Take descriptors [P, D] as `model` sees them, and whose they are [P]."""
+        self._model = model
         self._pieces = pieces
+        self._most_paid = self._paid(pieces).amax() if len(pieces) else torch.inf
         distance = torch.cdist(pieces, pieces)
         distance[episode[:, None] == episode] = torch.inf
         own = distance.amin(dim=1)
@@ -59,41 +68,42 @@ class Support:
             return float("inf")
         return float(self._own.quantile(FAR_QUANTILE))
 
-    def distances(self, features: Tensor, valid: Tensor) -> Tensor:
-        """Distance [Q] to the nearest labelled piece.
+    def drift(self, features: Tensor, valid: Tensor) -> Drift | None:
+        """How far rows are; None where no piece is whole.
 
         Args:
             features: [T, N, F].
             valid: [T, N] bool, steps that exist. Pieces with one that does not are
                 left out.
         """
-        pieces, _ = _cut(self._normaliser, features, valid)
-        return torch.cdist(pieces, self._pieces).amin(dim=1)
-
-    def drift(self, features: Tensor, valid: Tensor) -> Drift | None:
-        """How far rows [T, N, F] are; None where no piece is whole."""
-        distances = self.distances(features, valid)
-        if not len(distances) or not len(self._own):
+        pieces, _ = _cut(self._model.normaliser, features, valid)
+        if not len(pieces) or not len(self._own):
             return None
+        distances = torch.cdist(pieces, self._pieces).amin(dim=1)
         median = distances.median()
         return Drift(
             share_far=float((distances > self.far).float().mean()),
             quantile=float((self._own < median).float().mean()),
+            share_overpaid=float((self._paid(pieces) > self._most_paid).float().mean()),
             pieces=len(distances),
         )
 
+    def _paid(self, pieces: Tensor) -> Tensor:
+        """Raw reward [Q] of the mean step of pieces [Q, D]."""
+        return self._model.scorer(pieces).mean(dim=0)
 
-def support_of(pairs: AnsweredPairs, normaliser: Normaliser) -> Support:
-    """The support of answered pairs."""
+
+def support_of(pairs: AnsweredPairs, model: RewardModel) -> Support:
+    """The support of answered pairs, as `model` sees them."""
     numbers: dict[str, int] = {}
     pieces, episodes = [], []
     for clips, side in ((pairs.left, 0), (pairs.right, 1)):
         names = [episode[side] for episode in pairs.episodes]
         ids = torch.tensor([numbers.setdefault(n, len(numbers)) for n in names])
-        cut, sequence = _cut(normaliser, *_rows(clips))
+        cut, sequence = _cut(model.normaliser, *_rows(clips))
         pieces.append(cut)
         episodes.append(ids[sequence])
-    return Support(normaliser, torch.cat(pieces), torch.cat(episodes))
+    return Support(model, torch.cat(pieces), torch.cat(episodes))
 
 
 def _rows(clips: ClipBatch) -> tuple[Tensor, Tensor]:

@@ -20,7 +20,7 @@ from .fit import fold_of, held_out_leads, leads_without
 from .model import RewardModel
 from .pairs import AnsweredPairs
 from .report import wilson_interval
-from .support import FAR_QUANTILE, Drift, support_of
+from .support import Drift, support_of
 from .training import TrainingPairs, training_pairs
 
 ENOUGH = 40
@@ -30,8 +30,8 @@ ENOUGH_NEWEST = 10
 """The same for the answers of the newest round alone, where the share itself must not
 exceed one half."""
 FAR_SHARE = 0.9
-"""A policy of which more than this is far from every judged clip does what nobody has
-judged."""
+"""A policy of which more than this is far from every judged clip, or paid more than any
+of them, does what nobody has judged."""
 SPREAD_RATIO = 1.5
 """Ensemble spread, over that on the judged clips, that counts as doubt."""
 
@@ -141,7 +141,7 @@ def reach(
     starts = torch.zeros_like(valid)
     starts[0] = True
     return Reach(
-        drift=support_of(judged, model.normaliser).drift(features, valid),
+        drift=support_of(judged, model).drift(features, valid),
         spread=float(model.spread(features, starts)[valid].mean()),
         spread_judged=judged_spread(model, judged),
     )
@@ -182,11 +182,7 @@ def alarms(
         )
     drift = reached.drift if reached else None
     if reached and drift and return_rose and beyond_judgement(drift):
-        found.append(
-            f"the policy does what nobody has judged: {drift.share_far:.0%} of its "
-            f"motion is farther from the judged clips than "
-            f"{FAR_QUANTILE:.0%} of them are from one another"
-        )
+        found.append(f"the policy does what nobody has judged: {spelled(drift)}")
         if reached.spread_ratio > SPREAD_RATIO:
             found.append(
                 f"the ensemble is {reached.spread_ratio:.1f} times less sure of the "
@@ -207,7 +203,15 @@ def _no_better(newest: Accuracy) -> bool:
 
 def beyond_judgement(drift: Drift) -> bool:
     """Whether nearly all a policy does is far from what was judged."""
-    return drift.share_far > FAR_SHARE
+    return drift.share_beyond > FAR_SHARE
+
+
+def spelled(drift: Drift) -> str:
+    """The drift in words."""
+    return (
+        f"{drift.share_far:.0%} of its motion is far from every judged clip, "
+        f"{drift.share_overpaid:.0%} is paid more than any of them"
+    )
 
 
 def _spelled(accuracy: Accuracy | None) -> str:

@@ -163,8 +163,7 @@ def test_motion_beyond_what_was_judged_is_far() -> None:
 def test_pieces_that_are_not_whole_say_nothing() -> None:
     """Too short, or cut by a fall or a reset."""
     pairs = answered(20, seed=0, steps=2 * PIECE_STEPS)
-    normaliser = fit_reward(pairs, FitCfg(), seed=0)[0].normaliser
-    support = support_of(pairs, normaliser)
+    support = support_of(pairs, fit_reward(pairs, FitCfg(), seed=0)[0])
     rows = torch.zeros(PIECE_STEPS, 3, FEATURE_DIM)
     valid = torch.ones(PIECE_STEPS, 3, dtype=torch.bool)
     assert support.drift(rows[:-1], valid[:-1]) is None
@@ -176,6 +175,6 @@ def test_pieces_that_are_not_whole_say_nothing() -> None:
 
 def test_a_policy_nobody_trained_on_is_no_alarm() -> None:
     """Where the learned return did not rise, drift misleads nobody."""
-    far = Reach(drift=Drift(1.0, 1.0, 10), spread=9.0, spread_judged=1.0)
+    far = Reach(drift=Drift(1.0, 1.0, 0.0, 10), spread=9.0, spread_judged=1.0)
     assert len(alarms(None, far)) == 2
     assert alarms(None, far, return_rose=False) == ()

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from torch import Tensor
 
 from data.answers import Choice
 from data.dataset import Dataset
@@ -18,10 +18,12 @@ from gaitpref.cli import main
 from gaitpref.criteria import load_criterion
 from gaitpref.loop import run_configured
 from gaitpref.questions import ClipCfg, ask
-from gaitpref.rewards import criterion_context
+from gaitpref.rewards import criterion_context, score_of_criterion
 from gaitpref.watch import WatchedReward
+from policy.checkpoint import load_policy
 from policy.config import EnvCfg
-from policy.ppo import PpoCfg
+from policy.evaluate import evaluate
+from policy.ppo import IterationStats, PpoCfg
 from policy.record import RecordCfg, record
 from policy.robot import load_robot
 from policy.train import TrainCfg, train
@@ -84,22 +86,6 @@ def exploitable(model: RewardModel) -> RewardModel:
     return model
 
 
-class Ledger:
-    """The rows of every rollout beside what the watch made of them."""
-
-    def __init__(self, watch: WatchedReward) -> None:
-        self.watch = watch
-        self.rows: list[Tensor] = []
-        self.alarmed_at: int | None = None
-
-    def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
-        reward = self.watch(features, starts)
-        self.rows.append(features.clone())
-        if self.watch.alarm and self.alarmed_at is None:
-            self.alarmed_at = len(self.rows) - 1
-        return reward
-
-
 def test_an_exploited_reward_is_noticed_before_it_hurts(tmp_path: Path) -> None:
     """The alarm comes before the true return has fallen by a tenth, which it does."""
     env = EnvCfg()
@@ -127,14 +113,30 @@ def test_an_exploited_reward_is_noticed_before_it_hurts(tmp_path: Path) -> None:
     rater.answer_pairs(dataset, true, rater_id="simulated", seed=0)
     pairs = load_pairs([dataset])
     model = exploitable(fit_reward(pairs, FitCfg(), seed=0)[0])
-    support = support_of(pairs, model.normaliser)
-    ledger = Ledger(WatchedReward(model, model, support, FAR_LIMIT))
-    hack = TrainCfg(steps=80 * 24 * 64, env=env, ppo=ppo)
-    train(tmp_path / "hack", robot, hack, reward_fn=ledger, init=policy)
+    watch = WatchedReward(model, model, support_of(pairs, model), FAR_LIMIT)
+    hack = TrainCfg(steps=40 * 24 * 64, env=env, ppo=ppo)
 
-    score = [float(true(rows).mean()) for rows in ledger.rows]
-    print([round(s, 2) for s in score], ledger.alarmed_at)
-    before = np.mean(score[:3])
-    assert ledger.alarmed_at is not None
-    assert score[ledger.alarmed_at] > before - 0.1 * abs(before)
-    assert min(score) < before - 0.1 * abs(before)
+    def trained(stop: Callable[[IterationStats], bool]) -> tuple[int, float]:
+        """Steps done, and the true return without noise."""
+        result = train(
+            tmp_path / "hack",
+            robot,
+            hack,
+            reward_fn=watch,
+            init=policy,
+            resume=True,
+            on_iteration=stop,
+        )
+        return result.steps, true_return(result.policy)
+
+    def true_return(file: Path) -> float:
+        score = score_of_criterion(true)
+        return evaluate(load_policy(file), score, episodes=8).return_mean
+
+    before = true_return(policy)
+    alarmed_at, at_alarm = trained(lambda stats: watch.alarm is not None)
+    end, at_end = trained(lambda stats: False)
+    print(before, alarmed_at, at_alarm, end, at_end, watch.drift)
+    assert alarmed_at < end
+    assert at_alarm > 0.9 * before
+    assert at_end < 0.9 * before
