@@ -78,6 +78,11 @@ class LoopCfg:
     """Weight of the learned reward, which has unit standard deviation per second."""
     exploration: ExplorationCfg | None
     """Noise put back every round; None keeps what the policy has."""
+    far_limit: float | None = None
+    """Share of a policy's motion that is far from every judged clip, or paid more than
+    any of them, at which a round's training ends early and asks; the steps left are
+    added to the next round. The last round only reports. None lets policies go
+    anywhere, as they must from scratch."""
     clips: ClipCfg = field(default_factory=ClipCfg)
     """How episodes are cut into clips."""
     batch_labels: int = 10
@@ -158,6 +163,7 @@ def resolve(options: Loop) -> LoopCfg:
         last_round_steps=600_000 if quick else 1_200_000,
         learned_weight=0.7,
         exploration=None,
+        far_limit=0.7,
         **common,
     )
 

@@ -12,6 +12,7 @@ import time
 import torch
 from torch import Tensor
 
+from .calibration import calibration, fit_temperature
 from .cfg import FitCfg as FitCfg
 from .linear import fit_linear
 from .mlp import fit_mlp
@@ -42,7 +43,7 @@ def fit_reward(
     described = training_pairs(pairs, fall_logit=cfg.fall_logit)
     normaliser, scorer = _fit(described, cfg, seed)
     standardised = described.transformed(normaliser)
-    held_out, held_out_lead = _held_out(described, pairs.episodes, cfg, seed)
+    held_out, held_out_lead = held_out_leads(described, pairs.episodes, cfg, seed)
     report = _report(
         pairs,
         described,
@@ -52,7 +53,8 @@ def fit_reward(
         cfg,
         time.perf_counter() - started_s,
     )
-    provenance = Provenance(cfg, report, pairs.answers_sha256)
+    seen = frozenset(sha256 for pair in pairs.episodes for sha256 in pair)
+    provenance = Provenance(cfg, report, pairs.answers_sha256, seen)
     model = RewardModel(normaliser, scorer, provenance)
     model.calibrate(standardised.scored_steps)
     logger.info("fitted a %s reward: %s", cfg.kind, report)
@@ -69,13 +71,13 @@ def _fit(pairs: TrainingPairs, cfg: FitCfg, seed: int) -> tuple[Normaliser, Scor
     )
 
 
-def _held_out(
+def held_out_leads(
     pairs: TrainingPairs,
     episodes: tuple[tuple[str, str], ...],
     cfg: FitCfg,
     seed: int,
 ) -> tuple[Tensor, Tensor]:
-    """Leads of pairs by models that have seen neither of their two episodes.
+    """Leads of described pairs by models that have seen neither of their two episodes.
 
     For every fold, a model is fitted to the pairs with no clip in it and asked about
     the pairs with both clips in it. Grouping by pair instead would let a model meet the
@@ -93,11 +95,18 @@ def _held_out(
         tested = (folds == fold).all(dim=1)
         fitted = (folds != fold).all(dim=1)
         if tested.any() and fitted.any():
-            normaliser, scorer = _fit(pairs.subset(fitted), cfg, seed)
-            test_pairs = pairs.subset(tested).transformed(normaliser)
-            leads[tested] = test_pairs.leads(scorer).mean(dim=0)
+            leads[tested] = leads_without(pairs, fitted, tested, cfg, seed)
             asked |= tested
     return asked, leads[asked]
+
+
+def leads_without(
+    pairs: TrainingPairs, fitted: Tensor, tested: Tensor, cfg: FitCfg, seed: int
+) -> Tensor:
+    """Mean leads of the pairs in `tested` [B] by a model fitted to those in `fitted`
+    [B] alone (bool)."""
+    normaliser, scorer = _fit(pairs.subset(fitted), cfg, seed)
+    return pairs.subset(tested).transformed(normaliser).leads(scorer).mean(dim=0)
 
 
 def _report(
@@ -110,6 +119,8 @@ def _report(
     seconds: float,
 ) -> FitReport:
     right, preferences = _count_right(fitted.target, lead)
+    temperature = fit_temperature(held_out_lead, held_out.target)
+    found = calibration(held_out_lead / temperature, held_out.target)
     held_out_right, held_out_preferences = _count_right(held_out.target, held_out_lead)
     return FitReport(
         answers=len(fitted),
@@ -129,6 +140,9 @@ def _report(
             if len(held_out)
             else None
         ),
+        temperature=temperature,
+        held_out_ece=found.ece if found else None,
+        held_out_brier=found.brier if found else None,
         seconds=seconds,
     )
 
