@@ -108,6 +108,7 @@ def _answered(
         criterion,
         rater_id=RATER_ID,
         seed=seed_of(cfg, round.number, 4),
+        cfg=cfg.simulated,
         round=round.number,
     )
     return True

@@ -33,6 +33,7 @@ from .loop import run_loop
 from .progress import console, counting_bar, training_bar
 from .questions import ClipCfg, ask, with_known_answer
 from .rater import answer_pairs
+from .rater_cfg import rater_cfg
 from .report import write_report
 from .rewards import criterion_context, load_score, total_reward
 from .setting import setting_of
@@ -172,9 +173,10 @@ def _pairs(command: options.Pairs) -> None:
 
 def _answer(command: options.Answer) -> None:
     dataset = Dataset.open(command.dataset)
+    cfg = rater_cfg(command)
     criterion = load_criterion(command.criterion, _context_of(dataset))
     rater = f"simulated:{command.criterion}"
-    count = answer_pairs(dataset, criterion, rater_id=rater, seed=command.seed)
+    count = answer_pairs(dataset, criterion, rater_id=rater, seed=command.seed, cfg=cfg)
     console.print(
         f"{count} pairs of {command.dataset} were answered by {command.criterion}"
     )

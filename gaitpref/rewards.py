@@ -24,7 +24,12 @@ from policy.reward import (
 from policy.robot import Robot
 from rewardmodel.storage import load_reward
 
-from .criteria import Criterion, CriterionContext, load_criterion
+from .criteria import (
+    Criterion,
+    CriterionContext,
+    SequenceCriterion,
+    load_criterion,
+)
 
 
 def criterion_context(robot: Robot, env: EnvCfg) -> CriterionContext:
@@ -95,7 +100,9 @@ def total_reward(
 
 
 def score_of_criterion(criterion: Criterion) -> RewardFn:
-    """A criterion as a sequence score; it looks at single rows only."""
+    """A criterion as a sequence score, whether it looks at one row or at several."""
+    if isinstance(criterion, SequenceCriterion):
+        return criterion
 
     def score(features: Tensor, starts: Tensor) -> Tensor:
         return criterion(features)

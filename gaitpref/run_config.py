@@ -19,6 +19,7 @@ from rewardmodel.cfg import FitCfg
 
 from .options import Loop
 from .questions import ClipCfg
+from .rater_cfg import RaterCfg
 
 CONFIG_NAME = "config.yaml"
 
@@ -90,6 +91,8 @@ class LoopCfg:
     """The algorithm."""
     record: RecordCfg = field(default_factory=RecordCfg)
     """What is recorded every round."""
+    simulated: RaterCfg = field(default_factory=RaterCfg)
+    """How the simulated rater errs; as it is, never."""
     fit: FitCfg = field(default_factory=FitCfg)
     """The reward model."""
     known: KnownTermsCfg = field(default_factory=KnownTermsCfg)

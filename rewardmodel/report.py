@@ -33,6 +33,11 @@ class FitReport:
     """Wilson 95 % interval of that share."""
     held_out_log_likelihood: float | None
     """Mean over all held-out answers, ties included."""
+    raters: tuple[tuple[str, float], ...] = ()
+    """Share of random answers of every rater, as estimated; empty where one answered
+    alone."""
+    considered: tuple[tuple[str, float], ...] = ()
+    """Models that were to choose from, each with its held-out log-likelihood."""
     seconds: float = field(compare=False)
     """Wall-clock time of the fit, folds included; not saved with the model."""
 

@@ -14,7 +14,7 @@ from torch import Tensor
 from .cfg import FitCfg
 from .clips import mean_over
 from .descriptors import describe
-from .likelihood import log_likelihood
+from .likelihood import Errors, log_likelihood
 from .pairs import AnsweredPairs
 
 
@@ -30,6 +30,8 @@ class TrainingPairs:
     """[B] logit by which the left clip leads because the right one fell."""
     target: Tensor
     """[B] probability that the left clip is better."""
+    errors: Errors
+    """How reliable each answer is."""
 
     def __len__(self) -> int:
         return len(self.target)
@@ -41,6 +43,7 @@ class TrainingPairs:
             scored=self.scored[:, chosen],
             fall_lead=self.fall_lead[chosen],
             target=self.target[chosen],
+            errors=self.errors.part(chosen),
         )
 
     def transformed(self, transform: Callable[[Tensor], Tensor]) -> TrainingPairs:
@@ -69,11 +72,11 @@ class TrainingPairs:
             leads,
             self.target.to(leads.dtype),
             tie_threshold=cfg.tie_threshold,
-            error_share=cfg.error_share,
+            error_share=self.errors,
         )
 
 
-def training_pairs(pairs: AnsweredPairs, *, fall_logit: float) -> TrainingPairs:
+def training_pairs(pairs: AnsweredPairs, cfg: FitCfg) -> TrainingPairs:
     """Describe answered pairs, once for the fit and all its folds."""
     left_fell, right_fell = pairs.fell.unbind(dim=-1)
     return TrainingPairs(
@@ -81,8 +84,11 @@ def training_pairs(pairs: AnsweredPairs, *, fall_logit: float) -> TrainingPairs:
             [describe(pairs.left.features), describe(pairs.right.features)]
         ),
         scored=torch.stack([pairs.left.scored, pairs.right.scored]),
-        fall_lead=fall_logit * (right_fell.float() - left_fell.float()),
+        fall_lead=cfg.fall_logit * (right_fell.float() - left_fell.float()),
         target=pairs.target,
+        errors=Errors.alike(
+            cfg.error_share, len(pairs), tie_threshold=cfg.tie_threshold
+        ),
     )
 
 
