@@ -40,7 +40,14 @@ RATERS = {
 METHODS: dict[str, Callable[[LoopCfg], LoopCfg]] = {
     "default": lambda cfg: cfg,
     "uniform": lambda cfg: replace(cfg, uniform_share=1.0),
-    "mlp": lambda cfg: replace(cfg, fit=replace(cfg.fit, kind="mlp")),
+    **{
+        name: lambda cfg, name=name: replace(cfg, strategy=name)
+        for name in ("entropy", "bald", "kcenter", "medoids", "dpp")
+    },
+    **{
+        name: lambda cfg, name=name: replace(cfg, fit=replace(cfg.fit, kind=name))
+        for name in ("gp", "mlp", "auto")
+    },
     "plain-linear": lambda cfg: replace(
         cfg, fit=FitCfg(kind="linear", error_share=0.0, tie_threshold=0.0)
     ),

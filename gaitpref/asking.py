@@ -73,6 +73,7 @@ def _add_pairs(cfg: LoopCfg, round: Round, dataset: Dataset, count: int) -> None
         model=model,
         round_number=round.number,
         uniform_share=cfg.uniform_share,
+        strategy=cfg.strategy,
         rng=rng,
     )
     if cfg.rater == "human":

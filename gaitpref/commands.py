@@ -21,8 +21,8 @@ from policy.record import RecordCfg, record
 from policy.reward import KnownTermsCfg, task_reward_for
 from policy.robot import load_robot_xml
 from policy.train import POLICY_NAME, RESUME_NAME, TrainCfg, train
+from rewardmodel.acquisition import make_strategy
 from rewardmodel.cfg import FitCfg
-from rewardmodel.errors import RewardError
 from rewardmodel.fit import fit_reward
 from rewardmodel.pairs import load_pairs
 from rewardmodel.storage import load_reward, save_reward
@@ -136,13 +136,10 @@ def _record(command: options.Record) -> None:
 
 def _pairs(command: options.Pairs) -> None:
     dataset = Dataset.open(command.dataset)
-    if command.strategy == "disagreement" and command.reward is None:
-        raise RewardError(
-            "--strategy disagreement needs an ensemble: give --reward REWARD_DIR, "
-            "which `gaitpref fit` makes"
-        )
-    unsure = command.reward is not None and command.strategy != "uniform"
-    model = load_reward(command.reward) if command.reward and unsure else None
+    model = None if command.reward is None else load_reward(command.reward)
+    strategy = command.strategy or ("uniform" if model is None else "disagreement")
+    # Refused before anything is chosen at random instead.
+    make_strategy(strategy, model, dataset.clip_features)
     rng = np.random.default_rng(command.seed)
     with dataset.answers() as store:
         known = store.pairs()
@@ -156,6 +153,7 @@ def _pairs(command: options.Pairs) -> None:
             model=model,
             round_number=round,
             uniform_share=0.0,
+            strategy=strategy,
             rng=rng,
         )
         gold = with_known_answer(
@@ -202,9 +200,16 @@ def _context_of(dataset: Dataset) -> CriterionContext:
 
 def _fit(command: options.Fit) -> None:
     pairs = load_pairs([Dataset.open(path) for path in command.dataset])
-    model, report = fit_reward(pairs, FitCfg(), seed=command.seed)
+    cfg = FitCfg(kind=command.model)
+    model, report = fit_reward(pairs, cfg, seed=command.seed)
     save_reward(model, command.out)
-    console.print(f"{fit_summary(report)}; the reward is {command.out}")
+    kind = model.provenance.cfg.kind
+    if command.json:
+        print(json.dumps({"model": kind, **asdict(report)}))
+        return
+    console.print(f"{kind}: {fit_summary(report)}; the reward is {command.out}")
+    for rater, share in report.raters:
+        console.print(f"{rater}: {share:.0%} of the answers are taken for random")
 
 
 def _evaluate(command: options.Evaluate) -> None:

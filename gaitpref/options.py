@@ -127,11 +127,19 @@ class Pairs:
     gold: int = 0
     """Pairs with a known answer to add as well, to measure raters: of the two robots,
     one falls. Fewer where not so many fell."""
-    strategy: Literal["uniform", "disagreement"] | None = None
-    """How they are chosen; disagreement of the ensemble where --reward is given, else
-    uniform."""
+    strategy: (
+        Literal[
+            "uniform", "disagreement", "entropy", "bald", "kcenter", "medoids", "dpp"
+        ]
+        | None
+    ) = None
+    """At random; where the ensemble disagrees, where the answer is most open, or where
+    it would tell most about the reward (bald); the pairs farthest apart, those that
+    stand for most others, or a determinantal batch that is both unsure and various.
+    disagreement where --reward is given, else uniform."""
     reward: Path | None = None
-    """Learned reward whose ensemble may disagree."""
+    """Learned reward whose ensemble is asked; disagreement, entropy and bald need it,
+    kcenter and dpp take it into account."""
     seed: int = 0
     """Which of equally good pairs are taken."""
 
@@ -172,6 +180,11 @@ class Fit:
     """Data set directory; give it again for more."""
     out: Path
     """Directory of the reward."""
+    model: Literal["auto", "linear", "gp", "mlp"] = "linear"
+    """Linear in the gait descriptors, a Gaussian process or a small network on them, or
+    whichever of these foresees held-out answers best."""
+    json: bool = False
+    """Print one JSON object and nothing else."""
     seed: int = 0
     """Bootstrap draws."""
 

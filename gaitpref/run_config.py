@@ -15,6 +15,7 @@ from policy.config import EnvCfg
 from policy.ppo import PpoCfg
 from policy.record import RecordCfg
 from policy.reward import KnownTermsCfg
+from rewardmodel.acquisition import StrategyName
 from rewardmodel.cfg import FitCfg
 
 from .options import Loop
@@ -81,8 +82,10 @@ class LoopCfg:
     """How episodes are cut into clips."""
     batch_labels: int = 10
     """Questions chosen at a time; a reward is fitted to all answers before the next."""
+    strategy: StrategyName = "disagreement"
+    """How the other pairs of a round are chosen."""
     uniform_share: float = 0.2
-    """Share of a round's pairs chosen without looking at the ensemble."""
+    """Share of a round's pairs chosen at random."""
     evaluation_episodes: int = 64
     """Episodes of each round's evaluation."""
     env: EnvCfg = field(default_factory=EnvCfg)
