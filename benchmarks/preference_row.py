@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 
 from data.files import write_atomically
-from gaitpref.criteria import load_criterion
+from gaitpref.criteria import SequenceCriterion, load_criterion
 from gaitpref.loop import run_configured
 from gaitpref.rewards import criterion_context, score_of_criterion, total_reward
 from gaitpref.run_config import LoopCfg
@@ -194,7 +194,7 @@ def _standardised(score: RewardFn, base: Policy) -> RewardFn:
     def standardised(features: Tensor, starts: Tensor) -> Tensor:
         return (score(features, starts) - mean) / scale
 
-    return standardised
+    return SequenceCriterion(standardised, getattr(score, "history_steps", 0))
 
 
 def _made_once(out: Path, make: Callable[[Path], None]) -> Path:

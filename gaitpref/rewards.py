@@ -54,6 +54,11 @@ class TotalReward:
     """[12, 2] rad from the home pose"""
     control_dt_s: float
 
+    @property
+    def history_steps(self) -> int:
+        """Rows before a row that matter to its reward."""
+        return getattr(self.score, "history_steps", 0)
+
     def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
         """Reward [T, N] per step of `features` [T, N, F]."""
         return torch.stack(tuple(self.parts(features, starts).values())).sum(dim=0)

@@ -65,9 +65,9 @@ class GpCfg:
     """Models fitted to resampled answers."""
     num_features: int = 128
     """Random Fourier features that stand for the squared exponential kernel."""
-    length_scale: float = 1.0
+    length_scale: float = 0.5
     """Distance at which steps stop being alike, in the usual distance of two steps."""
-    amplitude: float = 2.0
+    amplitude: float = 4.0
     """Logit by which the part that is not linear is expected to shift a pair."""
 
     def __post_init__(self) -> None:
