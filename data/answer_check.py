@@ -7,6 +7,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
+from data.answer_backend import Address, SqliteBackend, copy_backend
 from data.answer_database import SCHEMA_VERSION, connect_copy, open_unchanged
 from data.answer_rows import ANSWER_COLUMNS, PAIR_COLUMNS, RATER_COLUMNS, row_crc32
 
@@ -33,36 +34,47 @@ class Asked:
     """Episode and first step behind the clip, of both."""
 
 
-def asked(path: Path) -> list[Asked]:
+def asked(address: Address) -> list[Asked]:
     """What every answer of the store is about, corrected ones too.
 
     Raises:
         AnswerError, sqlite3.Error: it cannot be read.
     """
-    with closing(connect_copy(path)) as copy:
+    with closing(copy_backend(address)) as copy:
         rows = copy.execute(
             "SELECT answer_id, a_rollout, a_start + a_steps, b_rollout, "
             "b_start + b_steps FROM answer JOIN pair USING (pair_id) "
-            "ORDER BY answer.position"
+            "ORDER BY answer.position",
+            {},
         )
         return [Asked(row[0], (row[1:3], row[3:5])) for row in rows]
 
 
-def damaged_rows(path: Path) -> list[DamagedRow]:
-    """Everything that is wrong with the store at `path`; nothing in it is changed.
+def damaged_rows(address: Address) -> list[DamagedRow]:
+    """Everything that is wrong with the store; nothing in it is changed.
+
+    Of PostgreSQL a copy is looked at: its own pages are the server's business.
 
     Raises:
         AnswerError, sqlite3.Error: it cannot be opened.
     """
     try:
-        return _damaged_rows(path)
+        return _damaged_rows(address)
     except UnicodeDecodeError:
         # SQLite names what is wrong in the words of the file, and those are damaged.
         return [DamagedRow("the data base is damaged: a text in it is no UTF-8")]
 
 
-def _damaged_rows(path: Path) -> list[DamagedRow]:
-    with closing(open_unchanged(path)) as connection:
+def _opened(address: Address) -> sqlite3.Connection:
+    if isinstance(address, Path):
+        return open_unchanged(address)
+    copy = copy_backend(address)
+    assert isinstance(copy, SqliteBackend)
+    return copy.connection
+
+
+def _damaged_rows(address: Address) -> list[DamagedRow]:
+    with closing(_opened(address)) as connection:
         found = [
             DamagedRow(f"the data base is damaged: {row[0]}")
             for row in connection.execute("PRAGMA integrity_check")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import secrets
 import sqlite3
 import time
 from collections.abc import Iterator
@@ -12,12 +14,18 @@ from urllib.parse import quote
 
 from data.answer_rows import row_crc32
 from data.errors import AnswerError
+from data.files import fsync_directory
 
 SCHEMA_VERSION = 3
 APPLICATION_ID = 0x50524546
 """"PREF" in ASCII."""
 _OLDEST_SQLITE = (3, 37, 0)
 BUSY_TIMEOUT_MS = 10_000
+
+
+def backup_path(path: Path, version: int) -> Path:
+    """Where the store at `path` is kept as it was in an older version."""
+    return path.with_name(f"{path.name}.v{version}.backup")
 
 
 def connect(path: Path) -> sqlite3.Connection:
@@ -139,20 +147,57 @@ def _version(connection: sqlite3.Connection, path: Path) -> int:
 
 
 def _migrate(connection: sqlite3.Connection, path: Path) -> None:
-    """Apply the missing migrations in one transaction."""
+    """Apply the missing migrations, each in a transaction of its own.
+
+    A file is copied before each one, so that an older gaitpref can still be used. A new
+    one has nothing to lose, and is made in one go.
+    """
     connection.create_function("row_crc32", -1, row_crc32, deterministic=True)
-    connection.execute("BEGIN IMMEDIATE")
+    in_memory = not connection.execute("PRAGMA database_list").fetchone()[2]
+    while True:
+        # From here on no other process changes the file, which can be copied then.
+        connection.execute("BEGIN IMMEDIATE")
+        try:
+            # Asked again: another process may have been faster.
+            version = _version(connection, path)
+            if version < SCHEMA_VERSION:
+                if version and not in_memory:
+                    _back_up(path, backup_path(path, version))
+                reached = version + 1 if version else SCHEMA_VERSION
+                for number in range(version + 1, reached + 1):
+                    for statement in _statements(number):
+                        connection.execute(statement)
+                connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+                connection.execute(f"PRAGMA user_version = {reached}")
+            connection.execute("COMMIT")
+        except BaseException:
+            if connection.in_transaction:
+                connection.execute("ROLLBACK")
+            raise
+        if version >= SCHEMA_VERSION:
+            return
+
+
+def _back_up(path: Path, copy: Path) -> None:
+    """Copy a store through SQLite, log and all; whole under its name, or not there."""
+    partial = copy.with_name(f".{copy.name}.{secrets.token_hex(8)}.tmp")
     try:
-        # Asked again: another process may have been faster.
-        for number in range(_version(connection, path) + 1, SCHEMA_VERSION + 1):
-            for statement in _statements(number):
-                connection.execute(statement)
-        connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-        connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
-        connection.execute("COMMIT")
-    except BaseException:
-        connection.execute("ROLLBACK")
-        raise
+        with (
+            closing(sqlite3.connect(f"file:{quote(str(path))}?mode=ro", uri=True)) as a,
+            closing(sqlite3.connect(partial)) as b,
+        ):
+            a.backup(b)
+        with partial.open("rb") as file:
+            os.fsync(file.fileno())
+        partial.replace(copy)
+        fsync_directory(copy.parent)
+    except OSError as error:
+        raise AnswerError(
+            f"{path} is of an older version and cannot be copied before it is brought "
+            f"up to date ({error.strerror}); make room or give rights, then try again"
+        ) from error
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def _statements(number: int) -> Iterator[str]:

@@ -144,7 +144,7 @@ class Answer:
             raise ValueError(f"answer {self.answer_id} cannot correct itself")
         if self.role == "undo" and (self.supersedes is None or self.choice != "skip"):
             raise ValueError("an undo supersedes an answer and has the choice 'skip'")
-        utc_text(self.created_utc)
+        _parsed_utc(self.created_utc)
         to_json("client", self.client)
 
     @property
@@ -183,7 +183,11 @@ def utc_text(text: str) -> str:
     Raises:
         ValueError: it is not ISO 8601, or has no offset.
     """
+    return _parsed_utc(text).astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+
+
+def _parsed_utc(text: str) -> datetime:
     time = datetime.fromisoformat(text)
     if time.tzinfo is None:
         raise ValueError(f"{text!r} has no offset; write it as 2030-01-31T12:00:00Z")
-    return time.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+    return time

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import zlib
+from collections.abc import Sequence
 from typing import Any
 
 from data.answer_records import Answer, Pair, to_json
@@ -26,9 +27,31 @@ SELECT_CURRENT = (
     "FROM answer_current AS c JOIN pair AS p USING (pair_id)"
 )
 SELECT_ALL = SELECT_CURRENT.replace("answer_current", "answer")
+_COLUMNS = {"rater": RATER_COLUMNS, "pair": PAIR_COLUMNS, "answer": ANSWER_COLUMNS}
+_TYPES = {"round": "BIGINT"}
 _NUM_PAIR_COLUMNS = len(PAIR_COLUMNS.split(", "))
 _ANSWER_FIELDS = ANSWER_COLUMNS.replace("client_json", "client").split(", ")[:-1]
 _CLIENT_IDX = _ANSWER_FIELDS.index("client")
+
+
+def insert_into(table: str) -> str:
+    """The statement that adds a row of the values `encode_*` gave."""
+    columns = _COLUMNS[table]
+    marks = ", ".join(f":{name}" for name in columns.split(", "))
+    return f"INSERT INTO {table} ({columns}) VALUES ({marks})"
+
+
+def either(parameter: str, column: str | None = None) -> str:
+    """The condition that a column has the parameter's value, if it has one."""
+    # PostgreSQL has to know the type of what may be NULL.
+    value = f"CAST(:{parameter} AS {_TYPES.get(parameter, 'TEXT')})"
+    return f"({value} IS NULL OR {column or parameter} = {value})"
+
+
+def _named(columns: str, values: Sequence[Any]) -> dict[str, Any]:
+    """The values of a row and their checksum by the names of their columns."""
+    row = (*values, row_crc32(*values))
+    return dict(zip(columns.split(", "), row, strict=True))
 
 
 def row_crc32(*values: Any) -> int:
@@ -51,19 +74,18 @@ def checked(row: tuple[Any, ...]) -> tuple[Any, ...]:
     return tuple(values)
 
 
-def encode_rater(rater_id: str, kind: str, info: dict[str, Any]) -> tuple[Any, ...]:
+def encode_rater(rater_id: str, kind: str, info: dict[str, Any]) -> dict[str, Any]:
     """Values for `RATER_COLUMNS`."""
-    values = (rater_id, kind, to_json("info", info))
-    return (*values, row_crc32(*values))
+    return _named(RATER_COLUMNS, (rater_id, kind, to_json("info", info)))
 
 
-def encode_pair(pair: Pair) -> tuple[Any, ...]:
+def encode_pair(pair: Pair) -> dict[str, Any]:
     """Values for `PAIR_COLUMNS`."""
     a, b = pair.a, pair.b
     clips = (a.rollout, a.start, a.steps, b.rollout, b.start, b.steps)
     info = to_json("info", pair.info)
     values = (pair.pair_id, *clips, pair.strategy, pair.round, info)
-    return (*values, row_crc32(*values))
+    return _named(PAIR_COLUMNS, values)
 
 
 def decode_pair(row: tuple[Any, ...]) -> Pair:
@@ -74,14 +96,19 @@ def decode_pair(row: tuple[Any, ...]) -> Pair:
     """
     pair_id, *clips, strategy, round_, info = checked(row)
     a, b = Clip(*clips[:3]), Clip(*clips[3:])
-    return Pair(pair_id, a, b, strategy, round_, json.loads(info))
+    return Pair(pair_id, a, b, strategy, round_, _object(info))
 
 
-def encode_answer(answer: Answer) -> tuple[Any, ...]:
+def _object(text: str) -> dict[str, Any]:
+    # Most are empty, and a parser is slow to find that out.
+    return {} if text == "{}" else json.loads(text)
+
+
+def encode_answer(answer: Answer) -> dict[str, Any]:
     """Values for `ANSWER_COLUMNS`."""
     values = [getattr(answer, name) for name in _ANSWER_FIELDS]
     values[_CLIENT_IDX] = to_json("client", answer.client)
-    return (*values, row_crc32(*values))
+    return _named(ANSWER_COLUMNS, values)
 
 
 def decode_answer(row: tuple[Any, ...]) -> Answer:
@@ -91,7 +118,8 @@ def decode_answer(row: tuple[Any, ...]) -> Answer:
         AnswerError: the row is not what was written.
     """
     values = dict(zip(_ANSWER_FIELDS, checked(row), strict=True))
-    return Answer(**values | {"client": json.loads(values["client"])})
+    values["client"] = _object(values["client"])
+    return Answer(**values)
 
 
 def decode_pair_and_answer(row: tuple[Any, ...]) -> tuple[Pair, Answer]:

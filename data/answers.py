@@ -7,15 +7,12 @@ one. A write that returned is on the disk.
 from __future__ import annotations
 
 import json
-import sqlite3
-import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
 from types import TracebackType
 from typing import Any, get_args
 
-from data.answer_database import connect, connect_copy
+from data.answer_backend import Address, Backend, copy_backend, open_backend
 from data.answer_records import QUESTION as QUESTION
 from data.answer_records import Answer as Answer
 from data.answer_records import Choice as Choice
@@ -33,50 +30,58 @@ from data.answer_rows import (
     decode_answer,
     decode_pair,
     decode_pair_and_answer,
+    either,
     encode_answer,
     encode_pair,
     encode_rater,
+    insert_into,
 )
 from data.errors import AnswerError
 
 
 class AnswerStore:
-    """Pairs, raters, answers and leases in one SQLite file.
+    """Pairs, raters, answers and questions in a SQLite file, or in PostgreSQL.
 
     One store may be shared by the threads of a process; several processes may have the
-    same file open. Every method raises AnswerError if the data base fails.
+    same one open. Every method raises AnswerError if the data base fails.
     """
 
-    def __init__(self, connection: sqlite3.Connection, path: Path) -> None:
-        self.path = path
-        self._connection = connection
-        self._lock = threading.RLock()
+    def __init__(self, backend: Backend) -> None:
+        self._backend = backend
+
+    @property
+    def address(self) -> Address:
+        """What opens the store again."""
+        return self._backend.address
+
+    @property
+    def _name(self) -> str:
+        return self._backend.name
 
     @staticmethod
-    def open(path: Path) -> AnswerStore:
-        """Open the store at `path`, made if it is missing.
+    def open(address: Address) -> AnswerStore:
+        """Open the store at `address`, made if it is missing.
 
         Raises:
-            AnswerError: the file is something else, or of a newer version.
+            AnswerError: there is something else, or it is of a newer version.
         """
-        return AnswerStore(connect(path), path)
+        return AnswerStore(open_backend(address))
 
     @staticmethod
-    def snapshot(path: Path) -> AnswerStore:
-        """A copy in memory of the store at `path`, brought up to date.
+    def snapshot(address: Address) -> AnswerStore:
+        """A copy in memory of the store at `address`, brought up to date.
 
         Empty if there is no file. It never waits for a writer, and takes a file nobody
         may write. What is added to it is forgotten.
 
         Raises:
-            AnswerError: the file is something else, damaged, or of a newer version.
+            AnswerError: there is something else, damaged, or of a newer version.
         """
-        return AnswerStore(connect_copy(path), path)
+        return AnswerStore(copy_backend(address))
 
     def close(self) -> None:
-        """Close the file; nothing is pending."""
-        with self._lock:
-            self._connection.close()
+        """Close the store; nothing is pending."""
+        self._backend.close()
 
     def __enter__(self) -> AnswerStore:
         return self
@@ -102,17 +107,14 @@ class AnswerStore:
             known = ", ".join(get_args(RaterKind))
             raise ValueError(f"a rater is one of {known}, got {kind!r}")
         row = encode_rater(rater_id, kind, info or {})
-        query = (
-            f"INSERT INTO rater ({RATER_COLUMNS}) VALUES (?, ?, ?, ?) "
-            "ON CONFLICT (rater_id) DO NOTHING"
-        )
+        query = f"{insert_into('rater')} ON CONFLICT (rater_id) DO NOTHING"
         with self.transaction():
             self.query(query, row)
-            query = "SELECT kind FROM rater WHERE rater_id = ?"
-            found = self.query(query, (rater_id,))[0][0]
+            query = "SELECT kind FROM rater WHERE rater_id = :rater"
+            found = self.query(query, {"rater": rater_id})[0][0]
             if found != kind:
                 raise AnswerError(
-                    f"rater {rater_id!r} in {self.path} is {found}, not {kind}; "
+                    f"rater {rater_id!r} in {self._name} is {found}, not {kind}; "
                     "choose another rater id"
                 )
 
@@ -133,21 +135,18 @@ class AnswerStore:
             How many were new.
         """
         rows = [encode_pair(pair) for pair in pairs]
-        marks = ", ".join("?" * len(PAIR_COLUMNS.split(", ")))
-        with self.transaction() as connection:
-            before = connection.total_changes
-            connection.executemany(
-                f"INSERT INTO pair ({PAIR_COLUMNS}) VALUES ({marks}) "
-                "ON CONFLICT (pair_id) DO NOTHING",
-                rows,
-            )
-            return connection.total_changes - before
+        query = f"{insert_into('pair')} ON CONFLICT (pair_id) DO NOTHING"
+        count = "SELECT count(*) FROM pair"
+        with self.transaction():
+            before = self.query(count)[0][0]
+            self._backend.execute_many(query, rows)
+            return self.query(count)[0][0] - before
 
     def pairs(self, round: int | None = None) -> list[Pair]:
         """All pairs, or those of one round, in the order they were added."""
         rows = self.query(
             f"SELECT {PAIR_COLUMNS} FROM pair "
-            "WHERE :round IS NULL OR round = :round ORDER BY position",
+            f"WHERE {either('round')} ORDER BY position",
             {"round": round},
         )
         return [decode_pair(row) for row in rows]
@@ -158,10 +157,10 @@ class AnswerStore:
         Raises:
             AnswerError: there is none.
         """
-        query = f"SELECT {PAIR_COLUMNS} FROM pair WHERE pair_id = ?"
-        rows = self.query(query, (pair_id,))
+        query = f"SELECT {PAIR_COLUMNS} FROM pair WHERE pair_id = :pair"
+        rows = self.query(query, {"pair": pair_id})
         if not rows:
-            raise AnswerError(f"{self.path} has no pair {pair_id!r}; add it first")
+            raise AnswerError(f"{self._name} has no pair {pair_id!r}; add it first")
         return decode_pair(rows[0])
 
     def unanswered(
@@ -173,9 +172,9 @@ class AnswerStore:
         """
         rows = self.query(
             f"SELECT {PAIR_COLUMNS} FROM pair AS p "
-            "WHERE (:round IS NULL OR round = :round) AND NOT EXISTS ("
+            f"WHERE {either('round')} AND NOT EXISTS ("
             "SELECT 1 FROM answer_current AS s WHERE s.pair_id = p.pair_id "
-            "AND (:rater IS NULL OR s.rater_id = :rater)) ORDER BY position",
+            f"AND {either('rater', 's.rater_id')}) ORDER BY position",
             {"rater": rater_id, "round": round},
         )
         return [decode_pair(row) for row in rows]
@@ -197,23 +196,19 @@ class AnswerStore:
                 if known == answer:
                     return False
                 raise AnswerError(
-                    f"answer {answer.answer_id!r} is in {self.path} with another "
+                    f"answer {answer.answer_id!r} is in {self._name} with another "
                     "content; give a new answer a new id, and correct with supersedes"
                 )
             self._require_known("pair", "pair_id", answer.pair_id)
             self._require_known("rater", "rater_id", answer.rater_id)
             self._require_correctable(answer)
-            marks = ", ".join("?" * len(ANSWER_COLUMNS.split(", ")))
-            self.query(
-                f"INSERT INTO answer ({ANSWER_COLUMNS}) VALUES ({marks})",
-                encode_answer(answer),
-            )
+            self.query(insert_into("answer"), encode_answer(answer))
             return True
 
     def find_answer(self, answer_id: str) -> Answer | None:
         """The answer with this id, corrected or not."""
-        query = f"SELECT {ANSWER_COLUMNS} FROM answer WHERE answer_id = ?"
-        rows = self.query(query, (answer_id,))
+        query = f"SELECT {ANSWER_COLUMNS} FROM answer WHERE answer_id = :answer"
+        rows = self.query(query, {"answer": answer_id})
         return decode_answer(rows[0]) if rows else None
 
     def current_answers(self, round: int | None = None) -> list[tuple[Pair, Answer]]:
@@ -223,7 +218,7 @@ class AnswerStore:
             round: Only pairs of this round.
         """
         rows = self.query(
-            f"{SELECT_CURRENT} WHERE :round IS NULL OR p.round = :round "
+            f"{SELECT_CURRENT} WHERE {either('round', 'p.round')} "
             "ORDER BY p.position, c.position",
             {"round": round},
         )
@@ -236,14 +231,16 @@ class AnswerStore:
 
     def current_answer(self, answer_id: str) -> tuple[Pair, Answer] | None:
         """The answer with this id; None if there is none, or it was corrected."""
-        rows = self.query(f"{SELECT_CURRENT} WHERE c.answer_id = ?", (answer_id,))
+        query = f"{SELECT_CURRENT} WHERE c.answer_id = :answer"
+        rows = self.query(query, {"answer": answer_id})
         return decode_pair_and_answer(rows[0]) if rows else None
 
     def history(self, rater_id: str, limit: int = 20) -> list[tuple[Pair, Answer]]:
         """The last current answers of a rater, newest first."""
         rows = self.query(
-            f"{SELECT_CURRENT} WHERE c.rater_id = ? ORDER BY c.position DESC LIMIT ?",
-            (rater_id, limit),
+            f"{SELECT_CURRENT} WHERE c.rater_id = :rater "
+            "ORDER BY c.position DESC LIMIT :limit",
+            {"rater": rater_id, "limit": limit},
         )
         return [decode_pair_and_answer(row) for row in rows]
 
@@ -257,57 +254,39 @@ class AnswerStore:
         """How many current answers there are."""
         rows = self.query(
             "SELECT count(*) FROM answer_current JOIN pair USING (pair_id) "
-            "WHERE (:rater IS NULL OR rater_id = :rater) "
-            "AND (:round IS NULL OR round = :round) "
-            "AND (:choice IS NULL OR choice = :choice)",
+            f"WHERE {either('rater', 'rater_id')} AND {either('round')} "
+            f"AND {either('choice')}",
             {"rater": rater_id, "round": round, "choice": choice},
         )
         return int(rows[0][0])
 
-    def query(self, query: str, values: Any = ()) -> list[Any]:
+    def query(self, query: str, values: Mapping[str, Any] | None = None) -> list[Any]:
         """The rows of one statement; for the tables kept by other modules."""
-        try:
-            with self._lock:
-                return self._connection.execute(query, values).fetchall()
-        except (sqlite3.Error, UnicodeDecodeError) as error:
-            raise self._failure(error) from error
+        return self._backend.execute(query, values or {})
 
     @contextmanager
-    def transaction(self) -> Iterator[sqlite3.Connection]:
+    def transaction(self) -> Iterator[None]:
         """All of the block is on the disk when it ends, or nothing of it ever is.
 
         No other process or thread writes meanwhile. Inside another transaction it is a
         part of that one.
         """
-        with self._lock:
-            if self._connection.in_transaction:
-                yield self._connection
-                return
-            try:
-                # Taking the write lock at once cannot fail half-way through.
-                self._connection.execute("BEGIN IMMEDIATE")
-                try:
-                    yield self._connection
-                    self._connection.execute("COMMIT")
-                except BaseException:
-                    if self._connection.in_transaction:
-                        self._connection.execute("ROLLBACK")
-                    raise
-            except (sqlite3.Error, UnicodeDecodeError) as error:
-                raise self._failure(error) from error
+        with self._backend.transaction():
+            yield
 
     def _require_known(self, table: str, column: str, value: str) -> None:
-        if not self.query(f"SELECT 1 FROM {table} WHERE {column} = ?", (value,)):
-            raise AnswerError(f"{self.path} has no {table} {value!r}; add it first")
+        query = f"SELECT 1 FROM {table} WHERE {column} = :value"
+        if not self.query(query, {"value": value}):
+            raise AnswerError(f"{self._name} has no {table} {value!r}; add it first")
 
     def _require_correctable(self, answer: Answer) -> None:
         if answer.supersedes is None:
             return
-        query = "SELECT pair_id, rater_id FROM answer_current WHERE answer_id = ?"
-        found = self.query(query, (answer.supersedes,))
+        query = "SELECT pair_id, rater_id FROM answer_current WHERE answer_id = :answer"
+        found = self.query(query, {"answer": answer.supersedes})
         if not found:
             raise AnswerError(
-                f"{self.path} has no current answer {answer.supersedes!r}: it was "
+                f"{self._name} has no current answer {answer.supersedes!r}: it was "
                 "never given, or corrected already; reload and correct the newest one"
             )
         if found[0] != (answer.pair_id, answer.rater_id):
@@ -315,9 +294,3 @@ class AnswerStore:
                 f"answer {answer.supersedes!r} is by another rater or about another "
                 "pair; correct only your own answer to the same pair"
             )
-
-    def _failure(self, error: sqlite3.Error | UnicodeDecodeError) -> AnswerError:
-        return AnswerError(
-            f"{self.path} failed: {error}; nothing of this was stored, try again "
-            "when the cause is gone"
-        )

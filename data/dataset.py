@@ -9,7 +9,7 @@ Shapes: T steps of an episode, F columns of the feature row.
 
 from __future__ import annotations
 
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from data.answer_backend import Address
 from data.answers import AnswerStore
 from data.clips import Clip
 from data.episode import Episode, decode_episode, decode_features
@@ -40,21 +41,26 @@ ANSWERS_NAME = "preferences.sqlite"
 class Dataset:
     """A data set directory; several processes may read and add at once."""
 
-    def __init__(self, root: Path) -> None:
+    def __init__(self, root: Path, *, answers: Address | None = None) -> None:
         """Open `root`; prefer `Dataset.open` and `Dataset.create`.
+
+        Args:
+            root: The directory.
+            answers: Where pairs and answers are, if not in a file of the directory.
 
         Raises:
             DatasetError: `root` is no data set, or of another version.
         """
         self.root = root
+        self.answers_address = root / ANSWERS_NAME if answers is None else answers
         self._manifest = ManifestFile(root)
         self._verified: set[str] = set()
         self._touched: set[str] = set()
         self._features = FeatureCache()
 
     @staticmethod
-    def create(root: Path) -> Dataset:
-        """Make `root` a data set, or open it if it is one.
+    def create(root: Path, *, answers: Address | None = None) -> Dataset:
+        """Make `root` a data set, or open it if it is one; `answers` as for `open`.
 
         Raises:
             DatasetError: the manifest there cannot be used, or the directory cannot be
@@ -63,16 +69,20 @@ class Dataset:
         with writable(root):
             (root / "rollouts").mkdir(parents=True, exist_ok=True)
         ManifestFile.create(root)
-        return Dataset(root)
+        return Dataset(root, answers=answers)
 
     @staticmethod
-    def open(root: Path) -> Dataset:
+    def open(root: Path, *, answers: Address | None = None) -> Dataset:
         """Open the data set at `root`.
+
+        Args:
+            root: The directory.
+            answers: Where pairs and answers are, if not in a file of the directory.
 
         Raises:
             DatasetError: `root` is no data set, or of another version.
         """
-        return Dataset(root)
+        return Dataset(root, answers=answers)
 
     def entries(self) -> tuple[EpisodeEntry, ...]:
         """All episodes, sorted by hash; what others added meanwhile is included.
@@ -102,19 +112,22 @@ class Dataset:
             DatasetError: the manifest is damaged, or the disk is full or not writable.
         """
         added: list[EpisodeEntry] = []
-        # Waiting for the disk takes longer than encoding, and can be done together.
+        # Checksums, hashes and waiting for the disk hold no lock of the interpreter.
         with ThreadPoolExecutor(_WRITERS) as pool:
-            writes: deque[Future[None]] = deque()
+            writes: deque[Future[EpisodeEntry]] = deque()
             for episode in episodes:
-                content = encode_episode(episode, compression=compression)
-                added.append(_entry_of(content, episode))
-                writes.append(pool.submit(self._store, added[-1], content))
+                writes.append(pool.submit(self._write, episode, compression))
                 if len(writes) > 2 * _WRITERS:
-                    writes.popleft().result()
-            for write in writes:
-                write.result()
+                    added.append(writes.popleft().result())
+            added += (write.result() for write in writes)
         self._list(added)
         return added
+
+    def _write(self, episode: Episode, compression: Compression) -> EpisodeEntry:
+        content = encode_episode(episode, compression=compression)
+        entry = _entry_of(content, episode)
+        self._store(entry, content)
+        return entry
 
     def add_from(self, source: Dataset, hashes: Iterable[str]) -> list[EpisodeEntry]:
         """Copy episode files as they are, so that answers about them stay valid.
@@ -190,11 +203,7 @@ class Dataset:
             DatasetError: the clip reaches beyond its episode; else as for `read`.
         """
         entry = self.entry(clip.rollout)
-        if clip.stop > entry.num_steps:
-            raise DatasetError(
-                f"clip {clip.key} ends at step {clip.stop}, its episode has "
-                f"{entry.num_steps}; the answers belong to another data set"
-            )
+        _require_within(clip, entry.num_steps)
         if entry.tail_sha256 and clip.rollout not in self._touched:
             self._touched.add(clip.rollout)
             with self._file_expected(entry) as path:
@@ -212,9 +221,15 @@ class Dataset:
         Raises:
             DatasetError, EpisodeError: as for `clip_features`.
         """
-        self._touched.update(clip.rollout for clip in clips)
-        for position in sorted(range(len(clips)), key=lambda i: clips[i].rollout):
-            yield position, self.clip_features(clips[position])
+        positions: dict[str, list[int]] = defaultdict(list)
+        for position, clip in enumerate(clips):
+            positions[clip.rollout].append(position)
+        self._touched.update(positions)
+        for rollout in sorted(positions):
+            features = self.features(rollout)
+            for position in positions[rollout]:
+                _require_within(clips[position], len(features))
+                yield position, features[clips[position].rows]
 
     def content(self, entry: EpisodeEntry) -> bytes:
         """The bytes of an episode file, compared with the manifest on first use.
@@ -241,7 +256,7 @@ class Dataset:
         Raises:
             AnswerError: the data base cannot be used.
         """
-        return AnswerStore.open(self.root / ANSWERS_NAME)
+        return AnswerStore.open(self.answers_address)
 
     def answers_copy(self) -> AnswerStore:
         """A copy of them in memory, as they are now; for those who only read.
@@ -249,7 +264,7 @@ class Dataset:
         Raises:
             AnswerError: the data base cannot be used.
         """
-        return AnswerStore.snapshot(self.root / ANSWERS_NAME)
+        return AnswerStore.snapshot(self.answers_address)
 
     def _list(self, added: Iterable[EpisodeEntry]) -> None:
         new = {entry.sha256: entry for entry in added}
@@ -292,6 +307,14 @@ class Dataset:
                 f"{path} is missing, the manifest promises {entry.bytes} bytes; "
                 "restore it from a copy of the data set"
             ) from None
+
+
+def _require_within(clip: Clip, num_steps: int) -> None:
+    if clip.stop > num_steps:
+        raise DatasetError(
+            f"clip {clip.key} ends at step {clip.stop}, its episode has {num_steps}; "
+            "the answers belong to another data set"
+        )
 
 
 def _entry_of(content: bytes, episode: Episode) -> EpisodeEntry:

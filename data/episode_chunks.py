@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -36,8 +36,14 @@ Compression = Literal["", "zstd"]
 class EncodedChunk:
     """A chunk record and the message indexes behind it."""
 
-    parts: list[bytes | memoryview]
-    """All bytes, in order."""
+    head: bytes
+    """The chunk record up to its messages."""
+    stored: Sequence[bytes | memoryview]
+    """The messages as they are in the file."""
+    stored_crc: int
+    """CRC-32 of them."""
+    indexes: bytes
+    """The message indexes behind the chunk."""
     length: int
     """Bytes of the chunk record."""
     index_lengths: dict[int, int]
@@ -144,22 +150,22 @@ def _chunk(
         size += len(part)
         crc = zlib.crc32(part, crc)
     compression: Compression = ""
-    stored, stored_size = content, size
+    stored: list[bytes | memoryview] = [*content]
+    stored_size, stored_crc = size, crc
     if compressor is not None:
         compression = "zstd"
-        stored = [compressor.compress(b"".join(content))]
-        stored_size = len(stored[0])
+        packed = compressor.compress(b"".join(content))
+        stored, stored_size, stored_crc = [packed], len(packed), zlib.crc32(packed)
     name = compression.encode()
     # The record by hand: the library's would copy all messages once more.
     body = struct.pack("<QQQII", start_ns, end_ns, size, crc, len(name)) + name
     body += struct.pack("<Q", stored_size)
     length = len(body) + stored_size
     return EncodedChunk(
-        parts=[
-            struct.pack("<BQ", Opcode.CHUNK, length) + body,
-            *stored,
-            *indexes.values(),
-        ],
+        head=struct.pack("<BQ", Opcode.CHUNK, length) + body,
+        stored=stored,
+        stored_crc=stored_crc,
+        indexes=b"".join(indexes.values()),
         length=9 + length,
         index_lengths={channel: len(index) for channel, index in indexes.items()},
         compression=compression,

@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import zlib
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 from mcap.data_stream import RecordBuilder
@@ -34,6 +34,7 @@ from mcap.records import (
 from mcap.writer import MCAP0_MAGIC
 
 from data import schema
+from data.crc import combined
 from data.episode_chunks import (
     FINAL_CHANNEL,
     STEP_CHANNEL,
@@ -46,6 +47,7 @@ from data.features import JOINTS, features_sha256
 from data.files import write_atomically
 
 MJCF_NAME = "model/scene.xml"
+_MJCF_TYPE = "application/xml"
 METADATA_NAME = "episode"
 
 
@@ -63,23 +65,25 @@ def write_episode(
 def encode_episode(episode: Episode, *, compression: Compression = "") -> bytes:
     """The bytes of the episode's MCAP file."""
     schemas, channels = _fixed_records()
-    attachment = Attachment(0, 0, MJCF_NAME, "application/xml", episode.mjcf.encode())
+    attachment, attachment_size = _attachment(episode.mjcf)
     metadata = Metadata(METADATA_NAME, _metadata(episode))
 
     section = _Section()
     section.append(MCAP0_MAGIC, _join([Header(profile="", library="gaitpref")]))
     attachment_index = AttachmentIndex(
-        *section.append(_join([attachment])),
+        *section.append(attachment),
         log_time=0,
         create_time=0,
-        data_size=len(attachment.data),
-        name=attachment.name,
-        media_type=attachment.media_type,
+        data_size=attachment_size,
+        name=MJCF_NAME,
+        media_type=_MJCF_TYPE,
     )
     metadata_index = MetadataIndex(*section.append(_join([metadata])), METADATA_NAME)
     chunk_indexes: list[ChunkIndex] = []
     for chunk in encode_chunks(episode, schemas + channels, compression):
-        offset, _ = section.append(*chunk.parts)
+        offset, _ = section.append(chunk.head)
+        section.append_checked(chunk.stored, chunk.stored_crc)
+        section.append(chunk.indexes)
         chunk_indexes.append(chunk.index(offset))
     section.append(_join([DataEnd(section.crc)]))
     groups = [
@@ -109,6 +113,20 @@ class _Section:
             self.size += len(part)
             self.crc = zlib.crc32(part, self.crc)
         return start, self.size - start
+
+    def append_checked(self, parts: Sequence[bytes | memoryview], crc: int) -> None:
+        """Add bytes whose checksum is known."""
+        size = sum(map(len, parts))
+        self.parts += parts
+        self.size += size
+        self.crc = combined(self.crc, crc, size)
+
+
+@lru_cache(maxsize=8)
+def _attachment(mjcf: str) -> tuple[bytes, int]:
+    """The record of the robot, which most episodes share, and the size of its text."""
+    content = mjcf.encode()
+    return _join([Attachment(0, 0, MJCF_NAME, _MJCF_TYPE, content)]), len(content)
 
 
 @cache

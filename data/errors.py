@@ -13,6 +13,9 @@ GaitprefError            what went wrong lies in the user's input or files
 class GaitprefError(Exception):
     """Something the user can mend; its message is one line that says how."""
 
+    lines: str = ""
+    """What to write into a file, shown below the message as it is."""
+
 
 class EpisodeError(GaitprefError):
     """An episode file cannot be used."""

@@ -1,6 +1,7 @@
 """The feature row: what a reward, a criterion or a rater may look at.
 
-One float32 row per control step, computed after the step and before any reset.
+One float32 row per control step, computed after the step and before any reset. A
+feature that nobody measured, as on hardware, is NaN in every step of its episode.
 
 Shapes: F columns of a row (`FEATURE_DIM`).
 """
@@ -10,6 +11,8 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from functools import cache
+
+import numpy as np
 
 LEGS = ("FR", "FL", "RR", "RL")
 """Order of the legs everywhere: front right, front left, rear right, rear left."""
@@ -72,6 +75,13 @@ def column(name: str) -> slice:
     except KeyError:
         known = ", ".join(columns())
         raise ValueError(f"there is no feature {name!r}; there are: {known}") from None
+
+
+def missing_features(rows: np.ndarray) -> tuple[str, ...]:
+    """Names of the features that rows [T, F] say nothing about."""
+    return tuple(
+        name for name, part in columns().items() if np.isnan(rows[:, part]).all()
+    )
 
 
 @cache

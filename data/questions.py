@@ -9,15 +9,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from data.answer_records import Pair, Role, Side, utc_text
-from data.answer_rows import PAIR_COLUMNS, decode_pair
+from data.answer_rows import PAIR_COLUMNS, decode_pair, either
 from data.answers import AnswerStore
 
 _COLUMNS = (
     "question_id, rater_id, pair_id, role, shown_left, supersedes, shown_utc, "
     "expires_utc"
 )
-_OPEN = """
-FROM pair AS p WHERE (:pair IS NULL OR p.pair_id = :pair)
+_ALL = 2**62
+"""As a limit: more than there can be."""
+_OPEN = f"""
+FROM pair AS p WHERE {either("pair", "p.pair_id")}
   AND NOT EXISTS (SELECT 1 FROM answer_current AS s
     WHERE s.pair_id = p.pair_id AND s.rater_id = :rater)
   AND (SELECT count(DISTINCT s.rater_id)
@@ -88,35 +90,39 @@ class QuestionBoard:
     def shown(self, rater_id: str) -> list[Shown]:
         """The rater's questions, the one on the screen last."""
         rows = self._store.query(
-            f"SELECT {_COLUMNS} FROM question WHERE rater_id = ? ORDER BY position",
-            (rater_id,),
+            f"SELECT {_COLUMNS} FROM question WHERE rater_id = :rater "
+            "ORDER BY position",
+            {"rater": rater_id},
         )
         names = _COLUMNS.split(", ")
         return [Shown(**dict(zip(names, row, strict=True))) for row in rows]
 
     def show(self, question: Shown) -> None:
         """Put a question on top of the rater's pile."""
-        values = [getattr(question, name) for name in _COLUMNS.split(", ")]
-        values[-2:] = map(utc_text, values[-2:])
+        names = _COLUMNS.split(", ")
+        values = {name: getattr(question, name) for name in names}
+        for name in ("shown_utc", "expires_utc"):
+            values[name] = utc_text(values[name])
+        marks = ", ".join(f":{name}" for name in names)
         with self._store.transaction():
             self._store.query(
-                f"INSERT INTO question ({_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
-                values,
+                f"INSERT INTO question ({_COLUMNS}) VALUES ({marks})", values
             )
 
     def renew(self, rater_id: str, expires_utc: str) -> None:
         """Keep all of the rater's pairs until `expires_utc`."""
         with self._store.transaction():
             self._store.query(
-                "UPDATE question SET expires_utc = ? WHERE rater_id = ?",
-                (utc_text(expires_utc), rater_id),
+                "UPDATE question SET expires_utc = :expires WHERE rater_id = :rater",
+                {"expires": utc_text(expires_utc), "rater": rater_id},
             )
 
     def close(self, question_id: str) -> None:
         """Take a question off its pile, if it is on one."""
         with self._store.transaction():
             self._store.query(
-                "DELETE FROM question WHERE question_id = ?", (question_id,)
+                "DELETE FROM question WHERE question_id = :question",
+                {"question": question_id},
             )
 
     def open_pairs(
@@ -140,7 +146,7 @@ class QuestionBoard:
         rows = self._store.query(
             f"SELECT {PAIR_COLUMNS} {_OPEN} ORDER BY round DESC, position LIMIT :limit",
             _open_values(rater_id, now_utc, overlap, pair_id)
-            | {"limit": -1 if limit is None else limit},
+            | {"limit": _ALL if limit is None else limit},
         )
         return [decode_pair(row) for row in rows]
 
@@ -164,8 +170,8 @@ class QuestionBoard:
             f"SELECT {PAIR_COLUMNS} FROM pair AS p "
             "WHERE json_extract(info_json, '$.gold') IS NOT NULL AND NOT EXISTS ("
             "SELECT 1 FROM answer_current AS s "
-            "WHERE s.pair_id = p.pair_id AND s.rater_id = ?) ORDER BY position",
-            (rater_id,),
+            "WHERE s.pair_id = p.pair_id AND s.rater_id = :rater) ORDER BY position",
+            {"rater": rater_id},
         )
         return [decode_pair(row) for row in rows]
 

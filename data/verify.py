@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from data.answer_backend import Address
 from data.answer_check import Asked, asked, damaged_rows
 from data.dataset import ANSWERS_NAME, Dataset
 from data.errors import AnswerError, DatasetError
@@ -47,8 +48,12 @@ class Verified:
     """Files nobody knows, left by a killed writer: harmless, `recover` takes them."""
 
 
-def verify(root: Path) -> Verified:
+def verify(root: Path, *, answers: Address | None = None) -> Verified:
     """Compare every file with its hash and every answer with its checksum.
+
+    Args:
+        root: The data set.
+        answers: Where its answers are, if not in its own file.
 
     Raises:
         DatasetError: `root` is no data set, or of another version.
@@ -60,9 +65,12 @@ def verify(root: Path) -> Verified:
         entries = {entry.sha256: entry for entry in dataset.entries()}
     except DatasetError as error:
         damages.append(Damage("manifest", MANIFEST_NAME, str(error)))
-    answered, answer_damages = _answers(root / ANSWERS_NAME)
-    touched = _answers_by_episode(answered)
-    damages += _files(dataset, entries.values(), touched)
+    # Hashing holds no lock of the interpreter.
+    with ThreadPoolExecutor(min(4, os.cpu_count() or 1)) as pool:
+        files = pool.map(lambda entry: _file_damage(dataset, entry), entries.values())
+        answered, answer_damages = _answers(answers or root / ANSWERS_NAME)
+        touched = _answers_by_episode(answered)
+        damages += _files(entries.values(), files, touched)
     damages += answer_damages
     if entries:
         damages += _dangling(answered, entries)
@@ -76,23 +84,16 @@ def verify(root: Path) -> Verified:
 
 
 def _files(
-    dataset: Dataset,
     entries: Iterable[EpisodeEntry],
+    found: Iterable[tuple[DamageKind, str] | None],
     touched: Mapping[str, tuple[str, ...]],
 ) -> list[Damage]:
     """Episode files that are not what the manifest promises."""
-
-    def check(entry: EpisodeEntry) -> Damage | None:
-        found = _file_damage(dataset, entry)
-        if found is None:
-            return None
-        kind, message = found
-        answers = touched.get(entry.sha256, ())
-        return Damage(kind, entry.path, message, entry.sha256, answers)
-
-    # Hashing holds no lock of the interpreter.
-    with ThreadPoolExecutor(min(4, os.cpu_count() or 1)) as pool:
-        return [damage for damage in pool.map(check, entries) if damage is not None]
+    return [
+        Damage(damage[0], e.path, damage[1], e.sha256, touched.get(e.sha256, ()))
+        for e, damage in zip(entries, found, strict=True)
+        if damage is not None
+    ]
 
 
 def _file_damage(
@@ -116,17 +117,17 @@ def _file_damage(
     return None
 
 
-def _answers(path: Path) -> tuple[list[Asked], list[Damage]]:
+def _answers(address: Address) -> tuple[list[Asked], list[Damage]]:
     """What the answers are about as far as it can be read, and what is wrong."""
-    if not path.exists():
+    if isinstance(address, Path) and not address.exists():
         return [], []
     damages: list[Damage] = []
     try:
         damages += [
             Damage("answers", ANSWERS_NAME, row.message, answers=row.answers)
-            for row in damaged_rows(path)
+            for row in damaged_rows(address)
         ]
-        return asked(path), damages
+        return asked(address), damages
     except (AnswerError, sqlite3.Error, UnicodeDecodeError) as error:
         message = f"it cannot be read: {' '.join(str(error).split())}"
         return [], [*damages, Damage("answers", ANSWERS_NAME, message)]

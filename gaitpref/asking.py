@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 import time
+from collections.abc import Sequence
 
 import numpy as np
 
-from data.answers import AnswerStore
+from data.answers import AnswerStore, Pair
 from data.dataset import Dataset
 from rewardmodel.fit import fit_reward
 from rewardmodel.pairs import MIN_ANSWERS, count_evidence, load_pairs
@@ -56,7 +58,8 @@ def _add_pairs(cfg: LoopCfg, round: Round, dataset: Dataset, count: int) -> None
         known = store.pairs()
         enough = count_evidence(store) >= MIN_ANSWERS
     # More pairs for the same round are others, even after a restart.
-    asked_before = sum(pair.round == round.number for pair in known)
+    before = [pair for pair in known if pair.round == round.number]
+    asked_before = len(before)
     model = None
     if enough:
         seed = seed_of(cfg, round.number, 7, asked_before)
@@ -80,7 +83,7 @@ def _add_pairs(cfg: LoopCfg, round: Round, dataset: Dataset, count: int) -> None
         chosen += with_known_answer(
             entries,
             cfg.clips,
-            -int(-GOLD_SHARE * count // 1),
+            _gold_wanted(before, count),
             known=[*known, *chosen],
             round_number=round.number,
             rng=rng,
@@ -113,6 +116,12 @@ def _answered(
         round=round.number,
     )
     return True
+
+
+def _gold_wanted(before: Sequence[Pair], count: int) -> int:
+    """Pairs with a known answer that go with `count` more pairs of a round."""
+    gold = sum(pair.gold is not None for pair in before)
+    return max(0, math.ceil(GOLD_SHARE * (len(before) - gold + count)) - gold)
 
 
 class Patience:

@@ -34,6 +34,8 @@ def main(args: Sequence[str] | None = None) -> int:
         return run(command)
     except GaitprefError as error:
         print(f"gaitpref: {' '.join(str(error).split())}", file=sys.stderr)
+        if error.lines:
+            print(error.lines, file=sys.stderr)
         return EXIT_BAD_INPUT
     except KeyboardInterrupt:
         print("gaitpref: interrupted; the same command goes on", file=sys.stderr)
@@ -62,10 +64,16 @@ def run(command: options.Command) -> int:
 def _home_of(command: options.Command) -> tuple[str, str]:
     """The module of a command, and the extra that installs what it imports."""
     match command:
+        case options.Fit() | options.Relabel():
+            return "fit_command", "fit"
         case options.Raters():
             return "raters_command", "label"
         case options.Label():
             return "label_command", "label"
+        case options.Export():
+            return "export_command", "train,onnx"
+        case options.Robot():
+            return "robot_command", "train,label"
         case options.Play():
             return "play_command", "train,label"
         case _:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import torch
 
 from data.dataset import Dataset
+from data.episode_chunks import Compression
 from data.errors import DatasetError
 from policy.checkpoint import PolicyError, load_policy
-from policy.config import EnvCfg
+from policy.config import RANDOMISE, EnvCfg
 from policy.evaluate import evaluate
 from policy.exploration import ExplorationBonusCfg
 from policy.kl_penalty import KlPenaltyCfg
@@ -22,14 +23,12 @@ from policy.reward import KnownTermsCfg, task_reward_for
 from policy.robot import load_robot_xml
 from policy.train import POLICY_NAME, RESUME_NAME, TrainCfg, train
 from rewardmodel.acquisition import make_strategy
-from rewardmodel.cfg import FitCfg
-from rewardmodel.fit import fit_reward
-from rewardmodel.pairs import load_pairs
-from rewardmodel.storage import load_reward, save_reward
+from rewardmodel.storage import load_reward
 
 from . import options
 from .criteria import CriterionContext, load_criterion
 from .loop import run_loop
+from .opening import open_dataset
 from .progress import console, counting_bar, training_bar
 from .questions import ClipCfg, ask, with_known_answer
 from .rater import answer_pairs
@@ -37,7 +36,6 @@ from .rater_cfg import rater_cfg
 from .report import write_report
 from .rewards import criterion_context, load_score, total_reward
 from .setting import setting_of
-from .stages import fit_summary
 
 EXIT_INTERRUPTED = 130
 
@@ -59,8 +57,6 @@ def run(command: options.Command) -> int:
             _pairs(command)
         case options.Answer():
             _answer(command)
-        case options.Fit():
-            _fit(command)
         case options.Evaluate():
             _evaluate(command)
         case options.Report():
@@ -76,7 +72,8 @@ def _train(command: options.Train) -> int:
             f"another --out"
         )
     setting = setting_of(command.init, command.robot)
-    robot, env = setting.robot, setting.env
+    robot = setting.robot
+    env = replace(setting.env, randomise=RANDOMISE[command.randomize])
     reward_fn = None
     if command.reward != "task":
         score = load_score(command.reward, criterion_context(robot, env))
@@ -91,6 +88,7 @@ def _train(command: options.Train) -> int:
             hidden_sizes=setting.hidden_sizes,
             bonus=ExplorationBonusCfg(kind=command.exploration),
             kl_penalty=KlPenaltyCfg(kind=command.kl_penalty),
+            privileged_critic=command.randomize != "off",
         ),
         seed=command.seed,
     )
@@ -127,7 +125,8 @@ def _record(command: options.Record) -> None:
                 bar.advance(bar.task_ids[0])
                 yield episode
 
-        entries = dataset.add_episodes(counted())
+        compression: Compression = "zstd" if command.compression == "zstd" else ""
+        entries = dataset.add_episodes(counted(), compression=compression)
     steps = sum(entry.num_steps for entry in entries)
     console.print(
         f"{len(entries)} episodes with {steps:,} steps are in {command.dataset}"
@@ -135,7 +134,7 @@ def _record(command: options.Record) -> None:
 
 
 def _pairs(command: options.Pairs) -> None:
-    dataset = Dataset.open(command.dataset)
+    dataset = open_dataset(command)
     model = None if command.reward is None else load_reward(command.reward)
     strategy = command.strategy or ("uniform" if model is None else "disagreement")
     # Refused before anything is chosen at random instead.
@@ -170,7 +169,7 @@ def _pairs(command: options.Pairs) -> None:
 
 
 def _answer(command: options.Answer) -> None:
-    dataset = Dataset.open(command.dataset)
+    dataset = open_dataset(command)
     cfg = rater_cfg(command)
     criterion = load_criterion(command.criterion, _context_of(dataset))
     rater = f"simulated:{command.criterion}"
@@ -196,20 +195,6 @@ def _context_of(dataset: Dataset) -> CriterionContext:
     return CriterionContext(
         task=task_reward_for(robot, EnvCfg().task), control_dt_s=meta.control_dt_s
     )
-
-
-def _fit(command: options.Fit) -> None:
-    pairs = load_pairs([Dataset.open(path) for path in command.dataset])
-    cfg = FitCfg(kind=command.model)
-    model, report = fit_reward(pairs, cfg, seed=command.seed)
-    save_reward(model, command.out)
-    kind = model.provenance.cfg.kind
-    if command.json:
-        print(json.dumps({"model": kind, **asdict(report)}))
-        return
-    console.print(f"{kind}: {fit_summary(report)}; the reward is {command.out}")
-    for rater, share in report.raters:
-        console.print(f"{rater}: {share:.0%} of the answers are taken for random")
 
 
 def _evaluate(command: options.Evaluate) -> None:

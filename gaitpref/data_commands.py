@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from rich.table import Table
 
 from data.archive import CARD_NAME, pack, unpack
 from data.card import CardFacts, card
+from data.clips import Clip
 from data.dataset import Dataset
 from data.errors import DatasetError
 from data.files import write_atomically
@@ -25,6 +26,9 @@ from data.transfer import Transferred, split, transfer
 from data.verify import Verified, verify
 
 from . import data_options as options
+from .exchange_commands import export, import_into
+from .extras import require
+from .opening import address, open_dataset
 
 EXIT_DAMAGED = 1
 console = Console(stderr=True, highlight=False)
@@ -42,7 +46,7 @@ def run(action: options.Action) -> int:
         case options.Merge() | options.Split() | options.Subset():
             _transfer(action)
         case options.Pack():
-            size = pack(Dataset.open(action.dataset), action.out)
+            size = pack(open_dataset(action), action.out)
             _say(action.json, {"archive": str(action.out), "bytes": size})
         case options.Unpack():
             made = unpack(action.archive, action.dataset)
@@ -52,11 +56,17 @@ def run(action: options.Action) -> int:
             _card(action)
         case options.Labels():
             _labels(action)
+        case options.View():
+            _view(action)
+        case options.Import():
+            _say(action.json, import_into(action))
+        case options.Export():
+            _say(action.json, asdict(export(action)))
     return 0
 
 
 def _info(action: options.Info) -> None:
-    seen = overview(Dataset.open(action.dataset))
+    seen = overview(open_dataset(action))
     if action.json:
         print(json.dumps(asdict(seen)))
         return
@@ -90,7 +100,7 @@ def _counts(title: str, counts: Mapping[str, int]) -> Table:
 
 
 def _verify(action: options.Verify) -> int:
-    found = verify(action.dataset)
+    found = verify(action.dataset, answers=address(action.answers))
     if action.json:
         print(json.dumps(asdict(found)))
     else:
@@ -143,10 +153,11 @@ def _transfer(action: options.Merge | options.Split | options.Subset) -> None:
     match action:
         case options.Merge():
             sources = {str(path): Dataset.open(path) for path in action.source}
-            target = Dataset.create(action.dataset)
+            answers = address(action.answers)
+            target = Dataset.create(action.dataset, answers=answers)
             report = {name: transfer(s, target) for name, s in sources.items()}
         case options.Split():
-            source, shares = Dataset.open(action.dataset), _shares(action.part)
+            source, shares = open_dataset(action), _shares(action.part)
             report = split(source, shares, action.out, seed=action.seed)
         case options.Subset():
             report = {str(action.out): _subset(action)}
@@ -176,7 +187,7 @@ def _shares(parts: tuple[str, ...]) -> dict[str, float]:
 
 
 def _subset(action: options.Subset) -> Transferred:
-    source = Dataset.open(action.dataset)
+    source = open_dataset(action)
     entries = [
         entry
         for entry in source.entries()
@@ -215,7 +226,7 @@ def _card(action: options.Card) -> None:
         consent=action.consent,
     )
     path = action.out or action.dataset / CARD_NAME
-    text = card(overview(Dataset.open(action.dataset)), facts)
+    text = card(overview(open_dataset(action)), facts)
     _write(path, text.encode())
     if facts.open_fields:
         names = ", ".join(name.replace("_", " ") for name in facts.open_fields)
@@ -223,7 +234,7 @@ def _card(action: options.Card) -> None:
 
 
 def _labels(action: options.Labels) -> None:
-    rows = labels(Dataset.open(action.dataset))
+    rows = labels(open_dataset(action))
     if action.format == "parquet":
         if action.out is None:
             raise DatasetError("parquet is no text; give --out FILE.parquet")
@@ -239,6 +250,39 @@ def _labels(action: options.Labels) -> None:
     else:
         _write(action.out, text.encode())
         console.print(f"{len(rows):,} answers are in {action.out}")
+
+
+def _view(action: options.View) -> None:
+    dataset = open_dataset(action)
+    if (action.pair is None) == (action.episode is None):
+        raise DatasetError("say what to show: either --pair ID or --episode ID")
+    if action.pair is not None:
+        with dataset.answers_copy() as store:
+            pairs = {pair.pair_id: pair for pair in store.pairs()}
+        pair = pairs[_only(pairs, action.pair, "pair", action.dataset)]
+        clips = {"a": pair.a, "b": pair.b}
+    else:
+        entries = {entry.sha256: entry for entry in dataset.entries()}
+        sha256 = _only(entries, action.episode or "", "episode", action.dataset)
+        clips = {"robot": Clip(sha256, 0, entries[sha256].num_steps)}
+    # Before the import, which would name a package and not the extra.
+    for module in ("mcap_ros2.writer", "mujoco"):
+        require(module, "view")
+    from .viewing.export import layout_path, write_view
+
+    with writable(action.out.parent):
+        write_view(action.out, dataset, clips)
+    console.print(f"{action.out} and {layout_path(action.out)} are written")
+
+
+def _only(known: Iterable[str], start: str, what: str, where: Path) -> str:
+    """The one id that begins with `start`."""
+    found = [name for name in known if name.startswith(start)]
+    if len(found) != 1:
+        raise DatasetError(
+            f"{len(found)} {what}s of {where} begin with {start!r}; give more of the id"
+        )
+    return found[0]
 
 
 def _write(path: Path, content: bytes) -> None:

@@ -24,12 +24,24 @@ class _Reporting(_OnDataset):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Info(_Reporting):
+class _OnAnswers(_OnDataset):
+    answers: str | None = None
+    """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
+    file by default."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ReportingAnswers(_OnAnswers, _Reporting):
+    pass
+
+
+@dataclass(frozen=True, kw_only=True)
+class Info(_ReportingAnswers):
     """Count episodes, steps, falls, policies, commands and answers."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Verify(_Reporting):
+class Verify(_ReportingAnswers):
     """Compare every byte with what was written; exits 1 if something is damaged."""
 
 
@@ -46,7 +58,7 @@ class Recover(_Reporting):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Merge(_Reporting):
+class Merge(_ReportingAnswers):
     """Take in other data sets: equal episodes once, answers apart by rater."""
 
     source: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction]
@@ -54,7 +66,7 @@ class Merge(_Reporting):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Split(_Reporting):
+class Split(_ReportingAnswers):
     """Make one data set per part, by episode; pairs across two parts are left out."""
 
     out: Path
@@ -69,7 +81,7 @@ class Split(_Reporting):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Subset(_Reporting):
+class Subset(_ReportingAnswers):
     """Copy the episodes that fit every filter, with the answers about them."""
 
     out: Path
@@ -87,7 +99,7 @@ class Subset(_Reporting):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pack(_Reporting):
+class Pack(_ReportingAnswers):
     """Write the whole data set to one archive."""
 
     out: Path
@@ -103,7 +115,7 @@ class Unpack(_Reporting):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Card(_OnDataset):
+class Card(_OnAnswers):
     """Write a data card in Markdown; says what the publisher still has to fill in."""
 
     out: Path | None = None
@@ -123,13 +135,56 @@ class Card(_OnDataset):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Labels(_OnDataset):
+class Labels(_OnAnswers):
     """Print every answer in the published form, corrected ones too."""
 
     format: Literal["jsonl", "csv", "parquet"] = "jsonl"
     """parquet needs --out and the extra `parquet`."""
     out: Path | None = None
     """File to write; the terminal by default."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class View(_OnAnswers):
+    """Write clips for Foxglove, Rerun or PlotJuggler, and a Foxglove layout beside it.
+
+    Both clips of a pair start at time 0 and run side by side. Needs the extra `view`.
+    """
+
+    out: Path
+    """MCAP file to write; the layout is called FILE.layout.json."""
+    pair: str | None = None
+    """Id of the pair to show, or its first letters."""
+    episode: str | None = None
+    """SHA-256 of the episode to show, or its first letters."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Import(_ReportingAnswers):
+    """Take in what others recorded: a ROS 2 bag, or answers of other projects."""
+
+    format: Literal["ros2", "uni-rlhf", "imitation"]
+    """ros2: a bag in MCAP, needs --map and the extras `view` and `train`. uni-rlhf: a
+    directory that `data export --format uni-rlhf` made, with labels in it. imitation:
+    the file of a PreferenceDataset. The last two add answers about episodes that are
+    here; their pickles are read without running anything in them."""
+    source: tyro.conf.Positional[Path]
+    """The bag, directory or file."""
+    map: Path | None = None
+    """TOML file that says what the topics and joints of a bag are called."""
+    rater: str = "imported"
+    """Pseudonym of who gave the answers."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Export(_ReportingAnswers):
+    """Write the data set in the format of another project; needs the extra `export`."""
+
+    format: Literal["minari", "lerobot", "hf", "uni-rlhf", "d4rl"]
+    """minari and lerobot hold episodes, d4rl the steps of all episodes in one array, hf
+    preferences, uni-rlhf both."""
+    out: Path
+    """Directory to make."""
 
 
 Action = (
@@ -143,6 +198,9 @@ Action = (
     | Annotated[Unpack, tyro.conf.subcommand("unpack")]
     | Annotated[Card, tyro.conf.subcommand("card")]
     | Annotated[Labels, tyro.conf.subcommand("labels")]
+    | Annotated[View, tyro.conf.subcommand("view")]
+    | Annotated[Import, tyro.conf.subcommand("import")]
+    | Annotated[Export, tyro.conf.subcommand("export")]
 )
 
 

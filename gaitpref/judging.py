@@ -39,10 +39,11 @@ def standards(
         scores: Mean score of each clip.
         skip: Share of the clips that are dull.
     """
-    dull = float(np.quantile(scores, skip)) if skip else -math.inf
-    typical = float(np.median(np.abs(leads)))
+    known = [score for score in scores if not math.isnan(score)]
+    dull = float(np.quantile(known, skip)) if skip and known else -math.inf
+    sizes = [abs(lead) for lead in leads if not math.isnan(lead)] or [1.0]
     # Where most pairs are exactly equal, the others still have a lead.
-    return Standards(typical or float(np.abs(leads).mean()) or 1.0, dull)
+    return Standards(float(np.median(sizes) or np.mean(sizes)) or 1.0, dull)
 
 
 def discounted_mean(scores: np.ndarray, gamma: float) -> float:
@@ -70,9 +71,12 @@ def judge(
     In the order of B-Pref: a pair of dull clips is skipped; a small lead is noted; the
     recent steps decide, by chance where `cfg.beta` is finite; some answers are turned
     round; and a small lead makes "equal" of whatever came out. Skips and small leads
-    look at whole clips, the choice only at what the rater remembers.
+    look at whole clips, the choice only at what the rater remembers. A criterion that
+    needs a feature nobody measured gives NaN: then nobody can tell.
     """
     whole_a, whole_b = float(scores_a.mean()), float(scores_b.mean())
+    if math.isnan(whole_a) or math.isnan(whole_b):
+        return "skip"
     if max(whole_a, whole_b) <= known.dull:
         return "skip"
     close = abs(whole_a - whole_b) < cfg.equal * known.typical_lead

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from data.dataset import Dataset
 from labeling_ui.server import LabelCfg, LabelServer
 
 from . import options
+from .opening import open_dataset
 from .serving import require_port, wait_until_stopped
 
 
 def run(command: options.Label) -> int:
     """Serve the page until it is stopped; gives the exit code."""
     cfg = label_cfg(command)
-    dataset = Dataset.open(command.dataset)
+    dataset = open_dataset(command)
     with LabelServer(dataset, cfg) as page:
         for line in greeting(page.url, dataset.root, cfg):
             print(line, flush=True)

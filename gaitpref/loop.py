@@ -9,11 +9,13 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from data.answer_backend import Address
 from data.dataset import Dataset
 
 from .asking import questions_stage
 from .criteria import load_criterion
 from .extras import require
+from .opening import address
 from .options import Loop
 from .people import People
 from .progress import console
@@ -45,15 +47,31 @@ def run_loop(options: Loop) -> Path:
     cfg = replace(cfg, env=setting.env, ppo=ppo)
     human = cfg.rater == "human"
     open_page = partial(page_of_loop, options) if human else no_page
-    return run_configured(options.run, cfg, open_page=open_page)
+    return run_configured(
+        options.run, cfg, open_page=open_page, answers=address(options.answers)
+    )
 
 
-def run_configured(run: Path, cfg: LoopCfg, *, open_page: OpenPage = no_page) -> Path:
-    """Run or go on with the loop of `cfg` in the directory `run`."""
+def run_configured(
+    run: Path,
+    cfg: LoopCfg,
+    *,
+    open_page: OpenPage = no_page,
+    answers: Address | None = None,
+) -> Path:
+    """Run or go on with the loop of `cfg` in the directory `run`.
+
+    Args:
+        run: The run's directory.
+        cfg: Everything that decides how the run goes.
+        open_page: Lets people in while it runs.
+        answers: Where pairs and answers are kept, if not in a file of the run. It is
+            no part of the configuration: it may hold a password.
+    """
     robot = _setting(cfg).robot
     criterion = load_criterion(cfg.criterion, criterion_context(robot, cfg.env))
     claim(run, cfg)
-    dataset = Dataset.create(run / "dataset")
+    dataset = Dataset.create(run / "dataset", answers=answers)
     with open_page(dataset) as people:
         for number in range(cfg.rounds + 1):
             round = Round(run, number)

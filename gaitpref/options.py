@@ -64,6 +64,9 @@ class Loop:
     """Sets what is not given: quick takes about ten minutes on two cores."""
     robot: Path | None = None
     """MJCF of the robot; the Go1 that ships by default."""
+    answers: str | None = None
+    """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
+    file by default."""
     seed: int = 0
     """Where all chance comes from: equal seeds give equal files."""
     page: Serving = Serving()
@@ -94,6 +97,8 @@ class Train:
     kl_penalty: Literal["none", "fixed", "adaptive"] = "none"
     """Clip the policy ratio, or penalise the KL from the policy before the update with
     a fixed or an adapted weight."""
+    randomize: Literal["off", "light", "full"] = "off"
+    """How much robots, sensors and pushes differ from episode to episode."""
     resume: bool = False
     """Go on from where an interrupted run in the same directory stopped."""
     robot: Path | None = None
@@ -112,6 +117,8 @@ class Record:
     """Data set directory; made if it is not there."""
     episodes: int = 64
     """Episodes in all."""
+    compression: Literal["none", "zstd"] = "none"
+    """zstd saves a fifth of the space and takes about eight times as long to write."""
     seed: int = 0
     """Start states and exploration noise."""
 
@@ -140,6 +147,9 @@ class Pairs:
     reward: Path | None = None
     """Learned reward whose ensemble is asked; disagreement, entropy and bald need it,
     kcenter and dpp take it into account."""
+    answers: str | None = None
+    """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
+    file by default."""
     seed: int = 0
     """Which of equally good pairs are taken."""
 
@@ -168,6 +178,9 @@ class Answer:
     about."""
     equal: float = 0.0
     """"Equal" where the lead is below EQUAL times the median lead."""
+    answers: str | None = None
+    """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
+    file by default."""
     seed: int = 0
     """All chance of the answers, and which clip of a pair was shown left."""
 
@@ -185,8 +198,28 @@ class Fit:
     whichever of these foresees held-out answers best."""
     json: bool = False
     """Print one JSON object and nothing else."""
+    answers: str | None = None
+    """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
+    file by default."""
     seed: int = 0
     """Bootstrap draws."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Relabel:
+    """Write the learned reward of every step of every episode to a Parquet file.
+
+    The data set stays as it is. A row names the episode and the step.
+    """
+
+    dataset: Path
+    """Data set directory."""
+    reward: Path
+    """Directory of the learned reward."""
+    out: Path
+    """Parquet file; needs the extra `parquet`."""
+    json: bool = False
+    """Print one JSON object and nothing else."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,6 +257,9 @@ class Raters:
     """Rater to add or revoke: letters, digits, - and _. A pseudonym is best."""
     dataset: Path
     """Data set directory."""
+    answers: str | None = None
+    """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
+    file by default."""
     json: bool = False
     """Print one JSON object and nothing else."""
 
@@ -235,6 +271,9 @@ class Label(Serving):
 
     dataset: Path
     """Data set directory with pairs."""
+    answers: str | None = None
+    """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
+    file by default."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -249,6 +288,29 @@ class Play:
     """TCP port on this machine; 0 takes a free one."""
     robot: Path | None = None
     """MJCF of the robot; the one the policy was trained on by default."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Export:
+    """Write a policy as ONNX, TorchScript and JSON, for the robot's own computer."""
+
+    policy: Path
+    """Policy file."""
+    out: Path
+    """Directory that gets policy.onnx, policy.pt, policy.json and robot.xml."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Robot:
+    """Show what was found in a foreign MJCF, before anything is trained on it."""
+
+    action: tyro.conf.Positional[Literal["inspect"]]
+    """inspect prints legs, feet, home pose, limits, masses and servos, and draws it."""
+    xml: tyro.conf.Positional[Path]
+    """MJCF of the robot."""
+    out: Path | None = None
+    """Directory that gets NAME.png and the completed model NAME.xml; the working
+    directory gets the picture alone by default."""
 
 
 _MINIMUM = {
@@ -283,10 +345,13 @@ Command = (
     | Annotated[Pairs, tyro.conf.subcommand("pairs")]
     | Annotated[Answer, tyro.conf.subcommand("answer")]
     | Annotated[Fit, tyro.conf.subcommand("fit")]
+    | Annotated[Relabel, tyro.conf.subcommand("relabel")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Report, tyro.conf.subcommand("report")]
     | Annotated[Raters, tyro.conf.subcommand("raters")]
     | Annotated[Label, tyro.conf.subcommand("label")]
     | Annotated[Play, tyro.conf.subcommand("play")]
+    | Annotated[Export, tyro.conf.subcommand("export")]
+    | Annotated[Robot, tyro.conf.subcommand("robot")]
     | Annotated[Data, tyro.conf.subcommand("data")]
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import (
@@ -16,7 +17,9 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from policy.ppo import IterationStats
+if TYPE_CHECKING:
+    # Only named here: who fits a reward may have no simulator.
+    from policy.ppo import IterationStats
 
 console = Console(stderr=True, highlight=False, soft_wrap=True)
 

@@ -18,11 +18,12 @@ from labeling_ui.figures import (
 from labeling_ui.tokens import TokenStore, require_name
 
 from . import options
+from .opening import open_dataset
 
 
 def run(command: options.Raters) -> int:
     """Run the command; gives the exit code."""
-    dataset = Dataset.open(command.dataset)
+    dataset = open_dataset(command)
     tokens = TokenStore(dataset.root)
     match command.action:
         case "add":

@@ -18,6 +18,7 @@ from policy.reward import (
     KnownTermsCfg,
     TaskRewardCfg,
     known_terms,
+    known_terms_for,
     task_reward_for,
     task_score,
 )
@@ -97,7 +98,7 @@ def total_reward(
     return TotalReward(
         score=score,
         weight=weight,
-        known=known,
+        known=known_terms_for(robot, known),
         task=task,
         joint_offset_range=offsets.clamp(-100.0, 100.0),
         control_dt_s=env.control_dt_s,

@@ -36,12 +36,14 @@ class ExplorationCfg:
     Noise must outlive the questions, or nobody ever sees the better gait.
     """
 
-    early: float = 0.55
+    early: float = 0.7
     """In the first 60 % of the rounds."""
-    late: float = 0.4
+    late: float = 0.5
     """In the rounds after that."""
-    last: float = 0.3
-    """In the last round."""
+    last: float = 0.4
+    """At the start of the last round."""
+    final: float = 0.1
+    """The most at its end: a gait that only noise sets going is no gait."""
 
     def std(self, round: int, rounds: int) -> float:
         """Noise for the training of `round`, counted from 1."""

@@ -22,10 +22,10 @@ from policy.robot import Robot
 from policy.train import POLICY_NAME, SUMMARY_NAME, TrainCfg, train
 from rewardmodel.fit import fit_reward
 from rewardmodel.pairs import load_pairs
-from rewardmodel.report import FitReport
 from rewardmodel.storage import load_reward, save_reward
 
 from .criteria import Criterion
+from .fit_summary import fit_summary
 from .people import People
 from .progress import console, counting_bar, training_bar
 from .rewards import score_of_criterion, total_reward
@@ -48,7 +48,7 @@ def policy_stage(cfg: LoopCfg, round: Round, robot: Robot, people: People) -> No
         write_atomically(_made(partial) / POLICY_NAME, source.read_bytes())
         replace_directory(partial, round.policy.parent)
         return
-    reward_fn, name, init, std = None, "task", None, None
+    reward_fn, name, init, std, final_std = None, "task", None, None, None
     if round.number == 0:
         steps = cfg.base_steps
     else:
@@ -66,12 +66,14 @@ def policy_stage(cfg: LoopCfg, round: Round, robot: Robot, people: People) -> No
         init = round.before.policy
         if cfg.exploration is not None:
             std = cfg.exploration.std(round.number, cfg.rounds)
+            final_std = cfg.exploration.final if last else None
     train_cfg = TrainCfg(
         steps=steps,
         env=cfg.env,
         ppo=cfg.ppo,
         seed=seed_of(cfg, round.number, 1),
         exploration_std=std,
+        final_std=final_std,
     )
     with training_bar(f"round {round.number}: training", steps) as bar:
 
@@ -126,21 +128,6 @@ def fit_stage(cfg: LoopCfg, round: Round, dataset: Dataset, people: People) -> N
     model, report = fit_reward(pairs, cfg.fit, seed=seed_of(cfg, round.number, 5))
     save_reward(model, round.reward)
     console.print(f"round {round.number}: {fit_summary(report)}")
-
-
-def fit_summary(report: FitReport) -> str:
-    """A fit in one line."""
-    held_out = "too few answers within a fold to measure it"
-    if report.held_out_accuracy is not None and report.held_out_interval is not None:
-        low, high = report.held_out_interval
-        held_out = (
-            f"{report.held_out_accuracy:.2f} on held-out episodes "
-            f"({low:.2f} to {high:.2f}, {report.held_out_pairs} answers)"
-        )
-    return (
-        f"fitted {report.answers} answers in {report.seconds:.1f} s, "
-        f"accuracy {held_out}"
-    )
 
 
 def report_stage(cfg: LoopCfg, round: Round, criterion: Criterion) -> None:

@@ -51,6 +51,8 @@ class Shared:
     """Has a worker do something, one thing after the other."""
     submit_late: Callable[[Callable[[], None]], None]
     """Has another worker do what nobody waits for."""
+    wake: Callable[[], None]
+    """Has the ticker handle what was posted at once."""
     guidelines: str
     habits: dict[str, Habits] = field(default_factory=dict)
     welcomed: set[str] = field(default_factory=set)
@@ -89,11 +91,16 @@ class Page:
     def post(self, name: str, value: Any = None) -> None:
         """Hand an event in; from any thread."""
         self._events.put((name, value))
+        self._shared.wake()
+
+    def attend(self) -> None:
+        """Handle what came in."""
+        while not self._events.empty():
+            self._handle(*self._events.get_nowait())
 
     def tick(self, elapsed_s: float, status: LoopStatus | None) -> None:
         """Handle what came in, and draw the next frame if something moved."""
-        while not self._events.empty():
-            self._handle(*self._events.get_nowait())
+        self.attend()
         self._answer_late()
         self._refresh(elapsed_s)
         if status != self._status:

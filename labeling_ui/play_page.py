@@ -59,11 +59,15 @@ class PlayPage:
         """Hand an event in; from any thread."""
         self._events.put((name, value))
 
+    def attend(self) -> None:
+        """Handle what came in."""
+        while not self._events.empty():
+            self._handle(*self._events.get_nowait())
+
     def tick(self, elapsed_s: float, status: LoopStatus | None) -> None:
         """Simulate what is due and draw it."""
         del status
-        while not self._events.empty():
-            self._handle(*self._events.get_nowait())
+        self.attend()
         if not self._playing and not self._reset:
             return
         dt_s = self._robots[0].policy.control_dt_s

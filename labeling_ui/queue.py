@@ -7,36 +7,31 @@ question cannot be answered twice, whoever sends it how often.
 
 from __future__ import annotations
 
-import uuid
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
-from data.answers import Answer, AnswerStore, Pair, Role, Side
-from data.questions import QuestionBoard, Shown
+from data.answers import Answer, AnswerStore, Pair
 
 from .guard import GuardCfg, GuardState, weigh
 from .judgement import (
     Judgement,
-    Kind,
     Outcome,
     Past,
     Progress,
     Question,
     to_choice,
 )
-from .plan import PlanCfg, plan, repeats
+from .pile import Pile, PileCfg, new_id
+from .plan import plan
 
 
 @dataclass(frozen=True, kw_only=True)
-class QueueCfg:
+class QueueCfg(PileCfg):
     """How questions are handed out and answers are taken."""
 
-    lease_s: float = 600.0
-    """A shown pair is kept from others this long after the last sign of life."""
-    plan: PlanCfg = field(default_factory=PlanCfg)
     guard: GuardCfg = field(default_factory=GuardCfg)
 
 
@@ -74,11 +69,9 @@ class RaterSession:
         self.rater_id = rater_id
         self.cfg = QueueCfg() if cfg is None else cfg
         self._store = store
-        self._board = QuestionBoard(store)
-        self._rng = rng
+        self._pile = Pile(store, rater_id, self.cfg, rng=rng)
         self._now = now
         self._guard = GuardState()
-        self._question: Question | None = None
 
     def current(self, *, active: bool = True) -> Question | None:
         """What is to be on the screen; None if nothing is open for this rater.
@@ -91,16 +84,15 @@ class RaterSession:
                 so that an empty chair keeps nothing from others.
         """
         now = self._now()
-        pile = self._board.shown(self.rater_id)
+        pile = self._pile.rows()
         half_over = now + timedelta(seconds=self.cfg.lease_s / 2)
         if not pile or (active and _time(pile[-1].expires_utc) < half_over):
             with self._store.transaction():
-                pile = self._renewed(now) or self._asked(now)
-        question = self._decoded(pile[-1]) if pile else None
+                pile = self._pile.renewed(now) or self._pile.asked(now)
+        question = self._pile.decoded(pile[-1]) if pile else None
         if pile and question is None:
-            self._board.close(pile[-1].question_id)
+            self._pile.close(pile[-1].question_id)
             return self.current(active=active)
-        self._question = question
         shown = None if question is None else question.question_id
         self._guard = self._guard.on_screen(shown, now)
         return question
@@ -119,16 +111,19 @@ class RaterSession:
             self._guard = guard
             return Outcome(False, reason)
         with self._store.transaction():
-            pile = self._board.shown(self.rater_id)
+            pile = self._pile.rows()
             if not pile or pile[-1].question_id != judgement.question_id:
                 return Outcome(False, "This pair was answered in another window.")
-            question = self._decoded(pile[-1])
+            question = self._pile.decoded(pile[-1])
             if question is None:
-                self._board.close(judgement.question_id)
+                self._pile.close(judgement.question_id)
                 return Outcome(False, "This answer was changed in another window.")
             answer = _spelled(question, judgement, self.rater_id, now)
             self._store.add_answer(answer)
-            self._board.close(question.question_id)
+            self._pile.close(question.question_id)
+            if len(pile) == 1:
+                # Here, so that the disk is waited for once and not twice.
+                self._pile.asked(now)
         # Only now: an answer that failed to be stored may be sent again at once.
         self._guard = guard.on_screen(None, now)
         return Outcome(True, answer=answer)
@@ -147,7 +142,7 @@ class RaterSession:
                 return Outcome(False, "There is nothing to undo.")
             pair, answer = newest[0]
             retraction = Answer(
-                answer_id=_new_id(),
+                answer_id=new_id(),
                 pair_id=pair.pair_id,
                 rater_id=self.rater_id,
                 choice="skip",
@@ -157,7 +152,7 @@ class RaterSession:
                 created_utc=now.isoformat(timespec="milliseconds"),
             )
             self._store.add_answer(retraction)
-            self._show(pair, answer.role, answer.shown_left, now)
+            self._pile.show(pair, answer.role, answer.shown_left, now)
         return Outcome(True, answer=retraction)
 
     def reopen(self, answer_id: str) -> Outcome:
@@ -172,16 +167,18 @@ class RaterSession:
                 return Outcome(False, "This answer was changed in another window.")
             self.cancel()
             pair, answer = found
-            self._show(pair, answer.role, answer.shown_left, now, corrects=answer_id)
+            self._pile.show(
+                pair, answer.role, answer.shown_left, now, corrects=answer_id
+            )
         return Outcome(True)
 
     def cancel(self) -> Outcome:
         """Close a reopened question; its answer stays what it was."""
         with self._store.transaction():
-            pile = self._board.shown(self.rater_id)
+            pile = self._pile.rows()
             if not pile or pile[-1].supersedes is None:
                 return Outcome(False, "No earlier answer is open.")
-            self._board.close(pile[-1].question_id)
+            self._pile.close(pile[-1].question_id)
         return Outcome(True)
 
     def history(self, limit: int = 10) -> list[Past]:
@@ -191,12 +188,10 @@ class RaterSession:
 
     def progress(self) -> Progress:
         """How far the rater is; looks at all pairs."""
-        now_utc = self._now().isoformat()
-        overlap = self.cfg.plan.overlap
         return Progress(
             answered=self._store.count(rater_id=self.rater_id),
-            open=self._board.count_open(self.rater_id, now_utc, overlap),
-            total=self._board.count_pairs(),
+            open=self._pile.count_open(self._now()),
+            total=self._pile.count_pairs(),
         )
 
     def upcoming(self, count: int = 2) -> list[Pair]:
@@ -204,7 +199,7 @@ class RaterSession:
 
         Another rater may be faster, and then has loaded the one behind.
         """
-        pile = self._board.shown(self.rater_id)
+        pile = self._pile.rows()
         waiting = [self._store.pair(row.pair_id) for row in reversed(pile[:-1])]
         planned = plan(
             self._store,
@@ -216,91 +211,6 @@ class RaterSession:
             without={row.pair_id for row in pile},
         )
         return [*waiting, *(item.pair for item in planned)][:count]
-
-    def _renewed(self, now: datetime) -> list[Shown]:
-        """The pile with new leases, without what somebody else has taken over."""
-        pile = self._board.shown(self.rater_id)
-        for row in pile:
-            if _time(row.expires_utc) <= now and not self._still_open(row, now):
-                self._board.close(row.question_id)
-        self._board.renew(self.rater_id, self._expiry(now))
-        return self._board.shown(self.rater_id)
-
-    def _still_open(self, row: Shown, now: datetime) -> bool:
-        """Whether a question whose lease ran out may be asked all the same."""
-        if row.supersedes is not None:
-            return self._store.current_answer(row.supersedes) is not None
-        if row.role == "repeat":
-            open_pairs = [item.pair for item in repeats(self._store, self.rater_id, 0)]
-        elif self._store.pair(row.pair_id).gold is not None:
-            open_pairs = self._board.gold_pairs(self.rater_id)
-        else:
-            overlap = self.cfg.plan.overlap
-            open_pairs = self._board.open_pairs(
-                self.rater_id, now.isoformat(), overlap, pair_id=row.pair_id
-            )
-        return row.pair_id in {pair.pair_id for pair in open_pairs}
-
-    def _asked(self, now: datetime) -> list[Shown]:
-        """The pile with a new question, if there is one to ask."""
-        for item in plan(self._store, self.rater_id, now, self.cfg.plan):
-            drawn: Side = "a" if self._rng.random() < 0.5 else "b"
-            self._show(item.pair, item.role, item.shown_left or drawn, now)
-        return self._board.shown(self.rater_id)
-
-    def _show(
-        self,
-        pair: Pair,
-        role: Role,
-        shown_left: Side,
-        now: datetime,
-        *,
-        corrects: str | None = None,
-    ) -> None:
-        question = Shown(
-            question_id=_new_id(),
-            rater_id=self.rater_id,
-            pair_id=pair.pair_id,
-            role=role,
-            shown_left=shown_left,
-            supersedes=corrects,
-            shown_utc=now.isoformat(),
-            expires_utc=self._expiry(now),
-        )
-        self._board.show(question)
-
-    def _expiry(self, now: datetime) -> str:
-        return (now + timedelta(seconds=self.cfg.lease_s)).isoformat()
-
-    def _decoded(self, row: Shown) -> Question | None:
-        """The question of a row; None if the answer it corrects is not current."""
-        known = self._question
-        if known and known.question_id == row.question_id and not row.supersedes:
-            return known
-        corrects = None
-        if row.supersedes is not None:
-            found = self._store.current_answer(row.supersedes)
-            if found is None:
-                return None
-            corrects = found[1]
-        pair = self._store.pair(row.pair_id)
-        return Question(
-            question_id=row.question_id,
-            pair=pair,
-            shown_left=row.shown_left,
-            kind=self._kind(pair, row.role),
-            role=row.role,
-            shown_utc=_time(row.shown_utc),
-            corrects=corrects,
-        )
-
-    def _kind(self, pair: Pair, role: Role) -> Kind:
-        if role == "repeat":
-            return "repeat"
-        if pair.gold is not None:
-            return "gold"
-        overlaps = self.cfg.plan.overlap.takes(pair.pair_id)
-        return "overlap" if overlaps else "new"
 
 
 def _spelled(
@@ -327,11 +237,6 @@ def _spelled(
         created_utc=now.isoformat(timespec="milliseconds"),
         role=question.role,
     )
-
-
-def _new_id() -> str:
-    # Not from the session's generator: ids must differ even where seeds are equal.
-    return uuid.uuid4().hex
 
 
 def _time(text: str) -> datetime:

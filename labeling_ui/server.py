@@ -96,6 +96,7 @@ class LabelServer:
         self._shared = Shared(
             submit=self._site.submit,
             submit_late=self._site.submit_late,
+            wake=self._site.wake,
             guidelines=self._guidelines,
         )
         try:

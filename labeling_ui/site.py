@@ -112,6 +112,10 @@ class Site:
         """Have the loader do something nobody waits for."""
         _submit(self._loader, work)
 
+    def wake(self) -> None:
+        """Have the ticker handle what was posted."""
+        self._ticker.wake()
+
     def _furnish(self, shadows: bool) -> None:
         """What all visitors share: the light and where the camera starts."""
         set_theme(self._viser.gui, dark=False)

@@ -190,10 +190,15 @@ def stance_phases(contact: np.ndarray) -> list[tuple[int, int]]:
 
 def _curve(curve: Curve, dts: tuple[float, float], duration_s: float) -> str:
     both = np.concatenate([curve.left, curve.right])
-    low, high = float(both.min()), float(both.max())
+    both = both[np.isfinite(both)]
+    low, high = (float(both.min()), float(both.max())) if len(both) else (0.0, 0.0)
     span = max(high - low, 1e-6)
+    told = f"{low:.2f} to {high:.2f}" if len(both) else "not measured"
     lines = []
     for side, values in enumerate((curve.left, curve.right)):
+        # On hardware nobody may have measured it.
+        if not np.isfinite(values).all():
+            continue
         x = np.arange(1, len(values) + 1) * dts[side] / duration_s * 1000
         y = 46 - 44 * (values - low) / span
         points = " ".join(f"{a:.0f},{b:.1f}" for a, b in zip(x, y, strict=True))
@@ -203,7 +208,7 @@ def _curve(curve: Curve, dts: tuple[float, float], duration_s: float) -> str:
         )
     return (
         f'<div style="flex:1"><div class="title">{curve.title}'
-        f"<span>{low:.2f} to {high:.2f}</span></div>"
+        f"<span>{told}</span></div>"
         '<svg viewBox="0 0 1000 48" height="48" preserveAspectRatio="none">'
         '<rect class="t" width="1000" height="48" fill="currentColor"/>'
         f"{''.join(lines)}</svg></div>"

@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections.abc import Callable
+from functools import partial
 from typing import Protocol
 
 from .status import LoopStatus, StatusSource
@@ -23,6 +25,10 @@ class Ticking(Protocol):
         """Move on by `elapsed_s` of real time."""
         ...
 
+    def attend(self) -> None:
+        """Handle what came in; an answer must not wait for the next frame."""
+        ...
+
 
 class Ticker:
     """Calls `tick` of its pages at absolute deadlines, all in one thread."""
@@ -32,6 +38,7 @@ class Ticker:
         self._pages: dict[int, Ticking] = {}
         self._lock = threading.Lock()
         self._stop = threading.Event()
+        self._wake = threading.Event()
         self._thread = threading.Thread(target=self._run, name="ticker", daemon=True)
 
     def start(self) -> None:
@@ -41,7 +48,12 @@ class Ticker:
     def stop(self) -> None:
         """End, and wait for it."""
         self._stop.set()
+        self.wake()
         self._thread.join()
+
+    def wake(self) -> None:
+        """Let the pages attend to what was posted, before the next frame."""
+        self._wake.set()
 
     def add(self, key: int, page: Ticking) -> None:
         """Move this page too."""
@@ -56,32 +68,44 @@ class Ticker:
     def _run(self) -> None:
         last = due = time.monotonic()
         status, status_due = None, last
-        while True:
+        while not self._stop.is_set():
             due += PERIOD_S
-            delay = due - time.monotonic()
-            if delay < -_LATE_S:
+            if due < time.monotonic() - _LATE_S:
                 # The machine was asleep or overloaded: catching up would only jerk.
                 due = time.monotonic()
-            if self._stop.wait(max(delay, 0.0)):
-                return
+            self._attend_until(due)
             now = time.monotonic()
             if now >= status_due:
                 status, status_due = self._read_status(), now + _STATUS_S
-            with self._lock:
-                pages = tuple(self._pages.items())
-            for key, page in pages:
-                self._tick(key, page, now - last, status)
+            self._each(partial(self._tick, elapsed_s=now - last, status=status))
             last = now
 
     def _tick(
-        self, key: int, page: Ticking, elapsed_s: float, status: LoopStatus | None
+        self, page: Ticking, *, elapsed_s: float, status: LoopStatus | None
     ) -> None:
-        try:
-            page.tick(elapsed_s, status)
-        except Exception:
-            # One broken page must not stop the others.
-            logger.exception("a page failed and is no longer moved")
-            self.remove(key)
+        page.tick(elapsed_s, status)
+        self._attend()
+
+    def _attend(self) -> None:
+        if self._wake.is_set():
+            self._wake.clear()
+            self._each(lambda page: page.attend())
+
+    def _attend_until(self, due: float) -> None:
+        while not self._stop.is_set() and (delay := due - time.monotonic()) > 0:
+            self._wake.wait(delay)
+            self._attend()
+
+    def _each(self, do: Callable[[Ticking], None]) -> None:
+        with self._lock:
+            pages = tuple(self._pages.items())
+        for key, page in pages:
+            try:
+                do(page)
+            except Exception:
+                # One broken page must not stop the others.
+                logger.exception("a page failed and is no longer moved")
+                self.remove(key)
 
     def _read_status(self) -> LoopStatus | None:
         try:

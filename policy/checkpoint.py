@@ -13,7 +13,7 @@ import torch
 from rsl_rl.models import MLPModel
 from rsl_rl.utils import resolve_class
 from tensordict import TensorDict
-from torch import Tensor
+from torch import Tensor, nn
 
 from data.errors import GaitprefError
 from data.files import write_atomically
@@ -68,6 +68,11 @@ class Policy:
         if noise is None:
             return mean
         return mean + noise * self.std
+
+    @property
+    def network(self) -> nn.Module:
+        """Observations [N, 48] to actions [N, 12], scriptable and without noise."""
+        return self._actor.as_jit()
 
     @property
     def std(self) -> Tensor:

@@ -65,6 +65,83 @@ class FallCfg:
 
 
 @dataclass(frozen=True, kw_only=True)
+class NoiseCfg:
+    """Noise of what the policy sees; uniform, plus or minus, new in every step."""
+
+    lin_vel_m_s: float = 0.0
+    """Velocity of the base."""
+    ang_vel_rad_s: float = 0.0
+    """Turning rates of the base."""
+    gravity: float = 0.0
+    """Direction of gravity."""
+    joint_pos_rad: float = 0.0
+    """Angles of the joints."""
+    joint_vel_rad_s: float = 0.0
+    """Velocities of the joints."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RandomiseCfg:
+    """How robots differ from episode to episode; the defaults are no difference."""
+
+    friction: Range = (1.0, 1.0)
+    """Sliding friction, times that of the model."""
+    mass: Range = (1.0, 1.0)
+    """Masses and inertias of all bodies, times those of the model."""
+    com_m: float = 0.0
+    """Shift of the base's centre of mass, each axis."""
+    strength: Range = (1.0, 1.0)
+    """Gains and torque limits of the servos, times those of the model."""
+    delayed_share: float = 0.0
+    """Share of the episodes in which targets arrive one control step late."""
+    push_m_s: float = 0.0
+    """Sudden change of the base's horizontal velocity, each axis."""
+    push_every_s: float = 3.0
+    """Time between two pushes."""
+    encoder_bias_rad: float = 0.0
+    """Constant error of every joint's encoder, seen by policy and servo."""
+    noise: NoiseCfg = field(default_factory=NoiseCfg)
+    """Noise of the observations."""
+
+
+RANDOMISE = {
+    "off": RandomiseCfg(),
+    "light": RandomiseCfg(
+        friction=(0.7, 1.2),
+        mass=(0.95, 1.05),
+        com_m=0.01,
+        strength=(0.95, 1.05),
+        push_m_s=0.2,
+        encoder_bias_rad=0.01,
+        noise=NoiseCfg(
+            lin_vel_m_s=0.05,
+            ang_vel_rad_s=0.1,
+            gravity=0.02,
+            joint_pos_rad=0.01,
+            joint_vel_rad_s=0.5,
+        ),
+    ),
+    "full": RandomiseCfg(
+        friction=(0.4, 1.3),
+        mass=(0.9, 1.1),
+        com_m=0.03,
+        strength=(0.85, 1.15),
+        delayed_share=0.5,
+        push_m_s=0.5,
+        encoder_bias_rad=0.03,
+        noise=NoiseCfg(
+            lin_vel_m_s=0.1,
+            ang_vel_rad_s=0.2,
+            gravity=0.05,
+            joint_pos_rad=0.03,
+            joint_vel_rad_s=1.5,
+        ),
+    ),
+}
+"""What `gaitpref train --randomize` offers."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class EnvCfg:
     """A batch of quadrupeds on flat ground, following velocity commands."""
 
@@ -84,6 +161,9 @@ class EnvCfg:
     """How an episode starts."""
     fall: FallCfg = field(default_factory=FallCfg)
     """How it ends early."""
+    randomise: RandomiseCfg = field(default_factory=RandomiseCfg)
+    """How the robots of a training run differ; recordings and evaluations show the
+    model itself."""
     task: TaskRewardCfg = field(default_factory=TaskRewardCfg)
     """The hand-written reward."""
 

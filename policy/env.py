@@ -95,6 +95,14 @@ class QuadrupedEnv(VecEnv):
         self._commands_fixed = True
         self._obs = self._observe(self.sim.read())
 
+    def reset(self, *, seed: int) -> TensorDict:
+        """Start new episodes everywhere, the same for the same `seed`."""
+        self._rng.manual_seed(seed)
+        self._reset(torch.arange(self.num_envs, device=self.device))
+        self._starting = torch.ones_like(self._starting)
+        self._obs = self._observe(self.sim.read())
+        return self.get_observations()
+
     def step(
         self, actions: Tensor
     ) -> tuple[TensorDict, Tensor, Tensor, dict[str, Any]]:

@@ -49,6 +49,9 @@ class PpoCfg:
     """Clip range of the policy ratio and, in units of reward, of the value update."""
     entropy_weight: float = 0.005
     """Weight of the entropy bonus."""
+    privileged_critic: bool = False
+    """Let the critic see the truth, where the environment shows it: what a robot's
+    sensors do not tell, and how the robot differs from its model."""
     reference_kl_weight: float = 0.0
     """Reward taken per nat by which the policy leaves the one it started from."""
     kl_penalty: KlPenaltyCfg = field(default_factory=KlPenaltyCfg)
@@ -79,7 +82,10 @@ def to_rsl_rl(cfg: PpoCfg) -> dict[str, Any]:
     return {
         "num_steps_per_env": cfg.steps_per_env,
         "save_interval": 1,
-        "obs_groups": {"actor": ["policy"], "critic": ["policy"]},
+        "obs_groups": {
+            "actor": ["policy"],
+            "critic": ["privileged" if cfg.privileged_critic else "policy"],
+        },
         "actor": {**network, "distribution_cfg": noise},
         "critic": dict(network),
         "algorithm": {

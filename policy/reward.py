@@ -17,6 +17,8 @@ from data.features import column
 
 from .robot import Robot
 
+_SHIPPED_HEIGHT_M, _SHIPPED_MASS_KG = 0.2945, 12.744
+
 
 @dataclass(frozen=True, kw_only=True)
 class TaskRewardCfg:
@@ -65,11 +67,37 @@ class TaskRewardCfg:
 
 
 def task_reward_for(robot: Robot, cfg: TaskRewardCfg) -> TaskRewardCfg:
-    """`cfg` with the height a robot of this size walks at, unless it names one."""
+    """`cfg` with the figures of a robot of this size, unless it names a height.
+
+    The weights are those of the robot that ships. What a robot needs of torque grows
+    with its weight and its height, the lift of its feet with its height.
+    """
     if cfg.height_m is not None:
         return cfg
-    # Position servos give way under the weight: the home pose itself is never reached.
-    return replace(cfg, height_m=0.95 * float(robot.home_qpos[2]))
+    taller, stronger = size_of(robot)
+    return replace(
+        cfg,
+        # Position servos give way under the weight: home itself is never reached.
+        height_m=0.95 * float(robot.home_qpos[2]),
+        height=cfg.height / taller**2,
+        torque=cfg.torque / stronger**2,
+        clearance=cfg.clearance / taller**2,
+        clearance_m=cfg.clearance_m * taller,
+    )
+
+
+def known_terms_for(robot: Robot, cfg: KnownTermsCfg) -> KnownTermsCfg:
+    """`cfg` with the weight of torque that suits a robot of this size."""
+    _, stronger = size_of(robot)
+    return replace(cfg, torque=cfg.torque / stronger**2)
+
+
+def size_of(robot: Robot) -> tuple[float, float]:
+    """Height, and weight times height, as multiples of the robot that ships."""
+    mass_kg = float(robot.mj_model.body_subtreemass[robot.base_body_id])
+    # Rounded, so that the robot that ships is 1 times itself to the last bit.
+    taller = round(float(robot.home_qpos[2]) / _SHIPPED_HEIGHT_M, 3)
+    return taller, taller * round(mass_kg / _SHIPPED_MASS_KG, 3)
 
 
 def _square(values: Tensor) -> Tensor:

@@ -1,6 +1,8 @@
 """Finding the parts of a quadruped in any MJCF with a free base and twelve hinges.
 
-What the environment needs and the model lacks (foot sites, sensors) is added.
+What the environment needs and the model lacks (a floor, position servos, a pose to
+stand in, foot sites, sensors) is added; what cannot be found is asked for in a small
+TOML beside the model (`robots/hints.py`).
 
 Shapes: nq positions and nv velocities of the model; legs and joints in the order of
 `data.features.LEGS` and `data.features.JOINTS`.
@@ -9,16 +11,27 @@ Shapes: nq positions and nv velocities of the model; legs and joints in the orde
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
 from .robots.additions import add_sites_and_sensors, is_complete
-from .robots.anatomy import RobotError as RobotError
-from .robots.anatomy import find_anatomy
+from .robots.anatomy import Skeleton, find_anatomy, find_base, find_joints
+from .robots.frozen import freeze_other_joints, make_feet_collide
+from .robots.ground import ensure_floor
+from .robots.hints import (
+    Hints,
+    embed_hints,
+    embedded_hints,
+    hints_path,
+    read_hints,
+)
+from .robots.hints import RobotError as RobotError
 from .robots.inline import flatten
+from .robots.servos import ensure_servos
+from .robots.stance import ensure_home
 
 SHIPPED_XML = Path(__file__).parent / "robots" / "go1.xml"
 """The robot that is used when none is brought."""
@@ -56,6 +69,16 @@ class Robot:
     """[4]"""
     foot_radius: np.ndarray
     """[4] m from the site down to the lowest point of the foot in the home pose."""
+    changes: tuple[str, ...] = ()
+    """What was added to the model or replaced in it, in words."""
+
+    @property
+    def home_foot_pos_w(self) -> np.ndarray:
+        """[4, 3] m, the foot sites in the home pose."""
+        mj_data = mujoco.MjData(self.mj_model)
+        mj_data.qpos[:] = self.home_qpos
+        mujoco.mj_kinematics(self.mj_model, mj_data)
+        return mj_data.site_xpos[self.foot_site_ids]
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -79,8 +102,8 @@ def load_robot(xml: Path | None = None, *, physics_dt_s: float) -> Robot:
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
         raise _not_compiling(str(path), error) from None
-    source = str(path)
-    return _describe(_flatten(spec, source, physics_dt_s), source, path.stem)
+    hints = read_hints(hints_path(path))
+    return _completed(spec, hints, str(path), path.stem, physics_dt_s)
 
 
 def load_robot_xml(text: str, *, name: str, physics_dt_s: float) -> Robot:
@@ -93,27 +116,54 @@ def load_robot_xml(text: str, *, name: str, physics_dt_s: float) -> Robot:
     # What was flattened before stays the same to the letter, and so does its hash.
     if is_complete(spec) and spec.option.timestep == physics_dt_s:
         return _describe(text, name, name)
-    return _describe(_flatten(spec, name, physics_dt_s), name, name)
+    return _completed(spec, embedded_hints(spec), name, name, physics_dt_s)
 
 
-def _flatten(spec: mujoco.MjSpec, source: str, physics_dt_s: float) -> str:
-    """The text of the robot in `spec` with everything the environment needs."""
+def _completed(
+    spec: mujoco.MjSpec, hints: Hints, source: str, name: str, physics_dt_s: float
+) -> Robot:
+    """The robot in `spec` with everything the environment needs."""
     spec.option.timestep = physics_dt_s
     spec.option.iterations = max(spec.option.iterations, MIN_ITERATIONS)
     spec.option.ls_iterations = max(spec.option.ls_iterations, MIN_LS_ITERATIONS)
+    changes: list[str] = []
+    skeleton = _skeleton(spec, source, hints)
+    for change in (
+        freeze_other_joints,
+        make_feet_collide,
+        ensure_floor,
+        ensure_servos,
+        ensure_home,
+    ):
+        told = change(spec, skeleton)
+        if told:
+            changes.append(told)
+            # A change takes the ids of the elements of a spec away.
+            skeleton = _skeleton(spec, source, hints)
+    embed_hints(spec, hints)
     mj_model = _compile(spec, source)
-    add_sites_and_sensors(spec, mj_model, find_anatomy(mj_model, source))
+    add_sites_and_sensors(spec, mj_model, find_anatomy(mj_model, source, hints))
     try:
-        return flatten(spec)
+        mjcf = flatten(spec)
     except ValueError as error:
         raise _not_compiling(source, error) from None
+    return replace(_describe(mjcf, source, name), changes=tuple(changes))
+
+
+def _skeleton(spec: mujoco.MjSpec, source: str, hints: Hints) -> Skeleton:
+    """The legs of what `spec` compiles to."""
+    mj_model = _compile(spec, source)
+    base = find_base(mj_model, source)
+    joints = find_joints(mj_model, base, source, hints)
+    return Skeleton(mj_model, joints, source, hints)
 
 
 def _describe(mjcf: str, source: str, name: str) -> Robot:
     # The text rounds numbers. What it compiles to is simulated, so that who reads it
     # later has the same robot to the last bit.
-    mj_model = _compile(_parse(mjcf, source), source)
-    found = find_anatomy(mj_model, source)
+    spec = _parse(mjcf, source)
+    mj_model = _compile(spec, source)
+    found = find_anatomy(mj_model, source, embedded_hints(spec))
     joints, servos = list(found.joints), list(found.servos)
     qpos_adr = mj_model.jnt_qposadr[joints]
     return Robot(

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
+from torch import Tensor
 from torch.utils.tensorboard.writer import SummaryWriter
 
 from data.files import write_atomically
@@ -18,8 +19,8 @@ from data.plain import to_plain
 
 from .checkpoint import PolicyError, PolicyInfo, read_plain, save_policy
 from .config import EnvCfg
-from .env import QuadrupedEnv
 from .ppo import IterationStats, PpoCfg, RewardFn, Runner
+from .randomise import make_env
 from .robot import Robot
 
 RESUME_NAME = "resume.pt"
@@ -46,6 +47,20 @@ class TrainCfg:
     """Iterations between two states a killed run can go on from."""
     exploration_std: float | None = None
     """Exploration noise to start from instead of that of the initial policy."""
+    final_std: float | None = None
+    """The most exploration noise there may be at the end, come down to linearly from
+    `exploration_std`; a gait that only noise sets going is no gait."""
+
+    def __post_init__(self) -> None:
+        if self.final_std is not None and self.exploration_std is None:
+            raise ValueError("final_std needs an exploration_std to come down from")
+
+    def std_limit(self, iteration: int) -> float | None:
+        """The most exploration noise there may be after `iteration`."""
+        if self.final_std is None or self.exploration_std is None:
+            return None
+        done = min(1.0, iteration / max(1, self.iterations))
+        return self.exploration_std + done * (self.final_std - self.exploration_std)
 
     @property
     def iterations(self) -> int:
@@ -101,7 +116,7 @@ def train(
     out.mkdir(parents=True, exist_ok=True)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(cfg.seed)
-        env = QuadrupedEnv(robot, cfg.env, cfg.ppo.num_envs, seed=cfg.seed)
+        env = make_env(robot, cfg.env, cfg.ppo.num_envs, seed=cfg.seed)
         runner = Runner(env, cfg.ppo)
         session = _Session(out, robot, cfg, runner, reward_name)
         runner.alg.reward_fn = reward_fn
@@ -151,15 +166,18 @@ class _Session:
 
     def start_fresh(self) -> None:
         """Prepare the first iteration."""
-        std = self.cfg.exploration_std
-        if std is not None:
-            policy = self.runner.alg.get_policy()
-            policy.distribution.std_param.data.fill_(std)  # type: ignore[union-attr]
+        if self.cfg.exploration_std is not None:
+            self._std.fill_(self.cfg.exploration_std)
         env = self.runner.env
         # Spread the time-outs, or all environments would be reset at the same step.
         env.episode_length_buf = torch.randint_like(
             env.episode_length_buf, high=env.max_episode_length
         )
+
+    @property
+    def _std(self) -> Tensor:
+        policy = self.runner.alg.get_policy()
+        return policy.distribution.std_param.data  # type: ignore[union-attr]
 
     def resume(self) -> bool:
         """Go on from the state in the directory; False where there is none."""
@@ -187,6 +205,9 @@ class _Session:
         def after(stats: IterationStats) -> bool:
             nonlocal last
             last = stats
+            limit = cfg.std_limit(stats.iteration)
+            if limit is not None:
+                self._std.clamp_(max=limit)
             for tag, value in stats.scalars.items():
                 writer.add_scalar(tag, value, stats.steps)
             if stats.iteration in cfg.checkpoint_iterations:

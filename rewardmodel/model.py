@@ -20,7 +20,7 @@ from .descriptors import DESCRIPTORS, describe
 from .gp import GpScorer
 from .linear import LinearScorer
 from .mlp import MlpScorer
-from .normaliser import Normaliser
+from .normaliser import Normaliser, fill_missing
 from .report import FitReport
 
 _MIN_STD = 1e-4
@@ -104,12 +104,22 @@ class RewardModel(nn.Module):
         return self.clip_returns(left) - self.clip_returns(right)
 
     def clip_returns(self, clips: ClipBatch) -> Tensor:
-        """Mean raw reward [M, B] of clips, less the fixed price of a fall.
+        """Mean raw reward [M, B] of clips, less the fixed price of a fall."""
+        rewards = self._clip_members(clips)
+        price = self.provenance.cfg.fall_logit
+        return mean_over(rewards, clips.scored) - price * clips.fell.float()
+
+    def clip_rewards(self, clips: ClipBatch) -> tuple[Tensor, Tensor]:
+        """Reward [B, T] of every step of clips, and its spread over the members."""
+        rewards = self._clip_members(clips)
+        mean = (rewards.mean(dim=0) - self.reward_mean.cpu()) / self.reward_std.cpu()
+        return mean, rewards.std(dim=0) / self.reward_std.cpu()
+
+    def _clip_members(self, clips: ClipBatch) -> Tensor:
+        """Raw reward [M, B, T]; descriptors a clip lacks are at their mean.
 
         Wherever the model lives, clips and result live on the CPU.
         """
-        device = self.reward_mean.device
-        features = clips.features.transpose(0, 1).to(device)
-        rewards = self.members(features, clips.starts.mT.to(device)).mT.cpu()
-        price = self.provenance.cfg.fall_logit
-        return mean_over(rewards, clips.scored) - price * clips.fell.float()
+        features = clips.features.to(self.reward_mean.device)
+        steps = fill_missing(self.normaliser(describe(features)))
+        return self.scorer(steps).cpu()

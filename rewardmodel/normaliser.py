@@ -24,8 +24,16 @@ class Normaliser(nn.Module):
         self.register_buffer("std", torch.ones(num_descriptors))
 
     def fit(self, descriptors: Tensor) -> Normaliser:
-        """Take the constants from steps [K, D]; a constant descriptor is left at 0."""
+        """Take the constants from steps [K, D]; a constant descriptor is left at 0.
+
+        What is missing, NaN, does not count; missing in all steps is constant.
+        """
         std, mean = torch.std_mean(descriptors.double(), dim=0, correction=0)
+        for index in mean.isnan().nonzero().flatten().tolist():
+            values = descriptors[:, index]
+            values = values[~values.isnan()].double()
+            mean[index] = values.mean() if len(values) else 0.0
+            std[index] = values.std(correction=0) if len(values) else 0.0
         # Relative, because a constant column has the rounding error of its own size.
         constant = std <= 1e-6 * mean.abs().clamp_min(1e-3)
         self.mean.copy_(mean)
@@ -35,3 +43,13 @@ class Normaliser(nn.Module):
     def forward(self, descriptors: Tensor) -> Tensor:
         """Standardised descriptors [..., D]."""
         return ((descriptors - self.mean) / self.std).clamp(-_CLAMP, _CLAMP)
+
+
+def fill_missing(standardised: Tensor) -> Tensor:
+    """Descriptors [..., D] with those that are missing, NaN, at their mean, 0.
+
+    For clips only, where `ClipBatch` made sure that NaN means a feature nobody
+    measured. In training a NaN is a fault, and has to go on to whoever notices.
+    """
+    missing = standardised.isnan()
+    return standardised.masked_fill(missing, 0.0) if missing.any() else standardised

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -93,20 +93,20 @@ def load_pairs(
     if len(used) < max(1, at_least):
         raise RewardError(_too_few(datasets, len(used), len(answered), at_least))
     owner = _owners(datasets)
-    pairs = [pair for pair, _, _ in used]
+    pairs = [pair for _, pair, _, _ in used]
     sides = [pair.a for pair in pairs] + [pair.b for pair in pairs]
     clips = fill_clips([clip.steps for clip in sides], _rows(sides, owner))
     entries = [owner(pair.a.rollout).entry(pair.a.rollout) for pair in pairs]
     return AnsweredPairs(
         left=clips.part(slice(len(pairs))),
         right=clips.part(slice(len(pairs), None)),
-        target=torch.tensor([target for _, _, target in used]),
+        target=torch.tensor([target for _, _, _, target in used]),
         episodes=tuple((pair.a.rollout, pair.b.rollout) for pair in pairs),
-        raters=tuple(rater_id for _, rater_id, _ in used),
+        raters=tuple(rater_id for _, _, rater_id, _ in used),
         commands=torch.tensor([entry.meta.command for entry in entries]),
         rounds=tuple(pair.round for pair in pairs),
         num_without_target=sum(answer.target is None for _, answer in answered),
-        answers_sha256=_label_set(used),
+        answers_sha256=_label_set(line for line, _, _, _ in used),
     )
 
 
@@ -115,8 +115,13 @@ def count_evidence(store: AnswerStore) -> int:
     return len(_evidence(store.current_answers()))
 
 
-def _evidence(answered: Sequence[tuple[Pair, Answer]]) -> list[tuple[Pair, str, float]]:
-    """Pair, rater and mean target of whatever teaches which gait is better."""
+def _evidence(
+    answered: Sequence[tuple[Pair, Answer]],
+) -> list[tuple[str, Pair, str, float]]:
+    """Pair, rater and mean target of whatever teaches which gait is better.
+
+    Each behind its line, and sorted by that.
+    """
     targets: dict[tuple[str, str], list[float]] = defaultdict(list)
     pairs: dict[str, Pair] = {}
     for pair, answer in answered:
@@ -127,7 +132,8 @@ def _evidence(answered: Sequence[tuple[Pair, Answer]]) -> list[tuple[Pair, str, 
         (pairs[pair_id], rater_id, sum(of_both) / len(of_both))
         for (pair_id, rater_id), of_both in targets.items()
     ]
-    return sorted(evidence, key=lambda row: _line(*row))
+    lines = [(_line(*row), *row) for row in evidence]
+    return sorted(lines, key=lambda row: row[0])
 
 
 def _current_answers(datasets: Sequence[Dataset]) -> list[tuple[Pair, Answer]]:
@@ -169,9 +175,8 @@ def _line(pair: Pair, rater_id: str, target: float) -> str:
     return f"{pair.a.key} {pair.b.key} {rater_id} {target}"
 
 
-def _label_set(used: Sequence[tuple[Pair, str, float]]) -> str:
-    lines = "\n".join(_line(*row) for row in used)
-    return hashlib.sha256(lines.encode()).hexdigest()
+def _label_set(lines: Iterable[str]) -> str:
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
 
 def _too_few(

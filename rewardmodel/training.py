@@ -15,6 +15,7 @@ from .cfg import FitCfg
 from .clips import mean_over
 from .descriptors import describe
 from .likelihood import Errors, log_likelihood
+from .normaliser import fill_missing
 from .pairs import AnsweredPairs
 
 
@@ -23,7 +24,8 @@ class TrainingPairs:
     """Answered pairs seen through the descriptors; axis "2" is left, right."""
 
     steps: Tensor
-    """[2, B, T, D] descriptors, raw or standardised."""
+    """[2, B, T, D] descriptors, raw or standardised. Raw ones that either clip of a
+    pair lacks are NaN in both: a difference to something unknown says nothing."""
     scored: Tensor
     """[2, B, T] bool: steps that count in the mean of their clip."""
     fall_lead: Tensor
@@ -47,8 +49,8 @@ class TrainingPairs:
         )
 
     def transformed(self, transform: Callable[[Tensor], Tensor]) -> TrainingPairs:
-        """The same pairs with `transform` applied to the descriptors."""
-        return replace(self, steps=transform(self.steps))
+        """The same pairs standardised by `transform`, missing descriptors at 0."""
+        return replace(self, steps=fill_missing(transform(self.steps)))
 
     @property
     def scored_steps(self) -> Tensor:
@@ -79,10 +81,12 @@ class TrainingPairs:
 def training_pairs(pairs: AnsweredPairs, cfg: FitCfg) -> TrainingPairs:
     """Describe answered pairs, once for the fit and all its folds."""
     left_fell, right_fell = pairs.fell.unbind(dim=-1)
+    steps = torch.stack([describe(pairs.left.features), describe(pairs.right.features)])
+    if steps.isnan().any():
+        missing = steps.isnan().any(dim=2).any(dim=0)
+        steps.masked_fill_(missing[:, None], torch.nan)
     return TrainingPairs(
-        steps=torch.stack(
-            [describe(pairs.left.features), describe(pairs.right.features)]
-        ),
+        steps=steps,
         scored=torch.stack([pairs.left.scored, pairs.right.scored]),
         fall_lead=cfg.fall_logit * (right_fell.float() - left_fell.float()),
         target=pairs.target,

@@ -1,9 +1,38 @@
-"""Settings of all tests."""
+"""Settings of all tests, and the data bases that answers are kept in."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
 from hypothesis import settings
+
+from data.answer_backend import Address
+
+from . import postgres
 
 # A busy machine is no failure: how long one example takes is not what is tested.
 settings.register_profile("gaitpref", deadline=None)
 settings.load_profile("gaitpref")
+
+
+@pytest.fixture(scope="session")
+def postgres_server() -> Iterator[str]:
+    """The URL of a PostgreSQL server that lives as long as the tests."""
+    with postgres.server() as url:
+        yield url
+
+
+@pytest.fixture
+def postgres_answers(postgres_server: str) -> str:
+    """The URL of an empty store of answers in PostgreSQL."""
+    return postgres.new_schema(postgres_server)
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def answers_address(request: pytest.FixtureRequest, tmp_path: Path) -> Address:
+    """Where answers are kept: once a file, once a server."""
+    if request.param == "sqlite":
+        return tmp_path / "preferences.sqlite"
+    return request.getfixturevalue("postgres_answers")

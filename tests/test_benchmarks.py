@@ -9,6 +9,7 @@ from pathlib import Path
 
 import torch
 
+from benchmarks import hour
 from benchmarks.preference_plan import HELD_BACK, plan
 from benchmarks.preference_table import BEGIN, END, publish_rows, together
 from benchmarks.wishes import carried_right_foot, nose_up_when_slow
@@ -120,3 +121,12 @@ def test_the_wishes_are_outside_the_descriptor_table() -> None:
     assert torch.allclose(describe(lifted), describe(other))
     assert carried_right_foot(lifted) > 0.9
     assert carried_right_foot(other) < 0.2
+
+
+def test_nothing_is_lost_or_doubled_in_an_hour_in_short() -> None:
+    """Eight raters answer at once; the benchmark does the same for longer."""
+    figures = hour.measured(6)
+    assert figures.hour_answers == 8 * 6
+    assert figures.hour_lost == figures.hour_doubled == 0
+    # Eight pages at work: no leak shows in so little, but a burst would.
+    assert figures.hour_memory_growth_mb < 60

@@ -120,6 +120,33 @@ def test_1000_flipped_bits_are_harmless_or_reported(tmp_path: Path) -> None:
     assert not verify(dataset.root).damages
 
 
+@pytest.mark.slow
+def test_200_truncations_of_a_data_set_are_harmless_or_reported(
+    tmp_path: Path,
+) -> None:
+    """Any of its files, cut at any byte: where `verify` is silent, nothing is gone."""
+    dataset = make_dataset(tmp_path / "set")
+    expected = everything(dataset)
+    files = [p for p in dataset.root.rglob("*") if p.is_file() and p.stat().st_size > 0]
+    rng = random.Random(1)
+    reported = 0
+    for number in range(200):
+        path = files[number % len(files)]
+        sound = path.read_bytes()
+        path.write_bytes(sound[: rng.randrange(len(sound))])
+        noticed = is_reported(dataset.root)
+        reported += noticed
+        try:
+            same = everything(Dataset.open(dataset.root)) == expected
+        except GaitprefError:
+            assert noticed, f"readers fail on {path}, verify says nothing"
+        else:
+            assert same or noticed, f"{path} was cut without a word"
+        path.write_bytes(sound)
+    assert reported > 140
+    assert not verify(dataset.root).damages
+
+
 def is_reported(root: Path) -> bool:
     try:
         return bool(verify(root).damages)

@@ -310,3 +310,31 @@ def test_unknown_directories_are_one_line(
     for command in ("info", "verify", "card", "labels"):
         assert main(["data", command, "--dataset", str(tmp_path)]) == 2
         assert "is no data set" in capsys.readouterr().err
+
+
+def test_answers_in_postgresql_are_those_of_the_data_set(
+    dataset: Dataset,
+    postgres_answers: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Merged in, listed, counted, verified, packed: as from the file."""
+    served = tmp_path / "served"
+    answers = ["--answers", postgres_answers]
+    merge = ["merge", "--dataset", served, *answers, "--source", dataset.root]
+    (report,) = say(capsys, *merge).values()
+    assert (report["episodes"], report["answers"]) == (2, 4)
+    assert not (served / "preferences.sqlite").exists()
+    expected = labels(dataset)
+    assert labels(Dataset.open(served, answers=postgres_answers)) == expected
+    assert main(["data", "labels", "--dataset", str(served), *answers]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [json.loads(line) for line in lines] == expected
+    assert say(capsys, "info", "--dataset", served, *answers) == say(
+        capsys, "info", "--dataset", dataset.root
+    )
+    assert say(capsys, "verify", "--dataset", served, *answers)["answers"] == 4
+    archives = [tmp_path / "file.zip", tmp_path / "served.zip"]
+    say(capsys, "pack", "--dataset", dataset.root, "--out", archives[0])
+    say(capsys, "pack", "--dataset", served, *answers, "--out", archives[1])
+    assert archives[0].read_bytes() == archives[1].read_bytes()

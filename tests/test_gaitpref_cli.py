@@ -41,6 +41,14 @@ COMMANDS = {
     ),
     "evaluate": (["--policy", "p"], options.Evaluate(policy=Path("p"))),
     "report": (["--run", "r"], options.Report(run=Path("r"))),
+    "robot": (
+        ["inspect", "m.xml"],
+        options.Robot(action="inspect", xml=Path("m.xml")),
+    ),
+    "export": (
+        ["--policy", "p", "--out", "o"],
+        options.Export(policy=Path("p"), out=Path("o")),
+    ),
 }
 
 

@@ -175,7 +175,7 @@ def test_a_reload_a_second_tab_and_a_restart_see_the_same(
     assert say(session).accepted
     assert session.reopen(question.question_id).accepted
     reopened = shown(session)
-    with AnswerStore.open(store.path) as restarted:
+    with AnswerStore.open(store.address) as restarted:
         rng = np.random.default_rng(5)
         after = RaterSession(restarted, "ada", cfg=session.cfg, rng=rng, now=clock)
         assert after.current() == reopened

@@ -119,4 +119,8 @@ def test_clips_that_cannot_be_are_refused() -> None:
     with pytest.raises(ValueError, match="at least one clip, and each clip a step"):
         pad_clips([])
     with pytest.raises(ValueError, match="not finite"):
-        pad_clips([clip_of([np.nan])])
+        pad_clips([clip_of([1.0, np.nan])])
+    half = clip_of([1.0, 2.0])
+    half[:, column("joint_torque").start] = np.nan
+    with pytest.raises(ValueError, match="not finite"):
+        pad_clips([half])

@@ -441,3 +441,64 @@ def test_settings_out_of_range_are_refused() -> None:
         LinearCfg(prior_precision=0)
     with pytest.raises(ValueError, match="folds must be at least 2, got 1"):
         FitCfg(folds=1)
+
+
+def without_torque(clips: ClipBatch, chosen: Tensor) -> ClipBatch:
+    """The clips marked in `chosen` [B] as hardware logs them: without torque."""
+    features = clips.features.clone()
+    features[..., column("joint_torque")] = torch.where(
+        chosen[:, None, None], torch.nan, features[..., column("joint_torque")]
+    )
+    return ClipBatch(features, clips.valid)
+
+
+def test_hardware_clips_are_fitted_beside_simulated_ones() -> None:
+    """A third of the left clips lack the torque: the taste is found all the same."""
+    pairs = answered(240, seed=1)
+    lacking = torch.arange(len(pairs)) % 3 == 0
+    mixed = replace(pairs, left=without_torque(pairs.left, lacking))
+    model, report = fit_reward(mixed, FitCfg(), seed=0)
+    assert all(
+        bool(torch.isfinite(value).all()) for value in model.state_dict().values()
+    )
+    assert report.held_out_accuracy is not None
+    assert report.held_out_accuracy > 0.75
+    assert isinstance(model.scorer, LinearScorer)
+    weights = dict(
+        zip(DESCRIPTOR_NAMES, model.scorer.weights.mean(dim=0).tolist(), strict=True)
+    )
+    assert weights["torque_sq"] < 0
+    assert weights["tilt_sq"] < 0
+    rewards, spread = model.clip_rewards(mixed.left)
+    assert torch.isfinite(rewards).all()
+    assert torch.isfinite(spread).all()
+    known, _ = model.clip_rewards(pairs.left)
+    assert torch.equal(known[~lacking], rewards[~lacking])
+
+
+def test_what_nobody_measured_gets_no_weight() -> None:
+    """Hardware alone: the torque is missing everywhere, and judges nobody later."""
+    pairs = answered(60, seed=2)
+    everywhere = torch.ones(len(pairs), dtype=torch.bool)
+    mixed = replace(
+        pairs,
+        left=without_torque(pairs.left, everywhere),
+        right=without_torque(pairs.right, everywhere),
+    )
+    model, _ = fit_reward(mixed, FitCfg(), seed=0)
+    louder = pairs.left.features.clone()
+    louder[..., column("joint_torque")] *= 10
+    rewards = [
+        model.clip_rewards(ClipBatch(features, pairs.left.valid))[0]
+        for features in (pairs.left.features, louder)
+    ]
+    assert torch.equal(*rewards)
+
+
+def test_a_missing_feature_in_training_is_no_mean_but_a_fault() -> None:
+    """PPO must see the NaN: there it is a fault of the simulation."""
+    model, _ = fit_reward(answered(40, seed=3), FitCfg(), seed=0)
+    rows = torch.zeros(2, 3, FEATURE_DIM)
+    rows[0, 1, column("joint_torque")] = torch.nan
+    reward = model(rows, torch.zeros(2, 3, dtype=torch.bool))
+    assert reward.isnan().nonzero().tolist() == [[0, 1]]

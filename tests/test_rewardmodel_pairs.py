@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -94,6 +95,23 @@ def test_answers_become_padded_tensors(tmp_path: Path) -> None:
     assert pairs.commands.tolist() == [[0.5, 0.0, 0.25]] * 2
     assert pairs.raters == ("ada", "ada")
     assert pairs.num_without_target == 2
+
+
+def test_a_pair_asked_again_counts_once_and_a_known_answer_never(
+    tmp_path: Path,
+) -> None:
+    """One row with the mean of both answers; the known one only measures the rater."""
+    data, (one, two) = dataset(tmp_path, episode(1, 4), episode(2, 4))
+    a, b = Clip(one.sha256, 0, 4), Clip(two.sha256, 0, 4)
+    first = answer(data, pair(a, b), "a", p_a=0.75)
+    again = replace(first, answer_id="again", choice="b", p_a=0.0, role="repeat")
+    with data.answers() as store:
+        store.add_answer(again)
+    gold = Pair.make(b, a, strategy="gold", round=0, info={"gold": "a"})
+    answer(data, gold, "a")
+    pairs = load_pairs([data], at_least=1)
+    assert pairs.target.tolist() == [0.375]
+    assert pairs.num_without_target == 0
 
 
 def test_several_data_sets_are_one_whatever_their_order(tmp_path: Path) -> None:

@@ -32,18 +32,22 @@ class Foot:
 
 
 def find_foot(
-    mj_model: mujoco.MjModel, mj_data: mujoco.MjData, bodies: list[int]
+    mj_model: mujoco.MjModel,
+    mj_data: mujoco.MjData,
+    bodies: list[int],
+    name: str | None = None,
 ) -> Foot | None:
     """The foot among the `bodies` behind a knee; None if none of them collides.
 
-    A geom named "foot" or "toe" is preferred to a sphere, and a sphere to the rest;
-    among equals the lowest in the pose of `mj_data` is taken.
+    The geom called `name` is taken where it is given. Else a geom named "foot" or
+    "toe" is preferred to a sphere, and a sphere to the rest; among equals the lowest in
+    the pose of `mj_data` is taken.
     """
-    geoms = [
-        geom
-        for geom in np.flatnonzero(np.isin(mj_model.geom_bodyid, bodies)).tolist()
-        if collides(mj_model, geom)
-    ]
+    below = np.flatnonzero(np.isin(mj_model.geom_bodyid, bodies)).tolist()
+    if name is not None:
+        geoms = [geom for geom in below if mj_model.geom(geom).name == name]
+    else:
+        geoms = [geom for geom in below if collides(mj_model, geom)]
     if not geoms:
         return None
 
@@ -81,15 +85,26 @@ def lowest_end(
     A shape without round end gets the middle of its lowest face, edge or corner, and
     radius 0.
     """
-    center_w = mj_data.geom_xpos[geom]
-    axes_w = mj_data.geom_xmat[geom].reshape(3, 3)
-    size = mj_model.geom_size[geom]
+    points_w = points_of(mj_model, mj_data, geom)
+    heights = points_w[:, 2]
+    match mj_model.geom_type[geom]:
+        case mujoco.mjtGeom.mjGEOM_SPHERE | mujoco.mjtGeom.mjGEOM_CAPSULE:
+            return points_w[np.argmin(heights)], float(mj_model.geom_size[geom, 0])
+        case _:
+            sole = heights < heights.min() + FLAT_TOLERANCE_M
+            return points_w[sole].mean(axis=0), 0.0
+
+
+def points_of(
+    mj_model: mujoco.MjModel, mj_data: mujoco.MjData, geom: int
+) -> np.ndarray:
+    """Points [n, 3] m that `geom` ends at: middles of round ends, else corners."""
+    half_length = mj_model.geom_size[geom, 1]
     match mj_model.geom_type[geom]:
         case mujoco.mjtGeom.mjGEOM_SPHERE:
-            return center_w.copy(), float(size[0])
+            points = np.zeros((1, 3))
         case mujoco.mjtGeom.mjGEOM_CAPSULE:
-            half_w = axes_w[:, 2] * size[1]
-            return center_w - half_w * np.sign(half_w[2]), float(size[0])
+            points = np.outer((-half_length, half_length), (0.0, 0.0, 1.0))
         case mujoco.mjtGeom.mjGEOM_MESH:
             mesh = mj_model.geom_dataid[geom]
             first = mj_model.mesh_vertadr[mesh]
@@ -97,9 +112,8 @@ def lowest_end(
         case _:
             middle, half = mj_model.geom_aabb[geom].reshape(2, 3)
             points = middle + half * np.array(list(product((-1, 1), repeat=3)))
-    points_w = center_w + points @ axes_w.T
-    heights = points_w[:, 2]
-    return points_w[heights < heights.min() + FLAT_TOLERANCE_M].mean(axis=0), 0.0
+    axes_w = mj_data.geom_xmat[geom].reshape(3, 3)
+    return mj_data.geom_xpos[geom] + points @ axes_w.T
 
 
 def _nearest_site(

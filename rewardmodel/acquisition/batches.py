@@ -18,7 +18,7 @@ import numpy as np
 from data.clips import Clip
 from rewardmodel.clips import ClipRows, mean_over, pad_clips
 from rewardmodel.descriptors import describe
-from rewardmodel.normaliser import Normaliser
+from rewardmodel.normaliser import Normaliser, fill_missing
 
 from .strategy import Strategy
 
@@ -134,7 +134,8 @@ def differences(
     batch = pad_clips([clip_rows(clips[index]) for index in used])
     described = describe(batch.features)
     normaliser = Normaliser(described.shape[-1]).fit(described[batch.scored])
-    means = mean_over(normaliser(described).mT, batch.scored[:, None]).numpy()
+    standardised = fill_missing(normaliser(described))
+    means = mean_over(standardised.mT, batch.scored[:, None]).numpy()
     left, right = positions.reshape(candidates.shape).T
     return (means[left] - means[right]).astype(float)
 

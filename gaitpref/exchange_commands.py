@@ -1,0 +1,77 @@
+"""`gaitpref data import` and `export`: to and from the formats of others.
+
+What a format needs is imported with it: few have all of it installed.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from data.dataset import Dataset
+from data.errors import DatasetError
+
+from . import data_options as options
+from .extras import require
+from .opening import address, open_dataset
+
+if TYPE_CHECKING:
+    from .exchange.source import Exported
+
+
+def import_into(action: options.Import) -> dict[str, Any]:
+    """Add what `action.source` holds to the data set; gives what was new."""
+    match action.format:
+        case "ros2":
+            return _import_bag(action)
+        case "uni-rlhf":
+            from .exchange.uni_rlhf import import_uni_rlhf
+
+            added = import_uni_rlhf(open_dataset(action), action.source, action.rater)
+        case "imitation":
+            from .exchange.imitation import import_imitation
+
+            added = import_imitation(open_dataset(action), action.source, action.rater)
+    return {"answers": added}
+
+
+def _import_bag(action: options.Import) -> dict[str, Any]:
+    if action.map is None:
+        raise DatasetError(
+            "--format ros2 needs --map FILE.toml; docs/datasets.md shows one"
+        )
+    for module in ("mcap_ros2.decoder", "mujoco"):
+        require(module, "train,view")
+    from .bags.bag_map import load_map
+    from .bags.convert import bag_episodes
+
+    # Read first: a bag that cannot be used leaves no empty data set behind.
+    bag_map = load_map(action.map)
+    episodes = list(bag_episodes(action.source, bag_map, action.map.parent))
+    dataset = Dataset.create(action.dataset, answers=address(action.answers))
+    entries = dataset.add_episodes(episodes)
+    missing = {entry.meta.extra["missing_features"] for entry in entries}
+    return {
+        "episodes": len(entries),
+        "steps": sum(entry.num_steps for entry in entries),
+        "missing": sorted({name for names in missing for name in names.split()}),
+    }
+
+
+def export(action: options.Export) -> Exported:
+    """Write the data set in another format."""
+    from .exchange.source import Source
+
+    dataset = open_dataset(action)
+    source = Source.of(dataset, with_actions=action.format != "hf")
+    match action.format:
+        case "minari":
+            from .exchange.hdf5 import export_minari as write
+        case "d4rl":
+            from .exchange.hdf5 import export_d4rl as write
+        case "lerobot":
+            from .exchange.lerobot import export_lerobot as write
+        case "hf":
+            from .exchange.hugging_face import export_hugging_face as write
+        case "uni-rlhf":
+            from .exchange.uni_rlhf import export_uni_rlhf as write
+    return write(source, action.out)

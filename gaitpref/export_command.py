@@ -1,0 +1,20 @@
+"""`gaitpref export`: a policy for the robot's own computer."""
+
+from __future__ import annotations
+
+import onnx  # noqa: F401 - its absence is told before anything is written
+import onnxscript  # noqa: F401
+import torch
+
+from policy.checkpoint import load_policy
+from policy.export import export
+
+from . import options
+
+
+def run(command: options.Export) -> int:
+    """Write the files; gives the exit code."""
+    torch.set_num_threads(1)
+    for path in export(load_policy(command.policy), command.out):
+        print(path)
+    return 0

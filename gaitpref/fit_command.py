@@ -1,0 +1,68 @@
+"""`gaitpref fit` and `gaitpref relabel`: with a data set and torch alone.
+
+Neither a simulator nor viser is imported here, so that data sets can be reused where
+they are not installed.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+
+import torch
+
+from data.dataset import Dataset
+from data.manifest_file import writable
+from rewardmodel.cfg import FitCfg
+from rewardmodel.fit import fit_reward
+from rewardmodel.pairs import load_pairs
+from rewardmodel.storage import load_reward, save_reward
+
+from . import options
+from .extras import require
+from .fit_summary import fit_summary
+from .opening import address
+from .progress import console
+
+
+def run(command: options.Command) -> int:
+    """Run the command; gives the exit code."""
+    torch.set_num_threads(1)
+    if isinstance(command, options.Relabel):
+        _relabel(command)
+    elif isinstance(command, options.Fit):
+        _fit(command)
+    return 0
+
+
+def _fit(command: options.Fit) -> None:
+    answers = address(command.answers)
+    datasets = [Dataset.open(path, answers=answers) for path in command.dataset]
+    cfg = FitCfg(kind=command.model)
+    model, report = fit_reward(load_pairs(datasets), cfg, seed=command.seed)
+    save_reward(model, command.out)
+    kind = model.provenance.cfg.kind
+    if command.json:
+        print(json.dumps({"model": kind, **asdict(report)}))
+        return
+    console.print(f"{kind}: {fit_summary(report)}; the reward is {command.out}")
+    for rater, share in report.raters:
+        console.print(f"{rater}: {share:.0%} of the answers are taken for random")
+
+
+def _relabel(command: options.Relabel) -> None:
+    # Before the work, and in one line.
+    require("pyarrow", "parquet")
+    from .relabel import write_rewards
+
+    dataset = Dataset.open(command.dataset)
+    model = load_reward(command.reward)
+    with writable(command.out.parent):
+        steps = write_rewards(command.out, dataset, model)
+    episodes = len(dataset.entries())
+    if command.json:
+        print(json.dumps({"episodes": episodes, "steps": steps}))
+        return
+    console.print(
+        f"the reward of {steps:,} steps of {episodes:,} episodes is in {command.out}"
+    )

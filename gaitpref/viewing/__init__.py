@@ -1,0 +1,1 @@
+"""Files for viewers: what Foxglove, Rerun and PlotJuggler show of stored clips."""

@@ -1,0 +1,154 @@
+"""What a small TOML beside a model says where the model leaves it open.
+
+```toml
+[legs]                                  # joints hip, thigh, calf; needed where there
+FR = ["fr_hip", "fr_thigh", "fr_calf"]  # are other joints, or legs in no clear corner
+[feet]                                  # the geom each leg stands on
+FR = "fr_toe"
+[home]                                  # rad; the pose to stand in
+FR = [0.0, 0.8, -1.6]
+[servo]                                 # a number, or one for each of hip, thigh, calf
+kp = 35.0                               # N m/rad
+kd = 0.5                                # N m s/rad
+torque_limit = [23.7, 23.7, 35.55]      # N m
+```
+
+Every table may be left out; one of legs, feet or home names all four legs.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import mujoco
+
+from data.errors import GaitprefError
+from data.features import LEGS
+
+TEXT_NAME = "gaitpref_hints"
+"""The custom text of a flattened model that carries the hints along."""
+
+_SERVO = ("kp", "kd", "torque_limit")
+
+
+class RobotError(GaitprefError):
+    """The model of a robot cannot be used; it says why and what to do."""
+
+    def __init__(self, message: str, lines: str = "") -> None:
+        """`lines` are what the file of hints may say to mend it."""
+        super().__init__(message)
+        self.lines = lines
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hints:
+    """The tables of the file; None where one is left out."""
+
+    legs: dict[str, list[str]] | None = None
+    """Names of the three joints of every leg."""
+    feet: dict[str, str] | None = None
+    """Name of the geom every leg stands on."""
+    home: dict[str, list[float]] | None = None
+    """Angles of the three joints of every leg, rad."""
+    servo: dict[str, list[float]] | None = None
+    """kp, kd and torque_limit, each for hip, thigh and calf."""
+
+
+def hints_path(xml: Path) -> Path:
+    """Where the hints for a model are looked for."""
+    return xml.with_suffix(".toml")
+
+
+def read_hints(path: Path) -> Hints:
+    """The hints in the file `path`; none if there is no such file.
+
+    Raises:
+        RobotError: the file cannot be read as the tables above.
+    """
+    if not path.is_file():
+        return Hints()
+    try:
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise RobotError(f"{path}: it is no TOML ({error})") from None
+    known = [field.name for field in fields(Hints)]
+    for name, table in tables.items():
+        if name not in known:
+            raise RobotError(
+                f"{path}: there is no table [{name}]; the tables are {', '.join(known)}"
+            )
+        if not isinstance(table, dict):
+            raise RobotError(f"{path}: {name} must be a table, as in [{name}]")
+    return Hints(
+        legs=_of_legs(path, "legs", tables, lambda v: _triple(v, str)),
+        feet=_of_legs(path, "feet", tables, lambda v: isinstance(v, str)),
+        home=_of_legs(path, "home", tables, lambda v: _triple(v, (int, float))),
+        servo=_servo(path, tables.get("servo")),
+    )
+
+
+def embedded_hints(spec: mujoco.MjSpec) -> Hints:
+    """The hints a flattened model carries."""
+    text = spec.text(TEXT_NAME)
+    return Hints() if text is None else Hints(**json.loads(text.data))
+
+
+def embed_hints(spec: mujoco.MjSpec, hints: Hints) -> None:
+    """Let `spec` carry `hints`, where there are any."""
+    if hints != Hints():
+        spec.add_text(name=TEXT_NAME, data=json.dumps(asdict(hints)))
+
+
+def table_of(name: str, legs: Iterable[object]) -> str:
+    """The lines of the table `name` with a value of each of the four `legs`."""
+    rows = (f"{leg} = {json.dumps(v)}" for leg, v in zip(LEGS, legs, strict=True))
+    return "\n".join((f"[{name}]", *rows))
+
+
+def _triple(value: Any, kind: Any) -> bool:
+    return (
+        isinstance(value, list)
+        and len(value) == 3
+        and all(isinstance(v, kind) and not isinstance(v, bool) for v in value)
+    )
+
+
+def _of_legs(
+    path: Path, name: str, tables: dict[str, Any], fits: Callable[[Any], bool]
+) -> Any:
+    table = tables.get(name)
+    if table is None:
+        return None
+    if set(table) != set(LEGS) or not all(map(fits, table.values())):
+        examples = {"legs": ["hip", "thigh", "calf"], "feet": "geom"}
+        said = ", ".join(f"{key} = {value!r}" for key, value in table.items())
+        raise RobotError(
+            f"{path}: [{name}] has {said}; it must have these four lines, "
+            "with the names or numbers of the robot",
+            table_of(name, [examples.get(name, [0.0, 0.8, -1.6])] * 4),
+        )
+    return table
+
+
+def _servo(path: Path, table: dict[str, Any] | None) -> dict[str, list[float]] | None:
+    if table is None:
+        return None
+    found: dict[str, list[float]] = {}
+    for name, value in table.items():
+        values = value if isinstance(value, list) else [value] * 3
+        if (
+            name not in _SERVO
+            or not _triple(values, (int, float))
+            or not all(v > 0 or (name == "kd" and v == 0) for v in values)
+        ):
+            raise RobotError(
+                f"{path}: [servo] takes {', '.join(_SERVO)}, each a positive number or "
+                f"a list of three for hip, thigh and calf; it has {name} = {value!r}"
+            )
+        found[name] = [float(v) for v in values]
+    return found

@@ -1,0 +1,91 @@
+"""`gaitpref fit` and `relabel`: where there is neither a simulator nor a page."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from benchmarks.data import answered_dataset, noise_episode
+from data.dataset import Dataset
+from data.verify import verify
+from gaitpref.cli import main
+from rewardmodel.storage import load_reward
+
+pq = pytest.importorskip("pyarrow.parquet", reason="needs the extra `parquet`")
+
+BLOCKED = ("aiohttp", "gymnasium", "matplotlib", "mujoco", "rsl_rl", "viser", "policy")
+WITHOUT = f"""
+import sys
+
+class Refuse:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {BLOCKED}:
+            raise ModuleNotFoundError(f"no {{name}} here", name=name)
+
+sys.meta_path.insert(0, Refuse())
+from gaitpref.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def without_simulator(*args: object) -> subprocess.CompletedProcess[str]:
+    """Run `gaitpref` in a process that can import none of BLOCKED."""
+    command = [sys.executable, "-c", WITHOUT, *map(str, args)]
+    return subprocess.run(command, capture_output=True, text=True)
+
+
+@pytest.fixture(scope="module")
+def datasets(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Two data sets of noise with 15 answers each."""
+    root = tmp_path_factory.mktemp("sets")
+    return [answered_dataset(root / name, 6, 15, 30).root for name in "ab"]
+
+
+def test_fit_and_relabel_need_no_simulator(
+    datasets: list[Path], tmp_path: Path
+) -> None:
+    """Both run where mujoco, rsl_rl, viser and our own `policy` cannot be imported."""
+    a, b = datasets
+    Dataset.open(b).add_episodes([noise_episode(99, 70)])
+    reward, out = tmp_path / "reward", tmp_path / "reward.parquet"
+    sets = ["--dataset", a, "--dataset", b]
+    fitted = without_simulator("fit", *sets, "--out", reward)
+    assert fitted.returncode == 0, fitted.stderr
+    assert "fitted" in fitted.stderr + fitted.stdout
+    relabel = ["relabel", "--dataset", b, "--reward", reward, "--out", out, "--json"]
+    done = without_simulator(*relabel)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == {"episodes": 7, "steps": 6 * 500 + 70}
+    assert not verify(b).damages
+    refused = without_simulator("record", "--policy", "p", "--dataset", "d")
+    assert refused.returncode == 2
+    assert "pip install -e '.[train]'" in refused.stderr
+
+
+def test_every_step_gets_the_reward_of_the_model(
+    datasets: list[Path], tmp_path: Path
+) -> None:
+    """A row for each step of each episode, equal to what the model says of it."""
+    reward, out = str(tmp_path / "reward"), tmp_path / "reward.parquet"
+    dataset = Dataset.open(datasets[0])
+    assert main(["fit", "--dataset", str(dataset.root), "--out", reward]) == 0
+    relabel = ["relabel", "--dataset", str(dataset.root), "--reward", reward]
+    assert main([*relabel, "--out", str(out)]) == 0
+    table = pq.read_table(out)
+    assert table.num_rows == sum(entry.num_steps for entry in dataset.entries())
+    model = load_reward(Path(reward))
+    frame = table.to_pydict()
+    episodes, steps = np.array(frame["episode"]), np.array(frame["step"])
+    for entry in dataset.entries():
+        rows = torch.tensor(dataset.features(entry.sha256))[:, None]
+        expected = model(rows, torch.zeros(rows.shape[:2], dtype=torch.bool))[:, 0]
+        chosen = episodes == entry.sha256
+        assert steps[chosen].tolist() == list(range(entry.num_steps))
+        found = np.array(frame["reward"])[chosen]
+        np.testing.assert_allclose(found, expected.numpy(), rtol=1e-5, atol=1e-6)
