@@ -76,6 +76,7 @@ def _add_pairs(cfg: LoopCfg, round: Round, dataset: Dataset, count: int) -> None
         model=model,
         round_number=round.number,
         uniform_share=cfg.uniform_share,
+        strategy=cfg.strategy,
         rng=rng,
     )
     if cfg.rater == "human":
@@ -111,6 +112,7 @@ def _answered(
         criterion,
         rater_id=RATER_ID,
         seed=seed_of(cfg, round.number, 4),
+        cfg=cfg.simulated,
         round=round.number,
     )
     return True

@@ -22,7 +22,7 @@ from policy.record import RecordCfg, record
 from policy.reward import KnownTermsCfg, task_reward_for
 from policy.robot import load_robot_xml
 from policy.train import POLICY_NAME, RESUME_NAME, TrainCfg, train
-from rewardmodel.errors import RewardError
+from rewardmodel.acquisition import make_strategy
 from rewardmodel.storage import load_reward
 
 from . import options
@@ -32,6 +32,7 @@ from .opening import open_dataset
 from .progress import console, counting_bar, training_bar
 from .questions import ClipCfg, ask, with_known_answer
 from .rater import answer_pairs
+from .rater_cfg import rater_cfg
 from .report import write_report
 from .rewards import criterion_context, load_score, total_reward
 from .setting import setting_of
@@ -134,13 +135,10 @@ def _record(command: options.Record) -> None:
 
 def _pairs(command: options.Pairs) -> None:
     dataset = open_dataset(command)
-    if command.strategy == "disagreement" and command.reward is None:
-        raise RewardError(
-            "--strategy disagreement needs an ensemble: give --reward REWARD_DIR, "
-            "which `gaitpref fit` makes"
-        )
-    unsure = command.reward is not None and command.strategy != "uniform"
-    model = load_reward(command.reward) if command.reward and unsure else None
+    model = None if command.reward is None else load_reward(command.reward)
+    strategy = command.strategy or ("uniform" if model is None else "disagreement")
+    # Refused before anything is chosen at random instead.
+    make_strategy(strategy, model, dataset.clip_features)
     rng = np.random.default_rng(command.seed)
     with dataset.answers() as store:
         known = store.pairs()
@@ -154,6 +152,7 @@ def _pairs(command: options.Pairs) -> None:
             model=model,
             round_number=round,
             uniform_share=0.0,
+            strategy=strategy,
             rng=rng,
         )
         gold = with_known_answer(
@@ -171,9 +170,10 @@ def _pairs(command: options.Pairs) -> None:
 
 def _answer(command: options.Answer) -> None:
     dataset = open_dataset(command)
+    cfg = rater_cfg(command)
     criterion = load_criterion(command.criterion, _context_of(dataset))
     rater = f"simulated:{command.criterion}"
-    count = answer_pairs(dataset, criterion, rater_id=rater, seed=command.seed)
+    count = answer_pairs(dataset, criterion, rater_id=rater, seed=command.seed, cfg=cfg)
     console.print(
         f"{count} pairs of {command.dataset} were answered by {command.criterion}"
     )

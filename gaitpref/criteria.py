@@ -1,7 +1,9 @@
 """Criteria: what a simulated rater looks for, and anybody's own.
 
 A criterion is a callable `features [..., F] -> score [...]` on torch tensors, in units
-per second, higher is better. It is named, or given as `package.module:function`.
+per second, higher is better. It is named, or given as `package.module:function`. One
+that needs history, as a frequency does, takes two arguments instead: `features [T, N,
+F], starts [T, N] -> score [T, N]`, where `starts` marks the first steps of episodes.
 
 Shapes: F feature columns, T steps, N environments.
 """
@@ -9,6 +11,7 @@ Shapes: F feature columns, T steps, N environments.
 from __future__ import annotations
 
 import importlib
+import inspect
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,15 +24,57 @@ from torch import Tensor
 
 from data.errors import GaitprefError
 from data.features import FEATURE_DIM, column
+from policy.ppo import RewardFn
 from policy.reward import TaskRewardCfg, task_score
 
-Criterion = Callable[[Tensor], Tensor]
+from .styles import (
+    TROT_HZ,
+    crouch,
+    get_up,
+    high_step,
+    low_energy,
+    pace,
+    smooth,
+    trot,
+    trot_history_steps,
+)
 
-BUILT_IN = ("task", "smooth", "high_step", "crouch", "low_energy")
+RowCriterion = Callable[[Tensor], Tensor]
+"""Score [...] of rows [..., F], each for itself."""
+
+BUILT_IN = (
+    "task",
+    "smooth",
+    "high_step",
+    "crouch",
+    "low_energy",
+    "trot",
+    "pace",
+    "get_up",
+)
+_HISTORY_STEPS = 50
+"""Rows before a row that a criterion of somebody's own may look at while training."""
 
 
 class CriterionError(GaitprefError):
     """A criterion cannot be found, or does not do what a criterion must."""
+
+
+@dataclass(frozen=True)
+class SequenceCriterion:
+    """A criterion that looks back."""
+
+    score: RewardFn
+    history_steps: int
+    """How many rows before a row matter to its score."""
+
+    def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
+        """Score [T, N] of `features` [T, N, F]."""
+        return self.score(features, starts)
+
+
+Criterion = RowCriterion | SequenceCriterion
+"""`gaitpref.rewards.score_of_criterion` makes one form of both."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,78 +93,88 @@ class CriterionContext:
         return self.task.height_m
 
 
-def smooth(features: Tensor) -> Tensor:
-    """Small changes of the action and no shaking of the trunk, in (0, 1]."""
-    jerk = features[..., column("action_rate")].square().sum(dim=-1)
-    shaking = features[..., column("base_ang_vel_b")][..., :2].square().sum(dim=-1)
-    return 1.0 / (1.0 + jerk + 0.5 * shaking)
-
-
-def high_step(features: Tensor) -> Tensor:
-    """Feet lifted high in their swing: height over 0.15 m, averaged over the feet."""
-    lifted = features[..., column("foot_height")].clamp(0.0, 0.15) / 0.15
-    swinging = 1.0 - features[..., column("foot_contact")]
-    return (lifted * swinging).mean(dim=-1)
-
-
-def crouch(features: Tensor, *, walking_height_m: float) -> Tensor:
-    """A trunk carried at three quarters of its walking height, in (0, 1]."""
-    height = features[..., column("base_height")][..., 0]
-    return torch.exp(-((height - 0.75 * walking_height_m) / 0.04).square())
-
-
-def low_energy(features: Tensor) -> Tensor:
-    """Little mechanical power, in (0, 1]; 1/2 at 50 W."""
-    torque = features[..., column("joint_torque")]
-    power_w = (torque * features[..., column("joint_vel")]).abs().sum(dim=-1)
-    return 1.0 / (1.0 + power_w / 50.0)
-
-
 def load_criterion(name: str, context: CriterionContext) -> Criterion:
     """The criterion called `name`, checked on a few rows.
 
     Args:
-        name: One of `BUILT_IN`, or `package.module:function`; the working directory is
-            searched too.
+        name: One of `BUILT_IN`, `trot@HZ`, or `package.module:function`; the working
+            directory is searched too.
         context: The robot's figures, for the built-in ones.
 
     Raises:
         CriterionError: it cannot be imported, raises, or gives something else than one
             finite number per row.
     """
-    built_in: dict[str, Criterion] = {
-        "task": partial(
-            task_score,
-            cfg=context.task,
-            control_dt_s=context.control_dt_s,
-        ),
+    height_m, dt_s = context.walking_height_m, context.control_dt_s
+    built_in: dict[str, RowCriterion] = {
+        "task": partial(task_score, cfg=context.task, control_dt_s=dt_s),
         "smooth": smooth,
         "high_step": high_step,
-        "crouch": partial(crouch, walking_height_m=context.walking_height_m),
+        "crouch": partial(crouch, walking_height_m=height_m),
         "low_energy": low_energy,
+        "pace": pace,
+        "get_up": partial(get_up, walking_height_m=height_m),
     }
     if name in built_in:
         return built_in[name]
-    criterion = checked(name, _import(name))
-    criterion(_probe_rows(context))
+    if name == "trot" or name.startswith("trot@"):
+        score = partial(trot, frequency_hz=_frequency_hz(name), control_dt_s=dt_s)
+        return SequenceCriterion(score, trot_history_steps(dt_s))
+    found = _import(name)
+    rows = _probe_rows(context)
+    if _looks_back(found):
+        sequence = SequenceCriterion(checked(name, found), _HISTORY_STEPS)
+        sequence(rows, torch.tensor([[True], [False]]).expand(2, 3))
+        return sequence
+    criterion = checked(name, found)
+    criterion(rows)
     return criterion
 
 
-def checked(name: str, criterion: Criterion) -> Criterion:
+def _frequency_hz(name: str) -> float:
+    """The frequency in `trot@HZ`."""
+    text = name.partition("@")[2]
+    try:
+        frequency_hz = float(text) if text else TROT_HZ
+    except ValueError:
+        frequency_hz = 0.0
+    if not 0.0 < frequency_hz <= 10.0 or name.endswith("@"):
+        raise CriterionError(
+            f"criterion {name}: the frequency of a trot is a number of Hz up to 10, as "
+            f"in trot@{TROT_HZ}"
+        )
+    return frequency_hz
+
+
+def _looks_back(criterion: Callable[..., Tensor]) -> bool:
+    """Whether a callable must be given `starts` beside the rows."""
+    try:
+        parameters = inspect.signature(criterion).parameters.values()
+    except (TypeError, ValueError):
+        return False
+    positional = (
+        inspect.Parameter.POSITIONAL_ONLY,
+        inspect.Parameter.POSITIONAL_OR_KEYWORD,
+    )
+    needed = [p for p in parameters if p.kind in positional and p.default is p.empty]
+    return len(needed) == 2
+
+
+def checked(name: str, criterion: Callable[..., Tensor]) -> Callable[..., Tensor]:
     """`criterion`, with its answers held to shape and finiteness at every call.
 
     Raises:
         CriterionError: from the returned callable, naming the criterion.
     """
 
-    def call(features: Tensor) -> Tensor:
+    def call(features: Tensor, *starts: Tensor) -> Tensor:
         try:
-            score = criterion(features)
+            score = criterion(features, *starts)
         except Exception as error:
             raise CriterionError(
                 f"criterion {name} raised {type(error).__name__}: "
                 f"{' '.join(str(error).split())[:200]}; it is called with a float32 "
-                f"tensor features [..., {FEATURE_DIM}]"
+                f"tensor features [..., {FEATURE_DIM}]{', and starts' * len(starts)}"
             ) from error
         if not isinstance(score, Tensor) or score.shape != features.shape[:-1]:
             got = (
@@ -142,7 +197,7 @@ def checked(name: str, criterion: Criterion) -> Criterion:
     return call
 
 
-def _import(name: str) -> Criterion:
+def _import(name: str) -> Callable[..., Tensor]:
     module_name, _, attribute = name.partition(":")
     if not module_name or not attribute:
         raise CriterionError(
@@ -164,7 +219,7 @@ def _import(name: str) -> Criterion:
         raise CriterionError(
             f"criterion {name} is a {type(found).__name__}, not callable"
         )
-    return cast(Criterion, found)
+    return cast(Callable[..., Tensor], found)
 
 
 def _probe_rows(context: CriterionContext) -> Tensor:

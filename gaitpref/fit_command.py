@@ -7,6 +7,7 @@ they are not installed.
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 
 import torch
 
@@ -37,9 +38,16 @@ def run(command: options.Command) -> int:
 def _fit(command: options.Fit) -> None:
     answers = address(command.answers)
     datasets = [Dataset.open(path, answers=answers) for path in command.dataset]
-    model, report = fit_reward(load_pairs(datasets), FitCfg(), seed=command.seed)
+    cfg = FitCfg(kind=command.model)
+    model, report = fit_reward(load_pairs(datasets), cfg, seed=command.seed)
     save_reward(model, command.out)
-    console.print(f"{fit_summary(report)}; the reward is {command.out}")
+    kind = model.provenance.cfg.kind
+    if command.json:
+        print(json.dumps({"model": kind, **asdict(report)}))
+        return
+    console.print(f"{kind}: {fit_summary(report)}; the reward is {command.out}")
+    for rater, share in report.raters:
+        console.print(f"{rater}: {share:.0%} of the answers are taken for random")
 
 
 def _relabel(command: options.Relabel) -> None:

@@ -54,8 +54,8 @@ class Loop:
     Without it, a round waits until all its pairs are answered."""
     criterion: str = "high_step"
     """What the simulated rater looks for: task, smooth, high_step, crouch, low_energy,
-    or your own as package.module:function, a callable features [..., F] -> score
-    [...]."""
+    trot, trot@HZ, pace, get_up, or your own as package.module:function, a callable
+    features [..., F] -> score [...]."""
     base: str = "task"
     """What the learned reward is added to: `task`, a policy first trained on the
     hand-written walking reward; `none`, a new policy and the known safety terms only;
@@ -134,11 +134,19 @@ class Pairs:
     gold: int = 0
     """Pairs with a known answer to add as well, to measure raters: of the two robots,
     one falls. Fewer where not so many fell."""
-    strategy: Literal["uniform", "disagreement"] | None = None
-    """How they are chosen; disagreement of the ensemble where --reward is given, else
-    uniform."""
+    strategy: (
+        Literal[
+            "uniform", "disagreement", "entropy", "bald", "kcenter", "medoids", "dpp"
+        ]
+        | None
+    ) = None
+    """At random; where the ensemble disagrees, where the answer is most open, or where
+    it would tell most about the reward (bald); the pairs farthest apart, those that
+    stand for most others, or a determinantal batch that is both unsure and various.
+    disagreement where --reward is given, else uniform."""
     reward: Path | None = None
-    """Learned reward whose ensemble may disagree."""
+    """Learned reward whose ensemble is asked; disagreement, entropy and bald need it,
+    kcenter and dpp take it into account."""
     answers: str | None = None
     """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
     file by default."""
@@ -153,12 +161,28 @@ class Answer:
     dataset: Path
     """Data set directory."""
     criterion: str
-    """task, smooth, high_step, crouch, low_energy, or package.module:function."""
+    """task, smooth, high_step, crouch, low_energy, trot, pace, get_up, a trot of
+    another frequency as trot@HZ, or your own as package.module:function."""
+    rater: Literal["perfect", "stochastic"] = "perfect"
+    """Takes the better clip, or is the less sure the closer the two are."""
+    beta: float | None = None
+    """How sure the stochastic rater is: P(a) = sigmoid(BETA * lead), the lead in units
+    of the median lead of the pairs asked so far. 1 by default: about 30 % of the
+    answers are wrong, most of them on close pairs; with 3 about 14 %."""
+    gamma: float = 1.0
+    """Myopia in (0, 1]: a step counts GAMMA times as much as the one after it."""
+    mistakes: float = 0.0
+    """Share of the answers that are turned round, however clear the pair."""
+    skip: float = 0.0
+    """"Can't tell" where both clips are among the worst SKIP (a share) of those asked
+    about."""
+    equal: float = 0.0
+    """"Equal" where the lead is below EQUAL times the median lead."""
     answers: str | None = None
     """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
     file by default."""
     seed: int = 0
-    """Which clip of a pair was shown left."""
+    """All chance of the answers, and which clip of a pair was shown left."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,6 +193,11 @@ class Fit:
     """Data set directory; give it again for more."""
     out: Path
     """Directory of the reward."""
+    model: Literal["auto", "linear", "gp", "mlp"] = "linear"
+    """Linear in the gait descriptors, a Gaussian process or a small network on them, or
+    whichever of these foresees held-out answers best."""
+    json: bool = False
+    """Print one JSON object and nothing else."""
     answers: str | None = None
     """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
     file by default."""

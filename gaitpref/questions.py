@@ -10,7 +10,14 @@ import numpy as np
 from data.answers import Pair
 from data.clips import Clip, cut_clips
 from data.dataset import Dataset, EpisodeEntry
-from rewardmodel.acquisition import Disagreement, Strategy, Uniform, choose_pairs
+from rewardmodel.acquisition import (
+    NEEDS_MODEL,
+    Strategy,
+    StrategyName,
+    Uniform,
+    choose_pairs,
+    make_strategy,
+)
 from rewardmodel.errors import RewardError
 from rewardmodel.model import RewardModel
 
@@ -51,26 +58,31 @@ def ask(
     model: RewardModel | None,
     round_number: int,
     uniform_share: float,
+    strategy: StrategyName = "disagreement",
     rng: np.random.Generator,
 ) -> list[Pair]:
-    """Choose `count` pairs: a share at random, the others where `model` is unsure.
+    """Choose `count` pairs: a share at random, the others by `strategy`.
+
+    A strategy that needs `model` chooses at random as long as there is none.
 
     Raises:
         RewardError: the episodes do not give that many pairs.
     """
     clips = clips_of(entries, cfg)
-    at_random = count if model is None else -int(-uniform_share * count // 1)
+    blind = model is None and strategy in NEEDS_MODEL
+    at_random = count if blind else -int(-uniform_share * count // 1)
     plan: list[tuple[int, Strategy]] = [(at_random, Uniform())]
-    if model is not None:
-        plan.append((count - at_random, Disagreement(model, dataset.clip_features)))
+    if not blind:
+        chooser = make_strategy(strategy, model, dataset.clip_features)
+        plan.append((count - at_random, chooser))
     chosen: list[Pair] = []
-    for wanted, strategy in plan:
+    for wanted, chooser in plan:
         if wanted:
             chosen += choose_pairs(
                 entries,
                 clips,
                 wanted,
-                strategy=strategy,
+                strategy=chooser,
                 round=round_number,
                 known_pairs=[*known, *chosen],
                 rng=rng,

@@ -3,38 +3,45 @@
 from __future__ import annotations
 
 import datetime
-import math
 import uuid
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import torch
 
-from data.answers import Answer, Choice, Pair
+from data.answers import Answer, Pair
 from data.clips import Clip
 from data.dataset import Dataset
 
 from .criteria import Criterion
+from .judging import Standards, judge, standards
+from .rater_cfg import RaterCfg
+from .rewards import score_of_criterion
 
+PERFECT = RaterCfg()
 RATER_NAMESPACE = uuid.UUID("8d2c7f5e-27d3-4a6e-9a53-6a2f5d0c1b11")
 
 
-def clip_score(dataset: Dataset, clip: Clip, criterion: Criterion) -> float:
-    """Mean score over the steps the clip really has, whatever its length."""
-    rows = dataset.features(clip.rollout)[clip.start : clip.start + clip.steps]
-    with torch.inference_mode():
-        return float(criterion(torch.tensor(rows)).double().mean())
+class ClipScores:
+    """Scores of clips, step by step; each episode is scored once, from its start."""
 
+    def __init__(
+        self, features_of: Callable[[str], np.ndarray], criterion: Criterion
+    ) -> None:
+        self._features_of = features_of
+        self._score = score_of_criterion(criterion)
+        self._episodes: dict[str, np.ndarray] = {}
 
-def judge(score_a: float, score_b: float) -> Choice:
-    """The better clip; equal where the scores are, up to rounding.
-
-    A criterion that needs a feature nobody measured gives NaN: then nobody can tell.
-    """
-    if math.isnan(score_a) or math.isnan(score_b):
-        return "skip"
-    if abs(score_a - score_b) <= 1e-6 * max(abs(score_a), abs(score_b), 1e-6):
-        return "equal"
-    return "a" if score_a > score_b else "b"
+    def __call__(self, clip: Clip) -> np.ndarray:
+        """Scores [T] of the steps the clip really has, whatever its length."""
+        if clip.rollout not in self._episodes:
+            rows = torch.tensor(self._features_of(clip.rollout))[:, None]
+            starts = torch.zeros(rows.shape[:2], dtype=torch.bool)
+            starts[0] = True
+            with torch.inference_mode():
+                scores = self._score(rows, starts)[:, 0].double()
+            self._episodes[clip.rollout] = scores.numpy()
+        return self._episodes[clip.rollout][clip.rows]
 
 
 def answer_pairs(
@@ -43,33 +50,50 @@ def answer_pairs(
     *,
     rater_id: str,
     seed: int,
+    cfg: RaterCfg = PERFECT,
     round: int | None = None,
 ) -> int:
     """Answer every pair `rater_id` has not answered yet; gives how many.
 
-    An answer's id follows from pair and rater, so that a killed run answers no pair
-    twice.
+    An answer's id follows from pair and rater, and its chance from the id, so that a
+    killed run answers no pair twice and none otherwise.
     """
+    scores = ClipScores(dataset.features, criterion)
     with dataset.answers() as store:
         store.add_rater(rater_id, "scripted", {})
         pairs = store.unanswered(rater_id, round=round)
-        for pair in pairs:
-            store.add_answer(_answer(dataset, pair, criterion, rater_id, seed))
+        if pairs:
+            known = _standards(store.pairs(), scores, cfg)
+            for pair in pairs:
+                store.add_answer(_answer(pair, scores, cfg, known, rater_id, seed))
         return len(pairs)
 
 
+def _standards(pairs: Sequence[Pair], scores: ClipScores, cfg: RaterCfg) -> Standards:
+    if cfg == PERFECT:
+        return Standards(1.0, -np.inf)  # Nothing is compared with them.
+    clips = {clip: float(scores(clip).mean()) for p in pairs for clip in (p.a, p.b)}
+    leads = [clips[pair.a] - clips[pair.b] for pair in pairs]
+    return standards(leads, list(clips.values()), cfg.skip)
+
+
 def _answer(
-    dataset: Dataset, pair: Pair, criterion: Criterion, rater_id: str, seed: int
+    pair: Pair,
+    scores: ClipScores,
+    cfg: RaterCfg,
+    known: Standards,
+    rater_id: str,
+    seed: int,
 ) -> Answer:
-    scores = [clip_score(dataset, clip, criterion) for clip in (pair.a, pair.b)]
     answer_id = uuid.uuid5(RATER_NAMESPACE, f"{pair.pair_id} {rater_id}")
     rng = np.random.default_rng([seed, answer_id.int % 2**32])
+    shown_left = "a" if rng.random() < 0.5 else "b"
     return Answer(
         answer_id=str(answer_id),
         pair_id=pair.pair_id,
         rater_id=rater_id,
-        choice=judge(*scores),
-        shown_left="a" if rng.random() < 0.5 else "b",
+        choice=judge(scores(pair.a), scores(pair.b), cfg, known, rng),
+        shown_left=shown_left,
         created_utc=datetime.datetime.now(datetime.UTC).isoformat(
             timespec="milliseconds"
         ),

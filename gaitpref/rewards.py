@@ -25,7 +25,12 @@ from policy.reward import (
 from policy.robot import Robot
 from rewardmodel.storage import load_reward
 
-from .criteria import Criterion, CriterionContext, load_criterion
+from .criteria import (
+    Criterion,
+    CriterionContext,
+    SequenceCriterion,
+    load_criterion,
+)
 
 
 def criterion_context(robot: Robot, env: EnvCfg) -> CriterionContext:
@@ -49,6 +54,11 @@ class TotalReward:
     joint_offset_range: Tensor
     """[12, 2] rad from the home pose"""
     control_dt_s: float
+
+    @property
+    def history_steps(self) -> int:
+        """Rows before a row that matter to its reward."""
+        return getattr(self.score, "history_steps", 0)
 
     def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
         """Reward [T, N] per step of `features` [T, N, F]."""
@@ -96,7 +106,9 @@ def total_reward(
 
 
 def score_of_criterion(criterion: Criterion) -> RewardFn:
-    """A criterion as a sequence score; it looks at single rows only."""
+    """A criterion as a sequence score, whether it looks at one row or at several."""
+    if isinstance(criterion, SequenceCriterion):
+        return criterion
 
     def score(features: Tensor, starts: Tensor) -> Tensor:
         return criterion(features)

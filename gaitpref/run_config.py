@@ -15,10 +15,12 @@ from policy.config import EnvCfg
 from policy.ppo import PpoCfg
 from policy.record import RecordCfg
 from policy.reward import KnownTermsCfg
+from rewardmodel.acquisition import StrategyName
 from rewardmodel.cfg import FitCfg
 
 from .options import Loop
 from .questions import ClipCfg
+from .rater_cfg import RaterCfg
 
 CONFIG_NAME = "config.yaml"
 
@@ -87,8 +89,10 @@ class LoopCfg:
     """How episodes are cut into clips."""
     batch_labels: int = 10
     """Questions chosen at a time; a reward is fitted to all answers before the next."""
+    strategy: StrategyName = "disagreement"
+    """How the other pairs of a round are chosen."""
     uniform_share: float = 0.2
-    """Share of a round's pairs chosen without looking at the ensemble."""
+    """Share of a round's pairs chosen at random."""
     evaluation_episodes: int = 64
     """Episodes of each round's evaluation."""
     env: EnvCfg = field(default_factory=EnvCfg)
@@ -97,6 +101,8 @@ class LoopCfg:
     """The algorithm."""
     record: RecordCfg = field(default_factory=RecordCfg)
     """What is recorded every round."""
+    simulated: RaterCfg = field(default_factory=RaterCfg)
+    """How the simulated rater errs; as it is, never."""
     fit: FitCfg = field(default_factory=FitCfg)
     """The reward model."""
     known: KnownTermsCfg = field(default_factory=KnownTermsCfg)

@@ -23,7 +23,11 @@ class RewardFn(Protocol):
     """Anything that scores feature rows: hand-written, learned, or a test's own."""
 
     def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
-        """Reward [T, N] of `features` [T, N, F]; `starts` [T, N] begin an episode."""
+        """Reward [T, N] of `features` [T, N, F]; `starts` [T, N] begin an episode.
+
+        One that looks back has an attribute `history_steps` that says how far: it is
+        shown as many steps of the rollout before.
+        """
         ...
 
 
@@ -39,6 +43,8 @@ class RewardPpo(PPO):
     reference_kl_weight: float = 0.0
     bonus: ExplorationBonus | None = None
     penalty: KlPenalty | None = None
+    _before: tuple[Tensor, Tensor] | None = None
+    """Features [H, N, F] and starts [H, N] of the last steps before the rollout."""
 
     def process_env_step(
         self, obs: TensorDict, rewards: Tensor, dones: Tensor, extras: dict[str, Any]
@@ -64,7 +70,7 @@ class RewardPpo(PPO):
         """Score the rollout, bootstrap time-outs, then compute returns (GAE)."""
         rewards = self.storage.rewards[..., 0]
         if self.reward_fn is not None:
-            rewards = self.reward_fn(self._features, self._starts)
+            rewards = self._scored(self.reward_fn)
             if rewards.shape != self._time_outs.shape:
                 raise ValueError(
                     f"the reward of features {tuple(self._features.shape)} must be "
@@ -80,6 +86,17 @@ class RewardPpo(PPO):
         self.storage.rewards.copy_((rewards + bootstrap)[..., None])
         super().compute_returns(obs)
 
+    def _scored(self, reward_fn: RewardFn) -> Tensor:
+        """Reward [T, N] of the rollout, seen behind what came before it."""
+        features, starts = self._features, self._starts
+        history = getattr(reward_fn, "history_steps", 0)
+        if history and self._before is not None:
+            features = torch.cat([self._before[0], features])
+            starts = torch.cat([self._before[1], starts])
+        if history:
+            self._before = features[-history:].clone(), starts[-history:].clone()
+        return reward_fn(features, starts)[len(features) - len(self._features) :]
+
     def update(self) -> dict[str, float]:
         """Update both networks, and after it the weight of a KL penalty."""
         if self.penalty is None:
@@ -91,8 +108,11 @@ class RewardPpo(PPO):
         return losses
 
     def save(self) -> dict[str, Any]:
-        """Networks and optimiser, and what penalty and bonus have learned."""
+        """Networks and optimiser, what penalty and bonus have learned, and the steps a
+        reward looks back at."""
         saved = super().save()
+        if self._before is not None:
+            saved["before"] = list(self._before)
         if self.bonus is not None:
             saved["bonus_state_dict"] = self.bonus.state_dict()
         if self.penalty is not None:
@@ -102,8 +122,11 @@ class RewardPpo(PPO):
     def load(
         self, loaded_dict: dict[str, Any], load_cfg: dict | None, strict: bool
     ) -> bool:
-        """Load what `save` gave; bonus and penalty only where all is loaded."""
+        """Load what `save` gave; only networks where not all is loaded."""
         if load_cfg is None:
+            if "before" in loaded_dict:
+                features, starts = loaded_dict["before"]
+                self._before = features.to(self.device), starts.to(self.device)
             if self.bonus is not None:
                 self.bonus.load_state_dict(loaded_dict["bonus_state_dict"])
             if self.penalty is not None:

@@ -58,11 +58,45 @@ class MlpCfg:
 
 
 @dataclass(frozen=True, kw_only=True)
+class GpCfg:
+    """A Gaussian process over the steps of a clip: linear plus squared exponential."""
+
+    num_members: int = 5
+    """Models fitted to resampled answers."""
+    num_features: int = 128
+    """Random Fourier features that stand for the squared exponential kernel."""
+    length_scale: float = 0.5
+    """Distance at which steps stop being alike, in the usual distance of two steps."""
+    amplitude: float = 4.0
+    """Logit by which the part that is not linear is expected to shift a pair."""
+
+    def __post_init__(self) -> None:
+        _require_members(self.num_members)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReliabilityCfg:
+    """How reliable each of several raters is, estimated together with the reward."""
+
+    enabled: bool = True
+    """Off, all raters are expected to err as often as `FitCfg.error_share` says."""
+    prior_answers: float = 10.0
+    """Answers of a rater it takes to count as much as that expectation."""
+    rounds: int = 3
+    """Times reward and reliabilities are estimated in turn."""
+
+
+Kind = Literal["linear", "gp", "mlp"]
+"""The models there are, from the stiffest to the most flexible."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class FitCfg:
     """How a reward model is fitted to the answers collected so far."""
 
-    kind: Literal["linear", "mlp"] = "linear"
-    """Model: `linear` in the gait descriptors, or a small network (`mlp`) on them."""
+    kind: Kind | Literal["auto"] = "linear"
+    """Model: `linear` in the gait descriptors, a Gaussian process (`gp`) or a small
+    network (`mlp`) on them, or `auto`, whichever foresees held-out answers best."""
     error_share: float = 0.3
     """Share of the answers expected to be random, in [0, 1)."""
     tie_threshold: float = 1.0
@@ -74,8 +108,12 @@ class FitCfg:
     """Groups of episodes left out in turn to measure accuracy."""
     linear: LinearCfg = LinearCfg()
     """Settings of the `linear` model."""
+    gp: GpCfg = GpCfg()
+    """Settings of the `gp` model."""
     mlp: MlpCfg = MlpCfg()
     """Settings of the `mlp` model."""
+    reliability: ReliabilityCfg = ReliabilityCfg()
+    """Where several raters answered."""
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.error_share < 1.0:

@@ -8,19 +8,25 @@ from __future__ import annotations
 import hashlib
 import logging
 import time
+from dataclasses import replace
+from typing import get_args
 
 import torch
 from torch import Tensor
 
 from .calibration import calibration, fit_temperature
 from .cfg import FitCfg as FitCfg
+from .cfg import Kind
+from .gp import fit_gp
 from .linear import fit_linear
 from .mlp import fit_mlp
 from .model import Provenance, RewardModel, Scorer
 from .normaliser import Normaliser
 from .pairs import AnsweredPairs
+from .reliability import with_reliability
 from .report import FitReport as FitReport
 from .report import wilson_interval
+from .selection import MIN_HELD_OUT, choose_kind
 from .training import TrainingPairs, training_pairs
 
 logger = logging.getLogger(__name__)
@@ -37,10 +43,15 @@ def fit_reward(
 ) -> tuple[RewardModel, FitReport]:
     """Fit a reward to all answers, and once more without each fold to measure it.
 
-    Equal pairs, settings and seed give equal bytes.
+    Where several raters answered, their reliabilities are estimated first; where the
+    model is to be chosen, held-out answers choose it, and the reward's own settings
+    name it. Equal pairs, settings and seed give equal bytes.
     """
     started_s = time.perf_counter()
-    described = training_pairs(pairs, fall_logit=cfg.fall_logit)
+    described, raters = with_reliability(
+        training_pairs(pairs, cfg), pairs.raters, cfg, seed=seed
+    )
+    cfg, considered = _chosen(described, pairs.episodes, cfg, seed)
     normaliser, scorer = _fit(described, cfg, seed)
     standardised = described.transformed(normaliser)
     held_out, held_out_lead = held_out_leads(described, pairs.episodes, cfg, seed)
@@ -53,6 +64,7 @@ def fit_reward(
         cfg,
         time.perf_counter() - started_s,
     )
+    report = replace(report, raters=raters, considered=considered)
     seen = frozenset(sha256 for pair in pairs.episodes for sha256 in pair)
     provenance = Provenance(cfg, report, pairs.answers_sha256, seen)
     model = RewardModel(normaliser, scorer, provenance)
@@ -65,10 +77,35 @@ def _fit(pairs: TrainingPairs, cfg: FitCfg, seed: int) -> tuple[Normaliser, Scor
     """Normaliser and ensemble for described `pairs`, from their own steps alone."""
     generator = torch.Generator().manual_seed(seed)
     normaliser = Normaliser(pairs.steps.shape[-1]).fit(pairs.scored_steps)
-    fit_members = fit_mlp if cfg.kind == "mlp" else fit_linear
-    return normaliser, fit_members(
-        pairs.transformed(normaliser), cfg, generator=generator
-    )
+    standardised = pairs.transformed(normaliser)
+    match cfg.kind:
+        case "gp":
+            scorer = fit_gp(standardised, cfg, generator=generator)
+        case "mlp":
+            scorer = fit_mlp(standardised, cfg, generator=generator)
+        case _:
+            scorer = fit_linear(standardised, cfg, generator=generator)
+    return normaliser, scorer
+
+
+def _chosen(
+    pairs: TrainingPairs,
+    episodes: tuple[tuple[str, str], ...],
+    cfg: FitCfg,
+    seed: int,
+) -> tuple[FitCfg, tuple[tuple[str, float], ...]]:
+    """`cfg` with a kind of model, and what every kind foresees of held-out answers."""
+    if cfg.kind != "auto":
+        return cfg, ()
+    foreseen: dict[Kind, Tensor] = {}
+    for kind in get_args(Kind):
+        own = replace(cfg, kind=kind)
+        asked, leads = held_out_leads(pairs, episodes, own, seed)
+        foreseen[kind] = pairs.subset(asked).log_likelihood(leads, own)
+        if len(foreseen[kind]) < MIN_HELD_OUT:
+            return own, ()
+    means = tuple((kind, values.mean().item()) for kind, values in foreseen.items())
+    return replace(cfg, kind=choose_kind(foreseen)), means
 
 
 def held_out_leads(

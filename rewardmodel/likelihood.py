@@ -11,7 +11,8 @@ only when left leads by more than a threshold d,
 
 A share e of the answers is random, each answer on offer alike (Christiano et al. 2017):
 P' = (1 - e) P + e / 3. With d = 0 a tie is not on offer: P' = (1 - e) P + e / 2, and an
-answer "equal" counts as half an answer for either side.
+answer "equal" counts as half an answer for either side. Share and guesses may differ
+from answer to answer, as where some raters are more reliable than others.
 
 Shapes: any, as long as they broadcast. Stacked values [3, ...] are left, right, tie.
 """
@@ -19,25 +20,48 @@ Shapes: any, as long as they broadcast. Stacked values [3, ...] are left, right,
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """How the answers that are not meant come about."""
+
+    share: Tensor
+    """[B] in [0, 1), of the answers that are random."""
+    guess: Tensor
+    """[3, B] how often a random answer is left, right, tie."""
+
+    @staticmethod
+    def alike(share: float, count: int, *, tie_threshold: float) -> Errors:
+        """One share for all, and each answer on offer as likely as the others."""
+        offered = [0.5, 0.5, 0.0] if tie_threshold == 0.0 else [1 / 3, 1 / 3, 1 / 3]
+        guess = torch.tensor(offered)[:, None].expand(3, count)
+        return Errors(torch.full((count,), share), guess)
+
+    def part(self, chosen: Tensor) -> Errors:
+        """Those of the answers `chosen` [B] (bool or indices)."""
+        return Errors(self.share[chosen], self.guess[:, chosen])
+
+
 def answer_log_probabilities(
-    logit: Tensor, *, tie_threshold: float, error_share: float
+    logit: Tensor, *, tie_threshold: float, error_share: float | Errors
 ) -> Tensor:
     """Logarithms [3, ...] of P'(left), P'(right) and P'(tie).
 
     Args:
         logit: lead of the left clip.
         tie_threshold: d >= 0, the lead at which a rater starts to see a difference.
-        error_share: e in [0, 1), the share of random answers.
+        error_share: e in [0, 1), the share of random answers; or share and guesses of
+            every answer, which broadcast with `logit`.
     """
     log_p = _log_probabilities(logit, tie_threshold)
     if error_share == 0.0:
         return log_p
-    meant = math.log1p(-error_share) + log_p
+    meant = _log_meant(log_p, error_share)
     mixed = torch.logaddexp(meant, _log_guess(meant, tie_threshold, error_share))
     if tie_threshold == 0.0:
         mixed[2] = -math.inf
@@ -45,7 +69,11 @@ def answer_log_probabilities(
 
 
 def log_likelihood(
-    logit: Tensor, target: Tensor, *, tie_threshold: float, error_share: float
+    logit: Tensor,
+    target: Tensor,
+    *,
+    tie_threshold: float,
+    error_share: float | Errors,
 ) -> Tensor:
     """Log-likelihood of graded answers, shaped like `logit` broadcast with `target`.
 
@@ -60,7 +88,11 @@ def log_likelihood(
 
 
 def log_likelihood_derivatives(
-    logit: Tensor, target: Tensor, *, tie_threshold: float, error_share: float
+    logit: Tensor,
+    target: Tensor,
+    *,
+    tie_threshold: float,
+    error_share: float | Errors,
 ) -> tuple[Tensor, Tensor]:
     """First and second derivative of `log_likelihood` in each logit.
 
@@ -72,8 +104,8 @@ def log_likelihood_derivatives(
     slope = torch.stack([below, -above, below - above])
     bends = torch.stack([below * (below - 1), above * (above - 1)])
     bend = torch.cat([bends, bends.sum(dim=0, keepdim=True)])
-    if error_share > 0.0:
-        meant = math.log1p(-error_share) + _log_probabilities(logit, tie_threshold)
+    if error_share != 0.0:
+        meant = _log_meant(_log_probabilities(logit, tie_threshold), error_share)
         real = (meant - _log_guess(meant, tie_threshold, error_share)).sigmoid()
         bend = real * bend + real * (1 - real) * slope.square()
         slope = real * slope
@@ -99,8 +131,28 @@ def _log_sigmoid(values: Tensor) -> Tensor:
     return -torch.logaddexp(torch.zeros_like(values), -values)
 
 
-def _log_guess(like: Tensor, tie_threshold: float, error_share: float) -> Tensor:
-    """Logarithm of the probability that a random answer is a given one."""
+def answer_weights(target: Tensor, *, tie_threshold: float) -> Tensor:
+    """How much of a left, a right and a tied answer [3, B] each target [B] is."""
+    one = torch.eye(3, dtype=target.dtype)[:, :, None]
+    return torch.stack([_weighted(row, target, tie_threshold) for row in one])
+
+
+def _log_meant(log_p: Tensor, error_share: float | Errors) -> Tensor:
+    """Logarithm of the probability that an answer is meant, and a given one."""
+    if isinstance(error_share, Errors):
+        return torch.log1p(-error_share.share.to(log_p.dtype)) + log_p
+    return math.log1p(-error_share) + log_p
+
+
+def _log_guess(
+    like: Tensor, tie_threshold: float, error_share: float | Errors
+) -> Tensor:
+    """Logarithm of the probability that an answer is random, and a given one."""
+    if isinstance(error_share, Errors):
+        random = error_share.guess * error_share.share
+        while random.ndim < like.ndim:
+            random = random[:, None]
+        return random.to(like.dtype).log().expand_as(like)
     num_answers = 2 if tie_threshold == 0.0 else 3
     return torch.full_like(like, math.log(error_share / num_answers))
 

@@ -15,7 +15,7 @@ from .cfg import FitCfg
 from .likelihood import log_likelihood_derivatives
 from .training import TrainingPairs, bootstrap_counts
 
-_MIN_SPREAD = 0.02
+MIN_SPREAD = 0.02
 """Spread, in standard deviations of a step, below which two clips never really differed
 in a descriptor: its weight stays small instead of being divided by next to nothing."""
 
@@ -47,16 +47,27 @@ def fit_linear(
     clips differ by the usual amount shifts the logit by about one.
     """
     difference = pairs.difference.double()
-    spread = difference.square().mean(dim=0).sqrt().clamp_min(_MIN_SPREAD)
+    spread = difference.square().mean(dim=0).sqrt().clamp_min(MIN_SPREAD)
     counts = bootstrap_counts(cfg.linear.num_members, len(pairs), generator=generator)
-    theta = _posterior_modes(difference / spread, pairs, counts.double(), cfg)
+    theta = posterior_modes(
+        difference / spread,
+        pairs,
+        counts.double(),
+        cfg,
+        precision=cfg.linear.prior_precision,
+    )
     scorer = LinearScorer(*theta.shape)
     scorer.weights.copy_(theta / spread)
     return scorer
 
 
-def _posterior_modes(
-    inputs: Tensor, pairs: TrainingPairs, counts: Tensor, cfg: FitCfg
+def posterior_modes(
+    inputs: Tensor,
+    pairs: TrainingPairs,
+    counts: Tensor,
+    cfg: FitCfg,
+    *,
+    precision: float,
 ) -> Tensor:
     """Weights theta [M, D] at a mode of the posterior, by damped Newton steps from 0.
 
@@ -68,8 +79,9 @@ def _posterior_modes(
         inputs: [B, D] float64 scaled differences of the clips.
         pairs: Their answers and falls.
         counts: [M, B] float64, how often a member sees an answer.
+        cfg: The likelihood of an answer.
+        precision: Of the Gaussian prior on every weight.
     """
-    precision = cfg.linear.prior_precision
     target, offset = pairs.target.double(), pairs.fall_lead.double()
     sizes = torch.tensor(_STEP_SIZES, dtype=inputs.dtype)[:, None, None]
     theta = inputs.new_zeros(len(counts), inputs.shape[1])
@@ -79,7 +91,7 @@ def _posterior_modes(
             theta @ inputs.mT + offset,
             target,
             tie_threshold=cfg.tie_threshold,
-            error_share=cfg.error_share,
+            error_share=pairs.errors,
         )
         uphill = (counts * slope) @ inputs - precision * theta
         if uphill.abs().max() < _TOLERANCE:

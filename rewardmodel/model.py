@@ -17,6 +17,7 @@ from torch import Tensor, nn
 from .cfg import FitCfg
 from .clips import ClipBatch, mean_over
 from .descriptors import DESCRIPTORS, describe
+from .gp import GpScorer
 from .linear import LinearScorer
 from .mlp import MlpScorer
 from .normaliser import Normaliser, fill_missing
@@ -25,14 +26,22 @@ from .report import FitReport
 _MIN_STD = 1e-4
 """Raw rewards, in logits, that vary less than this are no opinion."""
 
-Scorer = LinearScorer | MlpScorer
+Scorer = LinearScorer | GpScorer | MlpScorer
 """Standardised descriptors [..., D] to raw rewards [M, ...] of all members at once."""
 
 
 def make_scorer(cfg: FitCfg) -> Scorer:
-    """An unfitted model of the kind and sizes `cfg` asks for: raw reward 0."""
+    """An unfitted model of the kind and sizes `cfg` asks for: raw reward 0.
+
+    Raises:
+        ValueError: the kind is still to be chosen.
+    """
     if cfg.kind == "mlp":
         return MlpScorer(cfg.mlp.num_members, len(DESCRIPTORS), cfg.mlp.hidden_size)
+    if cfg.kind == "gp":
+        return GpScorer(cfg.gp.num_members, len(DESCRIPTORS), cfg.gp.num_features)
+    if cfg.kind == "auto":
+        raise ValueError("`auto` is no model: a fit says which one it chose")
     return LinearScorer(cfg.linear.num_members, len(DESCRIPTORS))
 
 

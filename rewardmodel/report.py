@@ -39,6 +39,11 @@ class FitReport:
     """Expected calibration error of the held-out preferences at that temperature."""
     held_out_brier: float | None
     """Mean squared error of their probabilities at that temperature."""
+    raters: tuple[tuple[str, float], ...] = ()
+    """Share of random answers of every rater, as estimated; empty where one answered
+    alone."""
+    considered: tuple[tuple[str, float], ...] = ()
+    """Models that were to choose from, each with its held-out log-likelihood."""
     seconds: float = field(compare=False)
     """Wall-clock time of the fit, folds included; not saved with the model."""
 

@@ -14,7 +14,7 @@ from torch import Tensor
 from .cfg import FitCfg
 from .clips import mean_over
 from .descriptors import describe
-from .likelihood import log_likelihood
+from .likelihood import Errors, log_likelihood
 from .normaliser import fill_missing
 from .pairs import AnsweredPairs
 
@@ -32,6 +32,8 @@ class TrainingPairs:
     """[B] logit by which the left clip leads because the right one fell."""
     target: Tensor
     """[B] probability that the left clip is better."""
+    errors: Errors
+    """How reliable each answer is."""
 
     def __len__(self) -> int:
         return len(self.target)
@@ -43,6 +45,7 @@ class TrainingPairs:
             scored=self.scored[:, chosen],
             fall_lead=self.fall_lead[chosen],
             target=self.target[chosen],
+            errors=self.errors.part(chosen),
         )
 
     def transformed(self, transform: Callable[[Tensor], Tensor]) -> TrainingPairs:
@@ -71,11 +74,11 @@ class TrainingPairs:
             leads,
             self.target.to(leads.dtype),
             tie_threshold=cfg.tie_threshold,
-            error_share=cfg.error_share,
+            error_share=self.errors,
         )
 
 
-def training_pairs(pairs: AnsweredPairs, *, fall_logit: float) -> TrainingPairs:
+def training_pairs(pairs: AnsweredPairs, cfg: FitCfg) -> TrainingPairs:
     """Describe answered pairs, once for the fit and all its folds."""
     left_fell, right_fell = pairs.fell.unbind(dim=-1)
     steps = torch.stack([describe(pairs.left.features), describe(pairs.right.features)])
@@ -85,8 +88,11 @@ def training_pairs(pairs: AnsweredPairs, *, fall_logit: float) -> TrainingPairs:
     return TrainingPairs(
         steps=steps,
         scored=torch.stack([pairs.left.scored, pairs.right.scored]),
-        fall_lead=fall_logit * (right_fell.float() - left_fell.float()),
+        fall_lead=cfg.fall_logit * (right_fell.float() - left_fell.float()),
         target=pairs.target,
+        errors=Errors.alike(
+            cfg.error_share, len(pairs), tie_threshold=cfg.tie_threshold
+        ),
     )
 
 

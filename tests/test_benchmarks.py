@@ -7,7 +7,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import torch
+
 from benchmarks import hour
+from benchmarks.preference_plan import HELD_BACK, plan
+from benchmarks.preference_table import BEGIN, END, publish_rows, together
+from benchmarks.wishes import carried_right_foot, nose_up_when_slow
+from data.features import FEATURE_DIM, column
+from rewardmodel.descriptors import describe
 
 
 def test_learning(tmp_path: Path) -> None:
@@ -28,6 +35,92 @@ def test_learning(tmp_path: Path) -> None:
         "scratch_peak_mb",
     ):
         assert isinstance(result[name], int | float), name
+
+
+def test_preferences(tmp_path: Path) -> None:
+    """Rows are files, table and plot are made from them, and nothing runs twice."""
+    work, results = tmp_path / "work", tmp_path / "results"
+    figures = tmp_path / "rows.json"
+    command = [sys.executable, "-m", "benchmarks.preferences", "--quick"]
+    command += ["--tasks", "walk", "nose_up", "--seeds", "1", "--workers", "2"]
+    command += ["--work", str(work), "--results", str(results)]
+    command += ["--docs", str(tmp_path), "--json", str(figures)]
+    subprocess.run(command, check=True)
+    rows = json.loads(figures.read_text())["rows"]
+    assert {row["task"] for row in rows} == {"walk", "nose_up"}
+    for row in rows:
+        assert row["seeds"] == 1
+        for name in ("fraction_median", "fraction_min", "minutes"):
+            assert isinstance(row[name], float), name
+        assert {"answers", "rater", "method", "accuracy", "ece"} <= set(row)
+    page = (tmp_path / "benchmarks.md").read_text()
+    assert "| nose_up | 150 | perfect | default | 1 |" in page
+    assert (tmp_path / "images/preferences.svg").stat().st_size > 1000
+
+    # A row that is there is not run again, and one that is not, is.
+    finished = {path: path.stat().st_mtime_ns for path in results.glob("*.json")}
+    (gone, *kept) = finished
+    gone.unlink()
+    subprocess.run(command, check=True)
+    assert all(path.stat().st_mtime_ns == finished[path] for path in kept)
+    assert gone.exists()
+    assert (tmp_path / "benchmarks.md").read_text().count("| nose_up |") == 1
+
+
+def test_a_table_of_several_seeds(tmp_path: Path) -> None:
+    """Median and worst over the seeds; a figure nobody has stays open."""
+    rows = [
+        {
+            "task": "walk", "answers": answers, "rater": "perfect", "method": "default",
+            "seed": seed, "fraction": fraction, "tracking_error_m_s": 0.1,
+            "start_tracking_error_m_s": 0.3, "accuracy": 0.8 + 0.1 * seed, "ece": None,
+            "minutes": 5.0 if seed else None,
+        }
+        for answers, fractions in ((40, (0.2, 0.9, 0.5)), (100, (0.9,)))
+        for seed, fraction in enumerate(fractions)
+    ]  # fmt: skip
+    few, many = together(rows)
+    assert (few["fraction_median"], few["fraction_min"], few["seeds"]) == (0.5, 0.2, 3)
+    assert (few["accuracy"], few["ece"], few["minutes"]) == (0.9, None, 5.0)
+    assert many["answers"] == 100
+    (tmp_path / "benchmarks.md").write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n")
+    publish_rows(rows, tmp_path, None)
+    page = (tmp_path / "benchmarks.md").read_text()
+    assert page.startswith("before\n")
+    assert page.endswith("\nafter\n")
+    assert "old" not in page
+    assert "| walk | 40 | perfect | default | 3 | 0.50 (0.20 to 0.90) |" in page
+
+
+def test_the_held_back_task_is_not_run_by_chance() -> None:
+    """Only by its name; every cell of a plan has a file name of its own."""
+    cells = plan(seeds=None)
+    assert not {cell.task for cell in cells} & set(HELD_BACK)
+    assert {cell.task for cell in plan(tasks=("pace",), seeds=2)} == {"pace"}
+    assert len({cell.name for cell in cells}) == len(cells)
+    assert [cell.seed for cell in cells] == sorted(cell.seed for cell in cells)
+
+
+def test_the_wishes_are_outside_the_descriptor_table() -> None:
+    """Rows with equal descriptors of which a wish prefers one, whatever the weights."""
+    row = torch.zeros(FEATURE_DIM)
+    row[column("gravity_b")] = torch.tensor([-0.15, 0.0, -0.98])
+    row[column("base_lin_vel_b")][0] = 0.5
+    down = row.clone()
+    down[column("gravity_b")][0] = 0.15
+    assert torch.equal(describe(row), describe(down))
+    assert nose_up_when_slow(row) > 0.9
+    assert nose_up_when_slow(down) < 0.1
+    lifted, other = torch.zeros(2, FEATURE_DIM)
+    lifted[column("foot_height")], lifted[column("foot_contact")] = (
+        torch.tensor([0.06, 0.0, 0.0, 0.0]),
+        torch.tensor([0.0, 1.0, 1.0, 1.0]),
+    )
+    other[column("foot_height")] = lifted[column("foot_height")].roll(2)
+    other[column("foot_contact")] = lifted[column("foot_contact")].roll(2)
+    assert torch.allclose(describe(lifted), describe(other))
+    assert carried_right_foot(lifted) > 0.9
+    assert carried_right_foot(other) < 0.2
 
 
 def test_nothing_is_lost_or_doubled_in_an_hour_in_short() -> None:

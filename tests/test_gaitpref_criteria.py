@@ -15,8 +15,8 @@ from gaitpref.criteria import (
     CriterionError,
     load_criterion,
 )
-from gaitpref.rater import judge
-from gaitpref.rewards import total_reward
+from gaitpref.judging import better
+from gaitpref.rewards import score_of_criterion, total_reward
 from policy.config import EnvCfg
 from policy.reward import KnownTermsCfg, TaskRewardCfg
 from policy.robot import load_robot
@@ -38,11 +38,13 @@ def _row(**values: float | list[float]) -> Tensor:
 @pytest.mark.parametrize("name", BUILT_IN)
 def test_built_in_criteria_keep_the_leading_shape(name: str) -> None:
     """One finite score per row, for a clip and for a batch alike."""
-    criterion = load_criterion(name, CONTEXT)
+    score = score_of_criterion(load_criterion(name, CONTEXT))
     rows = torch.randn(7, 5, FEATURE_DIM, generator=torch.Generator().manual_seed(0))
-    assert criterion(rows).shape == (7, 5)
-    assert criterion(rows).isfinite().all()
-    assert criterion(rows)[3, 2].allclose(criterion(rows[3, 2]))
+    starts = torch.ones(7, 5, dtype=torch.bool)
+    assert score(rows, starts).shape == (7, 5)
+    assert score(rows, starts).isfinite().all()
+    alone = score(rows[3:4, 2:3], starts[:1, :1])
+    assert score(rows, starts)[3, 2].allclose(alone)
 
 
 @pytest.mark.parametrize(
@@ -55,14 +57,83 @@ def test_built_in_criteria_keep_the_leading_shape(name: str) -> None:
                        "foot_height": [0.0, 0.1, 0.1, 0.0]}, {}),
         ("crouch", {"base_height": 0.21}, {}),
         ("low_energy", {}, {"joint_torque": 5.0, "joint_vel": 2.0}),
+        ("pace", {"foot_contact": [1.0, 0.0, 1.0, 0.0]},
+         {"foot_contact": [1.0, 0.0, 0.0, 1.0]}),
+        ("get_up", {"base_height": 0.2},
+         {"base_height": 0.2, "gravity_b": [0.0, 1.0, 0.0]}),
+        ("get_up", {}, {"base_height": 0.1}),
+        ("get_up", {}, {"joint_vel": 3.0}),
     ],
 )  # fmt: skip
 def test_built_in_criteria_prefer_what_they_are_named_for(
     name: str, better: dict, worse: dict
 ) -> None:
     """The better of two rows gets the higher score."""
-    criterion = load_criterion(name, CONTEXT)
-    assert criterion(_row(**better)) > criterion(_row(**worse))
+    score = score_of_criterion(load_criterion(name, CONTEXT))
+    rows = torch.stack([_row(**better), _row(**worse)])[None]
+    high, low = score(rows, torch.ones(1, 2, dtype=torch.bool))[0]
+    assert high > low
+
+
+def trotting(frequency_hz: float, steps: int = 200) -> Tensor:
+    """Rows [T, F] of diagonal legs that change places `frequency_hz` times a second."""
+    phase = (torch.arange(steps) * 0.02 * frequency_hz) % 1.0
+    rows = _row().repeat(steps, 1)
+    right = (phase < 0.5).float()
+    rows[:, column("foot_contact")] = torch.stack(
+        [right, 1 - right, 1 - right, right], dim=1
+    )
+    return rows
+
+
+def _score(name: str, rows: Tensor, starts: tuple[int, ...] = (0,)) -> Tensor:
+    """Scores [T] of rows [T, F] of episodes that begin at `starts`."""
+    begins = torch.zeros(len(rows), 1, dtype=torch.bool)
+    begins[list(starts)] = True
+    return score_of_criterion(load_criterion(name, CONTEXT))(rows[:, None], begins)[
+        :, 0
+    ]
+
+
+def test_a_trot_is_told_by_its_frequency() -> None:
+    """Each is best at its own name; out of step it keeps the half for two beats."""
+    rows = {hz: trotting(hz) for hz in (1.5, 2.5, 4.0)}
+    for hz, own in rows.items():
+        scores = {
+            other: float(_score(f"trot@{other}", own)[60:].mean()) for other in rows
+        }
+        assert max(scores, key=scores.__getitem__) == hz
+        assert scores[hz] > 0.9
+        assert min(scores.values()) == pytest.approx(0.5, abs=0.05)
+    assert torch.equal(_score("trot", rows[2.5]), _score("trot@2.5", rows[2.5]))
+    assert float(_score("trot", _row().repeat(100, 1)).max()) == 0.0
+
+
+def test_a_trot_does_not_look_across_a_reset() -> None:
+    """An episode scores the same alone and behind another one."""
+    first, second = trotting(4.0), trotting(2.5)
+    both = _score("trot", torch.cat([first, second]), starts=(0, 200))
+    assert torch.equal(both[200:], _score("trot", second))
+
+
+@pytest.mark.parametrize("name", ["trot@", "trot@fast", "trot@-2", "trot@inf"])
+def test_a_trot_needs_a_frequency(name: str) -> None:
+    with pytest.raises(CriterionError, match="number of Hz"):
+        load_criterion(name, CONTEXT)
+
+
+def test_a_criterion_of_ones_own_may_look_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two arguments are rows and starts of episodes; the result is checked alike."""
+    (tmp_path / "looking_back.py").write_text(
+        "def wish(features, starts):\n    return starts.float()\n"
+        "def wrong(features, starts):\n    return features\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    assert _score("looking_back:wish", _row().repeat(3, 1)).tolist() == [1, 0, 0]
+    with pytest.raises(CriterionError, match="one score per row"):
+        load_criterion("looking_back:wrong", CONTEXT)
 
 
 @pytest.mark.parametrize(
@@ -96,9 +167,9 @@ def test_an_unknown_criterion_is_named(name: str) -> None:
 
 def test_the_rater_calls_equal_scores_equal() -> None:
     """The better clip wins; equal scores tie, up to rounding."""
-    assert judge(1.0, 0.5) == "a"
-    assert judge(-1.0, -0.5) == "b"
-    assert judge(0.3, 0.3 + 1e-9) == "equal"
+    assert better(1.0, 0.5) == "a"
+    assert better(-1.0, -0.5) == "b"
+    assert better(0.3, 0.3 + 1e-9) == "equal"
 
 
 def test_the_total_is_the_learned_part_and_the_known_terms() -> None:

@@ -95,6 +95,47 @@ def test_a_reward_sees_the_rows_and_the_starts(robot: Robot) -> None:
     assert starts[1:].equal(dones[:-1])
 
 
+class Elapsed:
+    """Rewards a step with the number of steps since its start, 30 at most."""
+
+    history_steps = 30
+
+    def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
+        steps = torch.arange(len(starts))[:, None]
+        begun = torch.where(starts, steps, -100).cummax(dim=0).values
+        # Where no start is in sight the episode began before the first step shown.
+        unseen = begun < 0
+        return torch.where(unseen, 1000.0, (steps - begun).float()).clamp(max=30.0)
+
+
+def test_a_reward_that_looks_back_sees_the_rollout_before(robot: Robot) -> None:
+    """Rollouts of 24 steps, episodes of 20: nothing is forgotten at their border."""
+    runner = Runner(QuadrupedEnv(robot, ENV, 4, seed=0), PPO)
+    seen: list[Tensor] = []
+
+    class Recorded(Elapsed):
+        def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
+            assert len(features) == (24 if not seen else min(24 + 30, 24 * 2))
+            rewards = super().__call__(features, starts)
+            seen.append(rewards[-24:].clone())
+            return rewards
+
+    runner.alg.reward_fn = Recorded()
+    runner.learn(2, lambda stats: True)
+    assert len(seen) == 2
+    assert float(seen[1].max()) < 30.0
+
+
+def test_a_resumed_run_still_knows_what_came_before(
+    robot: Robot, tmp_path: Path
+) -> None:
+    """Two iterations and two more are the same as four, also for such a reward."""
+    whole = train(tmp_path / "whole", robot, _cfg(4), reward_fn=Elapsed())
+    train(tmp_path / "parts", robot, _cfg(2), reward_fn=Elapsed())
+    parts = train(tmp_path / "parts", robot, _cfg(4), reward_fn=Elapsed(), resume=True)
+    assert whole.policy.read_bytes() == parts.policy.read_bytes()
+
+
 def test_a_reward_that_is_not_finite_stops_the_run(robot: Robot) -> None:
     """NaN is never replaced: the message names the environments."""
 

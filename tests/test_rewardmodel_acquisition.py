@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -25,14 +27,27 @@ from rewardmodel import (
     choose_pairs,
     fold_of,
 )
-from rewardmodel.acquisition import Strategy
+from rewardmodel.acquisition import (
+    NEEDS_MODEL,
+    Bald,
+    Dpp,
+    Entropy,
+    KCenter,
+    Medoids,
+    Strategy,
+    StrategyName,
+    make_strategy,
+)
+from rewardmodel.clips import ClipRows
 from rewardmodel.descriptors import DESCRIPTOR_NAMES
 from rewardmodel.linear import LinearScorer
 from rewardmodel.model import Provenance
 from rewardmodel.normaliser import Normaliser
 
 
-def entry(index: int, *, speed: float = 0.5, policy: str = "p") -> EpisodeEntry:
+def entry(
+    index: int, *, speed: float = 0.5, policy: str = "p", fell: bool = False
+) -> EpisodeEntry:
     meta = EpisodeMeta(
         task="flat",
         seed=index,
@@ -47,7 +62,8 @@ def entry(index: int, *, speed: float = 0.5, policy: str = "p") -> EpisodeEntry:
         model_sha256="m",
     )
     sha256 = hashlib.sha256(bytes([index])).hexdigest()
-    return EpisodeEntry(sha256, f"rollouts/{sha256}.mcap", 1, 40, "truncated", meta)
+    end = "terminated" if fell else "truncated"
+    return EpisodeEntry(sha256, f"rollouts/{sha256}.mcap", 1, 40, end, meta)
 
 
 def clips_of(entries: Sequence[EpisodeEntry], each: int = 3) -> list[Clip]:
@@ -96,6 +112,57 @@ def test_a_batch_holds_no_look_alikes() -> None:
     clips = Counter(clip for pair in pairs for clip in (pair.a, pair.b))
     assert max(meetings.values()) == 1
     assert max(clips.values()) == 1
+
+
+def test_no_episode_comes_twice_while_others_are_left() -> None:
+    """Clips of one episode are near-duplicates: a gait repeats itself."""
+    pairs = choose(MANY, 12)
+    episodes = Counter(clip.rollout for p in pairs for clip in (p.a, p.b))
+    assert max(episodes.values()) == 1
+
+
+class PrefersFalls:
+    """Asks for pairs in which one robot falls, or avoids them."""
+
+    def __init__(self, fallen: set[str], sign: float) -> None:
+        self.fallen, self.sign = fallen, sign
+        self.name = "falls"
+
+    def __call__(
+        self, clips: Sequence[Clip], candidates: np.ndarray, rng: np.random.Generator
+    ) -> np.ndarray:
+        fell = np.array([c.rollout in self.fallen and c.stop == 40 for c in clips])
+        return self.sign * (fell[candidates].sum(axis=1) == 1)
+
+
+@pytest.mark.parametrize(("sign", "share"), [(1.0, 0.25), (-1.0, 0.05)])
+def test_falls_neither_flood_a_batch_nor_are_they_avoided(
+    sign: float, share: float
+) -> None:
+    """Whatever a strategy wants: at most a quarter, and at least a twentieth."""
+    entries = [entry(k, fell=k % 2 == 0) for k in range(120)]
+    clips = [Clip(e.sha256, start, 10) for e in entries for start in (0, 30)]
+    fallen = {e.sha256 for e in entries[::2]}
+    strategy = PrefersFalls(fallen, sign)
+    pairs = choose(entries, 40, clips=clips, strategy=strategy)
+    decided = sum(
+        (p.a.rollout in fallen and p.a.stop == 40)
+        != (p.b.rollout in fallen and p.b.stop == 40)
+        for p in pairs
+    )
+    assert len(pairs) == 40
+    assert decided == share * 40
+
+
+def test_a_batch_is_filled_with_falls_where_nothing_else_is_left() -> None:
+    """Four robots, of which one stands: three pairs decided by a fall."""
+    four = [entry(k, fell=k > 0) for k in range(4)]
+    clips = [Clip(e.sha256, 30, 10) for e in four]
+    known = [
+        Pair.make(clips[i], clips[j], strategy="s", round=0)
+        for i, j in ((1, 2), (1, 3), (2, 3))
+    ]
+    assert len(choose(four, 3, clips=clips, known=known)) == 3
 
 
 def test_clips_come_again_when_no_others_are_left() -> None:
@@ -204,3 +271,138 @@ def test_disagreement_asks_where_the_members_differ() -> None:
     ends = [Clip(few[0].sha256, 0, 10), Clip(few[2].sha256, 0, 10)]
     worth = strategy(ends, np.array([[1, 0]]), np.random.default_rng(0))
     assert worth == pytest.approx([0.5386], abs=1e-4)
+
+
+def model_of(*weights: dict[str, float]) -> RewardModel:
+    """An ensemble of linear members with the weights given."""
+    model = quarrelling_model()
+    scorer = LinearScorer(len(weights), len(DESCRIPTOR_NAMES))
+    for member, named in enumerate(weights):
+        for name, weight in named.items():
+            scorer.weights[member, DESCRIPTOR_NAMES.index(name)] = weight
+    return RewardModel(model.normaliser, scorer, model.provenance)
+
+
+def placed(*rows: dict[str, float]) -> tuple[list[Clip], ClipRows]:
+    """Clips with constant features, the others zero."""
+    clips = [Clip(f"{index}", 0, 10) for index in range(len(rows))]
+
+    def clip_rows(clip: Clip) -> np.ndarray:
+        values = np.zeros((clip.steps, FEATURE_DIM), np.float32)
+        for name, value in rows[int(clip.rollout)].items():
+            values[:, column(name)] = value
+        return values
+
+    return clips, clip_rows
+
+
+RNG = np.random.default_rng(0)
+AGAINST_FIRST = np.array([[0, 1], [0, 2], [0, 3]])
+
+
+def test_entropy_asks_about_the_most_open_answer() -> None:
+    """Leads of 0, 1 and 4 on which all agree: the answer to the first is most open.
+
+    Without errors and ties, a lead of 0 has an entropy of log 2.
+    """
+    clips, clip_rows = placed(*({"base_height": h} for h in (1.0, 1.0, 0.0, -3.0)))
+    model = model_of({"height": 1.0}, {"height": 1.0})
+    worth = Entropy(model, clip_rows)(clips, AGAINST_FIRST, RNG)
+    assert worth[0] > worth[1] > worth[2] > 0
+    plain = replace(model.provenance, cfg=FitCfg(error_share=0.0, tie_threshold=0.0))
+    model = RewardModel(model.normaliser, model.scorer, plain)
+    worth = Entropy(model, clip_rows)(clips, AGAINST_FIRST, RNG)
+    assert worth[0] == pytest.approx(np.log(2), abs=1e-6)
+
+
+def test_bald_asks_where_an_answer_tells_the_members_apart() -> None:
+    """Equal clips are open and teach nothing; an agreed lead neither; a quarrel does.
+
+    With members sure of opposite answers, the answer tells all there is: log 2.
+    """
+    clips, clip_rows = placed(
+        {},
+        {},
+        {"base_lin_vel_b": [-1.0, 0.0, 0.0]},
+        {"base_height": -9.0},
+    )
+    quarrel = {"height": 1.0, "forward_speed": 2.0}
+    model = model_of(quarrel, quarrel | {"height": -1.0})
+    worth = Bald(model, clip_rows)(clips, AGAINST_FIRST, RNG)
+    assert worth[2] > 0.1
+    assert worth[:2] == pytest.approx([0.0, 0.0], abs=1e-6)
+    plain = replace(model.provenance, cfg=FitCfg(error_share=0.0, tie_threshold=0.0))
+    model = RewardModel(model.normaliser, model.scorer, plain)
+    worth = Bald(model, clip_rows)(clips, AGAINST_FIRST, RNG)
+    assert worth[2] == pytest.approx(np.log(2), abs=0.05)
+
+
+SPEEDS = (0.0, 1.0, 1.02, 0.98, 0.0)
+HEIGHTS = (0.0, 0.0, 0.0, 0.0, 0.5)
+"""Three clips that differ from the first in the same way, and one that does in
+another."""
+ALIKE = np.array([[0, 1], [2, 0], [0, 3], [0, 4]])
+
+
+def _various() -> tuple[list[Clip], ClipRows]:
+    return placed(
+        *(
+            {"base_lin_vel_b": [speed, 0.0, 0.0], "base_height": height}
+            for speed, height in zip(SPEEDS, HEIGHTS, strict=True)
+        )
+    )
+
+
+@pytest.mark.parametrize("family", [KCenter, Dpp])
+def test_a_various_batch_asks_each_doubt_once(
+    family: Callable[[ClipRows], Strategy],
+) -> None:
+    """The second pair is the different one, though the look-alikes differ as much.
+
+    Of the look-alikes one is turned round: sides do not make pairs different.
+    """
+    clips, clip_rows = _various()
+    worth = family(clip_rows)(clips, ALIKE, RNG)
+    first, second, *others = np.sort(worth)[::-1]
+    assert worth[3] in (first, second)
+    assert max(others) < 0.1 * second
+
+
+def test_medoids_ask_first_what_stands_for_most() -> None:
+    """The middle one of the three look-alikes, not the outlier."""
+    clips, clip_rows = _various()
+    assert Medoids(clip_rows)(clips, ALIKE, RNG).argmax() in (0, 1, 2)
+    many = np.concatenate([ALIKE[:3], ALIKE[:3], ALIKE[3:]])
+    worth = Medoids(clip_rows)(clips, many, RNG)
+    order = np.argsort(-worth)
+    assert order[0] != 6
+    assert order[1] == 6
+
+
+def test_a_various_batch_leaves_out_what_is_known() -> None:
+    """An ensemble that knows what speed is worth wants to hear of heights."""
+    clips, clip_rows = _various()
+    model = model_of(
+        {"height": 5.0, "forward_speed": 2.0}, {"height": -5.0, "forward_speed": 2.0}
+    )
+    for name in ("kcenter", "dpp"):
+        strategy = make_strategy(name, model, clip_rows)
+        worth = strategy(clips, np.array([[0, 1], [2, 0], [0, 4], [4, 3]]), RNG)
+        assert worth.argmax() in (2, 3)
+
+
+@pytest.mark.parametrize("name", NEEDS_MODEL)
+def test_a_strategy_without_its_ensemble_is_refused(name: StrategyName) -> None:
+    with pytest.raises(RewardError, match=f"--strategy {name} needs an ensemble"):
+        make_strategy(name, None, lambda clip: np.zeros((1, FEATURE_DIM)))
+
+
+@pytest.mark.parametrize("name", get_args(StrategyName))
+def test_every_strategy_gives_a_number_for_every_candidate(name: StrategyName) -> None:
+    """Also where all clips are the same, and there is nothing to tell apart."""
+    clips, clip_rows = placed({}, {}, {}, {})
+    strategy = make_strategy(name, quarrelling_model(), clip_rows)
+    worth = strategy(clips, AGAINST_FIRST, np.random.default_rng(0))
+    assert worth.shape == (3,)
+    assert np.isfinite(worth).all()
+    assert strategy.name == name

@@ -24,11 +24,12 @@ from rewardmodel import (
     load_reward,
     save_reward,
 )
-from rewardmodel.cfg import LinearCfg, MlpCfg
+from rewardmodel.cfg import LinearCfg, MlpCfg, ReliabilityCfg
 from rewardmodel.clips import ClipBatch, mean_over, pad_clips
 from rewardmodel.descriptors import DESCRIPTOR_NAMES, describe
 from rewardmodel.linear import LinearScorer, fit_linear
 from rewardmodel.report import wilson_interval
+from rewardmodel.selection import choose_kind
 from rewardmodel.training import TrainingPairs
 
 EPISODES = [hashlib.sha256(bytes([index])).hexdigest() for index in range(60)]
@@ -40,6 +41,8 @@ HABITS = (
     ("foot_height", "foot_speed", "foot_air_time"),
 )
 """Features that are strong or weak together in a clip."""
+
+QUICK = FitCfg(folds=2)
 
 DISLIKED = {"torque_sq": 12.0, "tilt_sq": 2.0, "slip": 2.0}
 """Descriptors the planted taste adds up, in units of the number given."""
@@ -114,6 +117,128 @@ def test_the_linear_model_recovers_a_planted_taste(
         found.append(accuracy(model, fresh))
         assert (report.answers, report.held_out_pairs) == (100, 100)
     assert np.mean(found) > least
+
+
+def graded(pairs: AnsweredPairs) -> AnsweredPairs:
+    """The same answers, "much better" (1, 0) or "better" (0.75, 0.25), by the lead."""
+    lead = (taste(pairs.left) - taste(pairs.right)).abs()
+    halved = 0.5 + (pairs.target - 0.5) / 2
+    return replace(
+        pairs, target=torch.where(lead > lead.median(), pairs.target, halved)
+    )
+
+
+def test_how_much_better_a_clip_is_teaches_more() -> None:
+    """Few answers with a strength give a better reward than the same without."""
+    fresh = answered(400, seed=99)
+    plain, strong = [], []
+    for seed in range(4):
+        pairs = answered(40, seed=seed)
+        plain.append(accuracy(fit_reward(pairs, QUICK, seed=0)[0], fresh))
+        strong.append(accuracy(fit_reward(graded(pairs), QUICK, seed=0)[0], fresh))
+    assert np.mean(strong) > np.mean(plain) + 0.02
+
+
+def spoiled(pairs: AnsweredPairs, how: str, *, seed: int) -> AnsweredPairs:
+    """The second half of the answers comes from someone who does not look."""
+    rng = np.random.default_rng(seed)
+    count = len(pairs) // 2
+    careless = {"at random": rng.random(count) < 0.5, "always left": np.ones(count)}
+    target = pairs.target.clone()
+    target[-count:] = torch.tensor(careless[how]).float()
+    raters = ("ada",) * (len(pairs) - count) + ("bob",) * count
+    return replace(pairs, target=target, raters=raters)
+
+
+@pytest.mark.parametrize("how", ["at random", "always left"])
+def test_a_rater_who_does_not_look_is_found_out(how: str) -> None:
+    """The reward is nearly as good as from the careful half; it says whom it trusts."""
+    fresh = answered(400, seed=99)
+    blind = replace(QUICK, reliability=ReliabilityCfg(enabled=False))
+    robust, fooled, careful = [], [], []
+    for seed in range(4):
+        pairs = spoiled(answered(160, seed=seed), how, seed=seed)
+        model, report = fit_reward(pairs, QUICK, seed=0)
+        shares = dict(report.raters)
+        assert shares["ada"] < 0.3
+        assert shares["bob"] > 0.55
+        robust.append(accuracy(model, fresh))
+        fooled.append(accuracy(fit_reward(pairs, blind, seed=0)[0], fresh))
+        half = answered(80, seed=seed)
+        careful.append(accuracy(fit_reward(half, QUICK, seed=0)[0], fresh))
+    assert np.mean(robust) > np.mean(fooled) + 0.02
+    assert np.mean(robust) > np.mean(careful) - 0.06
+
+
+def test_one_rater_alone_is_not_judged() -> None:
+    """There is nobody to compare with: the fit is what it was, bit for bit."""
+    pairs = answered(30, seed=1)
+    model, report = fit_reward(pairs, QUICK, seed=0)
+    blind = replace(QUICK, reliability=ReliabilityCfg(enabled=False))
+    other, _ = fit_reward(pairs, blind, seed=0)
+    assert report.raters == ()
+    assert torch.equal(
+        model.state_dict()["scorer.weights"], other.state_dict()["scorer.weights"]
+    )
+
+
+def likes_the_middle(pairs: AnsweredPairs) -> AnsweredPairs:
+    """Answered by who likes a middling effort best: no weighted sum says so."""
+
+    def score(clips: ClipBatch) -> Tensor:
+        means = mean_over(describe(clips.features).mT, clips.scored[:, None])
+        return -(means[:, DESCRIPTOR_NAMES.index("torque_sq")] / 12 - 1).abs()
+
+    return replace(pairs, target=(score(pairs.left) > score(pairs.right)).float())
+
+
+def test_a_gaussian_process_learns_what_no_weighted_sum_says() -> None:
+    """And what one says, it learns as well as the linear model does."""
+    gp = replace(QUICK, kind="gp")
+    fresh = answered(400, seed=99)
+    middle = likes_the_middle(fresh)
+    pairs = answered(150, seed=1)
+    bent = {
+        cfg.kind: accuracy(fit_reward(likes_the_middle(pairs), cfg, seed=0)[0], middle)
+        for cfg in (QUICK, gp)
+    }
+    straight = {
+        cfg.kind: accuracy(fit_reward(pairs, cfg, seed=0)[0], fresh)
+        for cfg in (QUICK, gp)
+    }
+    assert bent["linear"] < 0.65
+    assert bent["gp"] > 0.75
+    assert straight["gp"] > straight["linear"] - 0.03
+
+
+def test_the_model_is_chosen_by_held_out_answers(tmp_path: Path) -> None:
+    """The stiff one for a weighted sum, a bending one for what bends; both say why."""
+    auto = replace(QUICK, kind="auto", mlp=MlpCfg(num_updates=5))
+    pairs = answered(150, seed=1)
+    stiff, report = fit_reward(pairs, auto, seed=0)
+    assert stiff.provenance.cfg.kind == "linear"
+    assert [kind for kind, _ in report.considered] == ["linear", "gp", "mlp"]
+    bending, report = fit_reward(likes_the_middle(pairs), auto, seed=0)
+    assert bending.provenance.cfg.kind == "gp"
+    found = dict(report.considered)
+    assert max(found, key=found.__getitem__) == "gp"
+    save_reward(bending, tmp_path / "reward")
+    assert load_reward(tmp_path / "reward").provenance == bending.provenance
+
+
+def test_few_answers_leave_no_choice() -> None:
+    model, report = fit_reward(answered(20, seed=1), FitCfg(kind="auto"), seed=0)
+    assert model.provenance.cfg.kind == "linear"
+    assert report.considered == ()
+
+
+def test_a_draw_goes_to_the_stiffer_model() -> None:
+    """Better by less than the standard error is no reason; by more it is."""
+    base = torch.randn(100, generator=torch.Generator().manual_seed(0))
+    noise = torch.randn(100, generator=torch.Generator().manual_seed(1))
+    noise -= noise.mean()
+    for gain, chosen in ((0.05, "linear"), (0.2, "gp")):
+        assert choose_kind({"linear": base, "gp": base + noise + gain}) == chosen
 
 
 def test_the_network_recovers_a_planted_taste_less_well() -> None:
@@ -217,9 +342,9 @@ def test_wilson_interval_by_hand() -> None:
     assert wilson_interval(0, 4)[0] == 0.0
 
 
-@pytest.mark.parametrize("kind", ["linear", "mlp"])
+@pytest.mark.parametrize("kind", ["linear", "gp", "mlp"])
 def test_save_and_load_bit_for_bit(
-    kind: Literal["linear", "mlp"], tmp_path: Path
+    kind: Literal["linear", "gp", "mlp"], tmp_path: Path
 ) -> None:
     """Two fits with one seed write the same bytes; loading gives the same reward."""
     pairs = answered(20, seed=5)

@@ -1,24 +1,23 @@
-"""Which pairs of clips to ask about next.
+"""Which pairs of clips to ask about next: what may be asked, and what is alike.
 
-Shapes: C clips, K candidate pairs (two indices into the clips each), M members.
+Shapes: C clips, K candidate pairs (two indices into the clips each).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from data.answers import Pair
 from data.clips import Clip
 from data.dataset import EpisodeEntry
+from rewardmodel.errors import RewardError
+from rewardmodel.fit import fold_of
 
-from .clips import ClipRows, pad_clips
-from .errors import RewardError
-from .fit import fold_of
-from .model import RewardModel
+from .strategy import Strategy
 
 MAX_CLIPS = 1000
 """Clips looked at for one batch, drawn at random: all their pairs fit in memory."""
@@ -27,52 +26,10 @@ CANDIDATES_PER_PAIR = 10
 SAME_POLICY_WEIGHT = 0.25
 """How often a pair from one checkpoint becomes a candidate, against one from two:
 clips of one checkpoint look alike, and look-alikes are hard to judge."""
-
-
-class Strategy(Protocol):
-    """How much an answer to each candidate would be worth."""
-
-    @property
-    def name(self) -> str:
-        """Stored with the pair."""
-        ...
-
-    def __call__(
-        self, clips: Sequence[Clip], candidates: np.ndarray, rng: np.random.Generator
-    ) -> np.ndarray:
-        """Worth [K] of candidates [K, 2], which index `clips`; more is better."""
-        ...
-
-
-@dataclass(frozen=True)
-class Uniform:
-    """Any candidate is worth as much as any other."""
-
-    name: str = "uniform"
-
-    def __call__(
-        self, clips: Sequence[Clip], candidates: np.ndarray, rng: np.random.Generator
-    ) -> np.ndarray:
-        return rng.random(len(candidates))
-
-
-@dataclass(frozen=True)
-class Disagreement:
-    """Standard deviation over the ensemble of the probability that left is better."""
-
-    model: RewardModel
-    clip_rows: ClipRows
-    name: str = "disagreement"
-
-    def __call__(
-        self, clips: Sequence[Clip], candidates: np.ndarray, rng: np.random.Generator
-    ) -> np.ndarray:
-        used, positions = np.unique(candidates, return_inverse=True)
-        batch = pad_clips([self.clip_rows(clips[index]) for index in used])
-        left, right = positions.reshape(candidates.shape).T
-        returns = self.model.clip_returns(batch)  # [M, C]
-        leads = returns[:, left] - returns[:, right]
-        return leads.sigmoid().std(dim=0).numpy()
+MIN_FALLS, MAX_FALLS = 0.05, 0.25
+"""Share of a batch in which one of the two robots falls: most such answers are known
+beforehand, so that they must not use up the questions, but a fall is shown now and then
+as long as robots fall."""
 
 
 def choose_pairs(
@@ -89,9 +46,11 @@ def choose_pairs(
     """Choose up to `count` pairs worth asking about, best first.
 
     Both clips obey one command and come from different episodes. Within the batch two
-    episodes meet at most once, and a clip comes twice only when no other is left. Pairs
-    within one fold of episodes come first, because only those can be held out when the
-    fit measures itself; which clip is left is a coin toss.
+    episodes meet at most once, an episode comes twice only when no other is left, and a
+    clip only after that: clips of one episode are near-duplicates. Pairs within one
+    fold of episodes come first, because only those can be held out when the fit
+    measures itself; which clip is left is a coin toss. The share of falls is bounded
+    from both sides.
 
     Args:
         entries: The episodes of `clips`, with their commands and policies.
@@ -112,7 +71,10 @@ def choose_pairs(
     if len(candidates) == 0:
         return []
     worth = strategy(drawn, candidates, rng)
-    order = np.lexsort((-worth, pool.crosses_folds(candidates)))
+    crosses = pool.crosses_folds(candidates)
+    order = np.lexsort((-worth, crosses))
+    rows = _diverse(candidates, order, pool.episode, crosses)
+    decided = pool.fell[candidates].sum(axis=1) == 1
     return [
         Pair.make(
             *(drawn[clip] for clip in candidates[row]),
@@ -120,7 +82,7 @@ def choose_pairs(
             round=round,
             info={"worth": float(worth[row])},
         )
-        for row in _diverse(candidates, order, pool.episode)[:count]
+        for row in _with_falls(rows, decided, count)
     ]
 
 
@@ -133,6 +95,8 @@ class _Pool:
     command: np.ndarray
     policy: np.ndarray
     fold: np.ndarray
+    fell: np.ndarray
+    """Whether a clip ends in a fall."""
 
     def crosses_folds(self, pairs: np.ndarray) -> np.ndarray:
         """[K] bool: the clips of pairs [K, 2] are of different folds."""
@@ -153,6 +117,13 @@ def _pool(clips: Sequence[Clip], entries: Iterable[EpisodeEntry], folds: int) ->
         command=_numbered([entry.meta.command for entry in own]),
         policy=_numbered([entry.meta.policy_sha256 for entry in own]),
         fold=np.array([fold_of(entry.sha256, folds) for entry in own], dtype=int),
+        fell=np.array(
+            [
+                entry.end_reason == "terminated" and clip.stop >= entry.num_steps
+                for clip, entry in zip(clips, own, strict=True)
+            ],
+            dtype=bool,
+        ),
     )
 
 
@@ -211,25 +182,54 @@ def _occurrence(codes: np.ndarray) -> np.ndarray:
 
 
 def _diverse(
-    candidates: np.ndarray, order: np.ndarray, episode: np.ndarray
+    candidates: np.ndarray, order: np.ndarray, episode: np.ndarray, crosses: np.ndarray
 ) -> list[int]:
     """Rows of `candidates` [K, 2] in `order`, without look-alikes.
 
-    No two episodes meet twice. Rows with a clip that came before are put last.
+    No two episodes meet twice. Behind the rows of fresh episodes come those of fresh
+    clips, and then the others; pairs across folds, marked in `crosses` [K], come last.
     """
     met: set[frozenset[int]] = set()
     seen: set[int] = set()
+    seen_episodes: set[int] = set()
     chosen: list[int] = []
-    for repeats_allowed in (False, True):
-        for row in order.tolist():
-            clips = set(candidates[row].tolist())
-            meeting = frozenset(episode[candidates[row]].tolist())
-            if meeting in met or (clips & seen and not repeats_allowed):
-                continue
-            met.add(meeting)
-            seen |= clips
-            chosen.append(row)
+    for crossing in (False, True):
+        rows = [row for row in order.tolist() if crosses[row] == crossing]
+        for repeats in ("none", "episodes", "clips"):
+            for row in rows:
+                clips = set(candidates[row].tolist())
+                meeting = frozenset(episode[candidates[row]].tolist())
+                if (
+                    meeting in met
+                    or (repeats == "none" and meeting & seen_episodes)
+                    or (repeats == "episodes" and clips & seen)
+                ):
+                    continue
+                met.add(meeting)
+                seen |= clips
+                seen_episodes |= meeting
+                chosen.append(row)
     return chosen
+
+
+def _with_falls(rows: Sequence[int], decided: np.ndarray, count: int) -> list[int]:
+    """Up to `count` of `rows`, in their order, with the right share of falls.
+
+    Args:
+        rows: Rows of candidates, best first.
+        decided: [K] bool: of the two robots of a candidate, one falls.
+        count: Rows wanted.
+    """
+    falls = [row for row in rows if decided[row]]
+    others = [row for row in rows if not decided[row]]
+    usual = sum(row in set(falls) for row in rows[:count])
+    share_of_all = len(falls) / max(len(rows), 1)
+    least = math.floor(count * min(MIN_FALLS, share_of_all))
+    kept = min(max(usual, least), math.ceil(MAX_FALLS * count), len(falls))
+    # Where there are no others left, a fall is better than no question.
+    kept = max(kept, min(len(falls), count - len(others)))
+    taken = {*falls[:kept], *others[: count - kept]}
+    return [row for row in rows if row in taken]
 
 
 def _nothing_to_compare(pool: _Pool) -> str:

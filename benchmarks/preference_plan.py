@@ -1,0 +1,150 @@
+"""What the benchmark of preferences runs: tasks, raters, methods, budgets, seeds.
+
+Fixed before anything is tuned on it; docs/benchmarks.md says how it is read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from gaitpref.options import Loop
+from gaitpref.rater_cfg import RaterCfg
+from gaitpref.run_config import LoopCfg, resolve
+from policy.ppo import PpoCfg
+from policy.record import RecordCfg
+from rewardmodel.cfg import FitCfg
+
+TASKS = {
+    "walk": "task",
+    "high_step": "high_step",
+    "crouch": "crouch",
+    "low_energy": "low_energy",
+    "smooth": "smooth",
+    "trot": "trot@3.0",
+    "carried_foot": "benchmarks.wishes:carried_right_foot",
+    "nose_up": "benchmarks.wishes:nose_up_when_slow",
+    "pace": "pace",
+}
+"""The hidden criterion of each task. `walk` starts from scratch, without a task reward;
+the others are styles on top of a walking base."""
+HELD_BACK = ("pace",)
+"""Tasks nobody looks at until everything is chosen; run where they are named."""
+RATERS = {
+    "perfect": RaterCfg(),
+    "mistakes20": RaterCfg(mistakes=0.2),
+    "stochastic30": RaterCfg(beta=1.0),
+    "mistakes40": RaterCfg(mistakes=0.4),
+}
+METHODS: dict[str, Callable[[LoopCfg], LoopCfg]] = {
+    "default": lambda cfg: cfg,
+    "uniform": lambda cfg: replace(cfg, uniform_share=1.0),
+    **{
+        name: lambda cfg, name=name: replace(cfg, strategy=name)
+        for name in ("entropy", "bald", "kcenter", "medoids", "dpp")
+    },
+    **{
+        name: lambda cfg, name=name: replace(cfg, fit=replace(cfg.fit, kind=name))
+        for name in ("gp", "mlp", "auto")
+    },
+    "plain-linear": lambda cfg: replace(
+        cfg, fit=FitCfg(kind="linear", error_share=0.0, tie_threshold=0.0)
+    ),
+}
+"""What is changed of the loop's configuration."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell:
+    """One row of the benchmark: one seed of one method on one task."""
+
+    task: str
+    answers: int
+    rater: str
+    method: str
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """Of its files; tells all that decides its outcome."""
+        return f"{self.task}-{self.answers}-{self.rater}-{self.method}-seed{self.seed}"
+
+    @property
+    def from_scratch(self) -> bool:
+        """Whether no task reward is kept."""
+        return self.task == "walk"
+
+
+_BUDGETS = (
+    ("walk", 100, "perfect", 5),
+    ("walk", 40, "perfect", 5),
+    ("walk", 100, "mistakes20", 3),
+    ("walk", 150, "stochastic30", 3),
+    ("walk", 200, "mistakes40", 3),
+    *((task, 60, "perfect", 3) for task in ("high_step", "crouch", "low_energy")),
+    *((task, 60, "perfect", 3) for task in ("smooth", "trot", "pace")),
+    *((task, 150, "perfect", 3) for task in ("carried_foot", "nose_up")),
+)
+"""Task, answers, rater and number of seeds."""
+
+
+def plan(
+    *, tasks: tuple[str, ...] = (), methods: tuple[str, ...] = (), seeds: int | None
+) -> list[Cell]:
+    """The cells to run: first seeds first, so that every row soon has a figure.
+
+    Args:
+        tasks: Only these; by default all that are not held back.
+        methods: Only these; by default `default`.
+        seeds: At most so many of every row.
+    """
+    chosen = tasks or tuple(task for task in TASKS if task not in HELD_BACK)
+    cells = [
+        Cell(task=task, answers=answers, rater=rater, method=method, seed=seed)
+        for task, answers, rater, count in _BUDGETS
+        if task in chosen
+        for method in methods or ("default",)
+        for seed in range(count if seeds is None else min(count, seeds))
+    ]
+    return sorted(cells, key=lambda cell: cell.seed)
+
+
+def loop_cfg(cell: Cell, base: Path | None, *, quick: bool) -> LoopCfg:
+    """The loop of a cell.
+
+    Args:
+        cell: Which.
+        base: Walking policy of the style tasks.
+        quick: Thousands of steps instead of millions; the figures mean nothing.
+    """
+    options = Loop(
+        run=Path("unused"),
+        labels=cell.answers,
+        criterion=TASKS[cell.task],
+        base="none" if cell.from_scratch else str(base),
+        preset="quick",
+        seed=cell.seed,
+    )
+    cfg = replace(resolve(options), simulated=RATERS[cell.rater])
+    cfg = METHODS[cell.method](cfg)
+    return tiny(cfg) if quick else cfg
+
+
+def tiny(cfg: LoopCfg) -> LoopCfg:
+    """The same loop with one round and next to no training."""
+    return replace(
+        cfg,
+        rounds=1,
+        labels=12,
+        base_steps=1536,
+        last_round_steps=1536,
+        evaluation_episodes=8,
+        ppo=PpoCfg(num_envs=32, hidden_sizes=(16,)),
+        record=RecordCfg(episodes=40, episode_s=2.0),
+    )
+
+
+def steps_of(cfg: LoopCfg) -> int:
+    """Environment steps a loop trains for, without its base."""
+    return (cfg.rounds - 1) * cfg.round_steps + cfg.last_round_steps

@@ -1,0 +1,221 @@
+"""One row of the benchmark of preferences: a loop, and what it is measured against.
+
+Shapes: T steps, N episodes, F feature columns.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from data.files import write_atomically
+from gaitpref.criteria import SequenceCriterion, load_criterion
+from gaitpref.loop import run_configured
+from gaitpref.rewards import criterion_context, score_of_criterion, total_reward
+from gaitpref.run_config import LoopCfg
+from gaitpref.setting import setting_of
+from policy.checkpoint import Policy, load_policy
+from policy.evaluate import Evaluation, rollout_features, summarise
+from policy.ppo import RewardFn
+from policy.rollout import Actor, hold_home
+from policy.train import TrainCfg, train
+
+from .preference_plan import Cell, loop_cfg, steps_of
+
+EPISODES = 64
+EVALUATION_SEED = 1_000_003
+"""Of the episodes everything is evaluated on."""
+REFERENCE_SEED = 1_000
+"""Of the training runs that see the true reward, and of the walking base."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Places:
+    """Where the benchmark keeps its files."""
+
+    work: Path
+    """Runs; what is finished there is not repeated."""
+    results: Path
+    """One JSON file for every finished row."""
+    quick: bool = False
+    """A version of thousands of steps; its figures mean nothing."""
+
+    def result(self, cell: Cell) -> Path:
+        return self.results / f"{cell.name}.json"
+
+
+def run_cell(cell: Cell, places: Places) -> None:
+    """Run a cell, or go on with it, and write its row."""
+    if places.result(cell).exists():
+        return
+    torch.set_num_threads(1)
+    base = None if cell.from_scratch else walking_base(places)
+    cfg = loop_cfg(cell, base, quick=places.quick)
+    if base is not None:
+        setting = setting_of(base, None)
+        hidden_sizes = setting.hidden_sizes
+        cfg = replace(
+            cfg, env=setting.env, ppo=replace(cfg.ppo, hidden_sizes=hidden_sizes)
+        )
+    run = places.work / cell.name
+    fresh = not run.exists()
+    start_s = time.perf_counter()
+    run_configured(run, cfg)
+    minutes = (time.perf_counter() - start_s) / 60
+    row = _row(cell, cfg, run, base, places)
+    # A run that was interrupted does not know how long it took.
+    row["minutes"] = minutes if fresh else None
+    text = json.dumps(row, indent=1) + "\n"
+    write_atomically(places.result(cell), text.encode())
+
+
+def _row(
+    cell: Cell, cfg: LoopCfg, run: Path, base: Path | None, places: Places
+) -> dict[str, Any]:
+    last = load_policy(run / f"rounds/{cfg.rounds:02d}/policy/policy.pt")
+    score = _score(cfg, last)
+    learned = measure(last, last, score)
+    references = _references(cell, cfg, base, places)
+    start, true = references["start"]["return_mean"], references["true"]["return_mean"]
+    report = json.loads((run / f"rounds/{cfg.rounds - 1:02d}/report.json").read_text())
+    fit = report["fit"]
+    return {
+        **asdict(cell),
+        "criterion": cfg.criterion,
+        "fraction": (learned.return_mean - start) / (true - start),
+        "return": learned.return_mean,
+        "start_return": start,
+        "true_return": true,
+        "tracking_error_m_s": learned.tracking_error_m_s,
+        "start_tracking_error_m_s": references["start"]["tracking_error_m_s"],
+        "true_tracking_error_m_s": references["true"]["tracking_error_m_s"],
+        "falls": learned.falls,
+        "accuracy": fit["held_out_accuracy"],
+        "ece": fit.get("ece"),
+        "answers_used": fit["answers"],
+        "steps": steps_of(cfg),
+    }
+
+
+def measure(actor: Actor, policy: Policy, score: RewardFn) -> Evaluation:
+    """`actor` on robot and grid of `policy`, without noise, from equal starts."""
+    env = policy.info.env
+    features, lengths = rollout_features(
+        actor, policy.robot(), env, episodes=EPISODES, seed=EVALUATION_SEED
+    )
+    return summarise(features, lengths, score, control_dt_s=env.control_dt_s)
+
+
+def _score(cfg: LoopCfg, policy: Policy) -> RewardFn:
+    context = criterion_context(policy.robot(), policy.info.env)
+    return score_of_criterion(load_criterion(cfg.criterion, context))
+
+
+def walking_base(places: Places) -> Path:
+    """The policy all style tasks start from: PPO on the hand-written walking reward."""
+    cell = Cell(task="crouch", answers=60, rater="perfect", method="default", seed=0)
+    cfg = loop_cfg(cell, None, quick=places.quick)
+
+    def make(out: Path) -> None:
+        robot = setting_of(None, None).robot
+        train_cfg = TrainCfg(
+            steps=cfg.base_steps, env=cfg.env, ppo=cfg.ppo, seed=REFERENCE_SEED
+        )
+        train(out, robot, train_cfg, resume=True)
+
+    return _made_once(places.work / "base", make) / "policy.pt"
+
+
+def _references(
+    cell: Cell, cfg: LoopCfg, base: Path | None, places: Places
+) -> dict[str, dict[str, Any]]:
+    """Evaluations under the criterion: of the start, and of PPO that sees it.
+
+    The start is the home pose, or the walking base; PPO goes on from the same start for
+    as many steps with the same settings.
+    """
+    name = f"true-{cell.task}-{steps_of(cfg)}"
+
+    def make(out: Path) -> None:
+        _train_on_criterion(out, cfg, base)
+        policy = load_policy(out / "policy.pt")
+        score = _score(cfg, policy)
+        start = hold_home if base is None else load_policy(base)
+        found = {
+            "start": asdict(measure(start, policy, score)),
+            "true": asdict(measure(policy, policy, score)),
+        }
+        write_atomically(out / "references.json", json.dumps(found).encode())
+
+    out = _made_once(places.work / name, make)
+    return json.loads((out / "references.json").read_text())
+
+
+def _train_on_criterion(out: Path, cfg: LoopCfg, base: Path | None) -> None:
+    setting = setting_of(base, None)
+    reward_fn = None
+    if base is not None:
+        policy = load_policy(base)
+        reward_fn = total_reward(
+            _standardised(_score(cfg, policy), policy),
+            setting.robot,
+            setting.env,
+            known=cfg.known,
+            weight=cfg.learned_weight,
+            keep_task=True,
+        )
+    train_cfg = TrainCfg(
+        steps=steps_of(cfg), env=cfg.env, ppo=cfg.ppo, seed=REFERENCE_SEED
+    )
+    train(out, setting.robot, train_cfg, reward_fn=reward_fn, init=base, resume=True)
+
+
+def _standardised(score: RewardFn, base: Policy) -> RewardFn:
+    """`score` scaled as a learned reward is: unit deviation on what the base does."""
+    features, lengths = rollout_features(
+        base, base.robot(), base.info.env, episodes=EPISODES, seed=REFERENCE_SEED
+    )
+    steps = torch.arange(len(features))[:, None]
+    scores = score(features, (steps == 0).expand(features.shape[:2]))
+    std, mean = torch.std_mean(scores[steps < lengths])
+    # A base that never shows the style has no deviation to divide by.
+    scale = max(float(std), 0.05)
+
+    def standardised(features: Tensor, starts: Tensor) -> Tensor:
+        return (score(features, starts) - mean) / scale
+
+    return SequenceCriterion(standardised, getattr(score, "history_steps", 0))
+
+
+def _made_once(out: Path, make: Callable[[Path], None]) -> Path:
+    """The directory `out`, made by one process while the others wait for it."""
+    done = out / "done"
+    with _locked(out.with_suffix(".lock")):
+        if not done.exists():
+            out.mkdir(parents=True, exist_ok=True)
+            make(out)
+            done.touch()
+    return out
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+def forget(cell: Cell, places: Places) -> None:
+    """Remove the run of a finished cell: its row is all that is kept."""
+    shutil.rmtree(places.work / cell.name, ignore_errors=True)

@@ -1,0 +1,146 @@
+"""From finished rows to a table, a plot and one JSON file."""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+from data.files import write_atomically
+
+from .harness import median
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+PAGE = "benchmarks.md"
+PLOT = "images/preferences.svg"
+BEGIN, END = "<!-- preferences: begin -->", "<!-- preferences: end -->"
+"""What stands between them in the page is replaced."""
+
+Row = dict[str, Any]
+KEY = ("task", "answers", "rater", "method")
+
+
+def read_rows(results: Path) -> list[Row]:
+    """Every finished row, one a seed, in the order of their names."""
+    return [json.loads(path.read_text()) for path in sorted(results.glob("*.json"))]
+
+
+def together(rows: Sequence[Row]) -> list[Row]:
+    """Rows that differ by their seed only, as one; medians where not said otherwise."""
+    groups: dict[tuple[Any, ...], list[Row]] = defaultdict(list)
+    for row in rows:
+        groups[tuple(row[name] for name in KEY)].append(row)
+    return [
+        dict(zip(KEY, key, strict=True))
+        | {
+            "seeds": len(group),
+            "fraction_median": median([row["fraction"] for row in group]),
+            "fraction_min": min(row["fraction"] for row in group),
+            "fraction_max": max(row["fraction"] for row in group),
+            "tracking_error_added_m_s": median(
+                [row["tracking_error_m_s"] - row["start_tracking_error_m_s"]
+                 for row in group]
+            ),
+            "accuracy": _median_of_known(group, "accuracy"),
+            "ece": _median_of_known(group, "ece"),
+            "minutes": _median_of_known(group, "minutes"),
+        }
+        for key, group in groups.items()
+    ]  # fmt: skip
+
+
+def _median_of_known(rows: Sequence[Row], name: str) -> float | None:
+    known = [row[name] for row in rows if row[name] is not None]
+    return median(known) if known else None
+
+
+def markdown(rows: Sequence[Row]) -> str:
+    """The table of `together`'s rows."""
+    lines = [
+        "| task | answers | rater | method | seeds | fraction: median (min to max) "
+        "| accuracy | ECE | minutes |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        spread = f"{row['fraction_min']:.2f} to {row['fraction_max']:.2f}"
+        cells = (
+            row["task"],
+            row["answers"],
+            row["rater"],
+            row["method"],
+            row["seeds"],
+            f"{row['fraction_median']:.2f} ({spread})",
+            _shown(row["accuracy"], 2),
+            _shown(row["ece"], 3),
+            _shown(row["minutes"], 1),
+        )
+        lines.append(f"| {' | '.join(map(str, cells))} |")
+    return "\n".join(lines)
+
+
+def _shown(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def plot(rows: Sequence[Row], path: Path) -> None:
+    """Fraction against answers, a panel a task; bars from worst to best seed."""
+    tasks = list(dict.fromkeys(row["task"] for row in rows))
+    columns = min(3, len(tasks))
+    lines = -(-len(tasks) // columns)
+    figure, axes = plt.subplots(
+        lines, columns, figsize=(3.6 * columns, 2.9 * lines), squeeze=False
+    )
+    for axis, task in zip(axes.flat, tasks, strict=False):
+        series: dict[str, list[Row]] = defaultdict(list)
+        for row in rows:
+            if row["task"] == task:
+                series[f"{row['rater']}, {row['method']}"].append(row)
+        for label, own in series.items():
+            own.sort(key=lambda row: row["answers"])
+            middle = [row["fraction_median"] for row in own]
+            below = [row["fraction_median"] - row["fraction_min"] for row in own]
+            above = [row["fraction_max"] - row["fraction_median"] for row in own]
+            answers = [row["answers"] for row in own]
+            axis.errorbar(
+                answers, middle, (below, above), marker="o", capsize=3, label=label
+            )
+        axis.axhline(1.0, color="0.6", linewidth=0.8)
+        axis.axhline(0.0, color="0.6", linewidth=0.8, linestyle=":")
+        axis.set(title=task, xlabel="answers", ylabel="fraction of the true reward")
+        axis.legend(fontsize=7)
+    for axis in list(axes.flat)[len(tasks) :]:
+        axis.set_visible(False)
+    figure.tight_layout()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    # Without a date and with fixed ids, equal rows give equal files.
+    with plt.rc_context({"svg.hashsalt": "preferences"}):
+        figure.savefig(path, metadata={"Date": None})
+    plt.close(figure)
+
+
+def publish_rows(rows: Sequence[Row], docs: Path, json_file: Path | None) -> None:
+    """Write table and plot into the docs, print the table, write the JSON file."""
+    if not rows:
+        print("there is no finished row")
+        return
+    summary = together(rows)
+    table = markdown(summary)
+    print(table)
+    plot(summary, docs / PLOT)
+    page = docs / PAGE
+    text = page.read_text() if page.exists() else f"{BEGIN}\n{END}\n"
+    head, begin, rest = text.partition(BEGIN)
+    _, end, tail = rest.partition(END)
+    if not (begin and end):
+        raise ValueError(f"{page} lacks the lines {BEGIN} and {END}")
+    body = f"{BEGIN}\n\n{table}\n\n![Fraction against answers]({PLOT})\n\n{END}"
+    write_atomically(page, (head + body + tail).encode())
+    if json_file is not None:
+        content = json.dumps({"rows": summary}, indent=1) + "\n"
+        write_atomically(json_file, content.encode())

@@ -1,0 +1,68 @@
+"""How a simulated rater errs: the settings, without anything heavy to import."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from data.errors import GaitprefError
+
+from .options import Answer
+
+
+@dataclass(frozen=True, kw_only=True)
+class RaterCfg:
+    """A rater of the B-Pref family (Lee et al. 2021); by default one who never errs.
+
+    Leads are measured in *typical leads*: 1 is the median distance between the mean
+    scores of the two clips of a pair, over all pairs asked so far. So the settings mean
+    the same for every criterion, whatever its units.
+    """
+
+    beta: float = math.inf
+    """Rationality: P(a) = sigmoid(beta * lead). With 1, a quarter of the answers at the
+    typical lead is wrong, and about 30 % of all, most of them on close pairs; with 3,
+    about 14 % of all. inf always takes the better clip."""
+    gamma: float = 1.0
+    """Myopia in (0, 1]: a step counts gamma times as much as the one after it."""
+    mistakes: float = 0.0
+    """Share of the answers that are turned round, however clear the pair."""
+    skip: float = 0.0
+    """"Can't tell" where both clips are among the worst `skip` of those asked about."""
+    equal: float = 0.0
+    """"Equal" where the lead is below this, in typical leads."""
+
+    def __post_init__(self) -> None:
+        if not self.beta > 0.0:
+            raise ValueError(f"beta must be positive, got {self.beta}")
+        if not 0.0 < self.gamma <= 1.0:
+            raise ValueError(f"gamma must lie in (0, 1], got {self.gamma}")
+        for name in ("mistakes", "skip"):
+            value = getattr(self, name)
+            if not 0.0 <= value <= 1.0:
+                raise ValueError(f"{name} must lie in [0, 1], got {value}")
+        if not self.equal >= 0.0:
+            raise ValueError(f"equal must not be negative, got {self.equal}")
+
+
+def rater_cfg(options: Answer) -> RaterCfg:
+    """The rater a command line asks for.
+
+    Raises:
+        GaitprefError: a setting is out of range, or belongs to the other rater.
+    """
+    if options.rater == "perfect" and options.beta is not None:
+        raise GaitprefError(
+            "--beta says how unsure a rater is: it needs --rater stochastic"
+        )
+    stochastic_beta = 1.0 if options.beta is None else options.beta
+    try:
+        return RaterCfg(
+            beta=stochastic_beta if options.rater == "stochastic" else math.inf,
+            gamma=options.gamma,
+            mistakes=options.mistakes,
+            skip=options.skip,
+            equal=options.equal,
+        )
+    except ValueError as error:
+        raise GaitprefError(f"--{error}") from None

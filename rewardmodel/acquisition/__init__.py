@@ -1,0 +1,57 @@
+"""Which pairs of clips to ask about next; a module for every family of strategies."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from rewardmodel.clips import ClipRows
+from rewardmodel.errors import RewardError
+from rewardmodel.model import RewardModel
+
+from .batches import Dpp as Dpp
+from .batches import KCenter as KCenter
+from .batches import Medoids as Medoids
+from .choose import choose_pairs as choose_pairs
+from .strategy import Strategy as Strategy
+from .strategy import Uniform as Uniform
+from .uncertainty import Bald as Bald
+from .uncertainty import Disagreement as Disagreement
+from .uncertainty import Entropy as Entropy
+
+StrategyName = Literal[
+    "uniform", "disagreement", "entropy", "bald", "kcenter", "medoids", "dpp"
+]
+NEEDS_MODEL = ("disagreement", "entropy", "bald")
+"""Strategies that ask an ensemble; kcenter and dpp use one where there is one."""
+
+
+def make_strategy(
+    name: StrategyName, model: RewardModel | None, clip_rows: ClipRows
+) -> Strategy:
+    """The strategy called `name`.
+
+    Raises:
+        RewardError: it needs an ensemble, and there is none.
+    """
+    match name:
+        case "uniform":
+            return Uniform()
+        case "medoids":
+            return Medoids(clip_rows)
+        case "kcenter" | "dpp" if model is None:
+            return KCenter(clip_rows) if name == "kcenter" else Dpp(clip_rows)
+        case _ if model is None:
+            raise RewardError(
+                f"--strategy {name} needs an ensemble: give --reward REWARD_DIR, "
+                f"which `gaitpref fit` makes"
+            )
+        case "kcenter":
+            return KCenter(clip_rows, among=Disagreement(model, clip_rows))
+        case "dpp":
+            return Dpp(clip_rows, quality=Disagreement(model, clip_rows))
+        case "entropy":
+            return Entropy(model, clip_rows)
+        case "bald":
+            return Bald(model, clip_rows)
+        case _:
+            return Disagreement(model, clip_rows)

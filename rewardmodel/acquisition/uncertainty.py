@@ -1,0 +1,102 @@
+"""Strategies that ask where an ensemble is unsure.
+
+Shapes: C clips, K candidate pairs (two indices into the clips each), M members.
+Stacked values [3, ...] are left, right, tie.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from data.clips import Clip
+from rewardmodel.clips import ClipRows, pad_clips
+from rewardmodel.likelihood import answer_log_probabilities
+from rewardmodel.model import RewardModel
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """Standard deviation over the ensemble of the probability that left is better."""
+
+    model: RewardModel
+    clip_rows: ClipRows
+    name: str = "disagreement"
+
+    def __call__(
+        self, clips: Sequence[Clip], candidates: np.ndarray, rng: np.random.Generator
+    ) -> np.ndarray:
+        leads = leads_of(self.model, self.clip_rows, clips, candidates)
+        return leads.sigmoid().std(dim=0).numpy()
+
+
+@dataclass(frozen=True)
+class Entropy:
+    """Entropy, in nats, of the answer the ensemble expects on average.
+
+    High wherever the answer is open, also where no answer would teach anything because
+    all members agree that the clips are equally good.
+    """
+
+    model: RewardModel
+    clip_rows: ClipRows
+    name: str = "entropy"
+
+    def __call__(
+        self, clips: Sequence[Clip], candidates: np.ndarray, rng: np.random.Generator
+    ) -> np.ndarray:
+        leads = leads_of(self.model, self.clip_rows, clips, candidates)
+        return _entropy(_answers(self.model, leads).mean(dim=1)).numpy()
+
+
+@dataclass(frozen=True)
+class Bald:
+    """Mutual information, in nats, of the answer and the member that is right.
+
+    The entropy of the answer less what would remain if one knew the right member
+    (Houlsby et al. 2011), under the likelihood the model was fitted with: errors and
+    ties that are expected anyway are worth nothing.
+    """
+
+    model: RewardModel
+    clip_rows: ClipRows
+    name: str = "bald"
+
+    def __call__(
+        self, clips: Sequence[Clip], candidates: np.ndarray, rng: np.random.Generator
+    ) -> np.ndarray:
+        leads = leads_of(self.model, self.clip_rows, clips, candidates)
+        answers = _answers(self.model, leads)  # [3, M, K]
+        whole, within = _entropy(answers.mean(dim=1)), _entropy(answers)
+        return (whole - within.mean(dim=0)).clamp_min(0.0).numpy()
+
+
+def leads_of(
+    model: RewardModel,
+    clip_rows: ClipRows,
+    clips: Sequence[Clip],
+    candidates: np.ndarray,
+) -> Tensor:
+    """Logit [M, K], by member, that the left clip of each candidate is better."""
+    used, positions = np.unique(candidates, return_inverse=True)
+    batch = pad_clips([clip_rows(clips[index]) for index in used])
+    left, right = positions.reshape(candidates.shape).T
+    returns = model.clip_returns(batch)  # [M, C]
+    return returns[:, left] - returns[:, right]
+
+
+def _answers(model: RewardModel, leads: Tensor) -> Tensor:
+    """Probabilities [3, M, K] of the answers at leads [M, K]."""
+    cfg = model.provenance.cfg
+    return answer_log_probabilities(
+        leads, tie_threshold=cfg.tie_threshold, error_share=cfg.error_share
+    ).exp()
+
+
+def _entropy(probabilities: Tensor) -> Tensor:
+    """Entropy [...] of distributions [3, ...], in nats."""
+    return -torch.xlogy(probabilities, probabilities).sum(dim=0)
