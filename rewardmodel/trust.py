@@ -114,7 +114,7 @@ def foresee(model: RewardModel, pairs: AnsweredPairs, *, seed: int) -> Foreseen:
     cfg = model.provenance.cfg
     seen = model.provenance.episodes
     unseen = torch.tensor([not seen.intersection(pair) for pair in pairs.episodes])
-    described = training_pairs(pairs, fall_logit=cfg.fall_logit)
+    described = training_pairs(pairs, cfg)
     lead = torch.zeros(len(pairs))
     asked = unseen.clone()
     if not unseen.all():

@@ -15,7 +15,7 @@ from gaitpref.cli import main
 from gaitpref.criteria import Criterion, load_criterion
 from gaitpref.questions import ClipCfg, ask
 from gaitpref.rater import answer_pairs
-from gaitpref.rewards import criterion_context
+from gaitpref.rewards import criterion_context, score_of_criterion
 from policy.config import EnvCfg
 from policy.ppo import PpoCfg
 from policy.record import RecordCfg, record
@@ -119,8 +119,16 @@ def test_steps_of_unseen_clips_are_ranked_like_the_criterion(
     model: RewardModel, held_out: list[np.ndarray], criterion: Criterion
 ) -> None:
     """Though people only ever said which whole clip is better."""
+    score = score_of_criterion(criterion)
+
+    def rows(clip: np.ndarray) -> torch.Tensor:
+        return torch.tensor(clip)[:, None]
+
+    def starts(clip: np.ndarray) -> torch.Tensor:
+        return torch.zeros(len(clip), 1, dtype=torch.bool)
+
     found = [
-        rank_correlation(reward, criterion(torch.tensor(clip)).numpy())
+        rank_correlation(reward, score(rows(clip), starts(clip))[:, 0].numpy())
         for reward, clip in zip(rewards(model, held_out), held_out, strict=True)
     ]
     assert len(found) > 30

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import get_args
 
@@ -243,9 +243,12 @@ def quarrelling_model() -> RewardModel:
         held_out_accuracy=None,
         held_out_interval=None,
         held_out_log_likelihood=None,
+        temperature=1.0,
+        held_out_ece=None,
+        held_out_brier=None,
         seconds=0.0,
     )
-    provenance = Provenance(FitCfg(), report, "")
+    provenance = Provenance(FitCfg(), report, "", frozenset())
     return RewardModel(Normaliser(len(DESCRIPTOR_NAMES)), scorer, provenance)
 
 
@@ -283,7 +286,7 @@ def model_of(*weights: dict[str, float]) -> RewardModel:
     return RewardModel(model.normaliser, scorer, model.provenance)
 
 
-def placed(*rows: dict[str, float]) -> tuple[list[Clip], ClipRows]:
+def placed(*rows: Mapping[str, float | list[float]]) -> tuple[list[Clip], ClipRows]:
     """Clips with constant features, the others zero."""
     clips = [Clip(f"{index}", 0, 10) for index in range(len(rows))]
 

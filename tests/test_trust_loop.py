@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 import torch
 
-from data.answers import Choice
 from data.dataset import Dataset
-from gaitpref import rater
 from gaitpref.cli import main
 from gaitpref.criteria import load_criterion
 from gaitpref.loop import run_configured
 from gaitpref.questions import ClipCfg, ask
+from gaitpref.rater_cfg import RaterCfg
 from gaitpref.rewards import criterion_context, score_of_criterion
 from gaitpref.watch import WatchedReward
 from policy.checkpoint import load_policy
@@ -38,21 +37,11 @@ FAR_LIMIT = 0.7
 
 
 def test_answers_that_do_not_agree_train_nothing(
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """With 40 % of the answers wrong at random the loop says so, keeps the policy, and
     asks again; `gaitpref trust` says the same."""
-    rng = np.random.default_rng(1)
-    honest = rater.judge
-
-    def careless(score_a: float, score_b: float) -> Choice:
-        wrong = rng.random() < 0.4
-        return honest(score_b, score_a) if wrong else honest(score_a, score_b)
-
-    monkeypatch.setattr(rater, "judge", careless)
-    cfg = replace(small_cfg(), labels=100)
+    cfg = replace(small_cfg(), labels=100, simulated=RaterCfg(mistakes=0.4))
     run = tmp_path / "run"
     run_configured(run, cfg)
     told = " ".join("".join(capsys.readouterr()).split())
