@@ -169,7 +169,6 @@ def resolve(options: Loop) -> LoopCfg:
         last_round_steps=600_000 if quick else 1_200_000,
         learned_weight=0.7,
         exploration=None,
-        far_limit=0.7,
         **common,
     )
 

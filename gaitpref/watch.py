@@ -27,7 +27,7 @@ from .trust_command import alarm_json, as_json
 
 WATCH_NAME = "watch.json"
 
-PATIENCE = 3
+PATIENCE = 2
 """Iterations in a row that must look bad: a single rollout may be odd."""
 RISE = 0.1
 """Rise of the learned reward, in its standard deviations, that counts as one."""

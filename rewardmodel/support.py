@@ -22,8 +22,9 @@ from .model import RewardModel
 from .normaliser import Normaliser
 from .pairs import AnsweredPairs
 
-PIECE_STEPS = 24
-"""Control steps of a piece: about one stride, and one rollout of PPO."""
+PIECE_STEPS = 12
+"""Control steps of a piece: about half a stride. Robots that fall all the time leave
+longer ones no chance to be whole."""
 FAR_QUANTILE = 0.95
 """Labelled pieces that are nearer to their own kind than a far piece is."""
 

@@ -16,20 +16,23 @@ from gaitpref.cli import main
 from gaitpref.criteria import load_criterion
 from gaitpref.loop import run_configured
 from gaitpref.questions import ClipCfg, ask
+from gaitpref.rater import answer_pairs
 from gaitpref.rater_cfg import RaterCfg
-from gaitpref.rewards import criterion_context, score_of_criterion
+from gaitpref.rewards import criterion_context, score_of_criterion, total_reward
 from gaitpref.watch import WatchedReward
 from policy.checkpoint import load_policy
 from policy.config import EnvCfg
 from policy.evaluate import evaluate
 from policy.ppo import IterationStats, PpoCfg
 from policy.record import RecordCfg, record
+from policy.reward import KnownTermsCfg
 from policy.robot import load_robot
 from policy.train import TrainCfg, train
-from rewardmodel import FitCfg, RewardModel, fit_reward, load_pairs
+from rewardmodel import AnsweredPairs, FitCfg, RewardModel, fit_reward, load_pairs
 from rewardmodel.descriptors import DESCRIPTOR_NAMES
 from rewardmodel.linear import LinearScorer
 from rewardmodel.support import support_of
+from rewardmodel.training import training_pairs
 
 from .small_loop import small_cfg
 
@@ -66,13 +69,15 @@ def test_answers_that_do_not_agree_train_nothing(
     assert trust["answers_are_those_fitted"]
 
 
-def exploitable(model: RewardModel) -> RewardModel:
+def exploitable(model: RewardModel, pairs: AnsweredPairs) -> RewardModel:
     """The reward with a planted flaw: pulling hard from the home pose is wonderful."""
     assert isinstance(model.scorer, LinearScorer)
     weights = torch.zeros_like(model.scorer.weights)
     weights[:, DESCRIPTOR_NAMES.index("action_sq")] = 1.0
     model.scorer.weights.copy_(weights)
-    return model
+    # Unit deviation on the judged steps, as every fitted reward has.
+    steps = training_pairs(pairs, fall_logit=0.0).transformed(model.normaliser)
+    return model.calibrate(steps.scored_steps)
 
 
 def test_an_exploited_reward_is_noticed_before_it_hurts(tmp_path: Path) -> None:
@@ -80,8 +85,8 @@ def test_an_exploited_reward_is_noticed_before_it_hurts(tmp_path: Path) -> None:
     env = EnvCfg()
     robot = load_robot(physics_dt_s=env.physics_dt_s)
     true = load_criterion("task", criterion_context(robot, env))
-    ppo = PpoCfg(num_envs=64, hidden_sizes=(32,))
-    start = TrainCfg(steps=0, env=env, ppo=ppo)
+    ppo = PpoCfg(num_envs=32, hidden_sizes=(32,))
+    start = TrainCfg(steps=0, env=env, ppo=ppo, exploration_std=0.1)
     policy = train(tmp_path / "start", robot, start).policy
     dataset = Dataset.create(tmp_path / "set")
     cfg = RecordCfg(episodes=48, episode_s=2.0, noisy_share=1.0)
@@ -99,11 +104,12 @@ def test_an_exploited_reward_is_noticed_before_it_hurts(tmp_path: Path) -> None:
     )
     with dataset.answers() as store:
         store.add_pairs(chosen)
-    rater.answer_pairs(dataset, true, rater_id="simulated", seed=0)
+    answer_pairs(dataset, true, rater_id="simulated", seed=0)
     pairs = load_pairs([dataset])
-    model = exploitable(fit_reward(pairs, FitCfg(), seed=0)[0])
-    watch = WatchedReward(model, model, support_of(pairs, model), FAR_LIMIT)
-    hack = TrainCfg(steps=40 * 24 * 64, env=env, ppo=ppo)
+    model = exploitable(fit_reward(pairs, FitCfg(), seed=0)[0], pairs)
+    total = total_reward(model, robot, env, known=KnownTermsCfg())
+    watch = WatchedReward(total, model, support_of(pairs, model), FAR_LIMIT)
+    hack = TrainCfg(steps=30 * 24 * 32, env=env, ppo=ppo)
 
     def trained(stop: Callable[[IterationStats], bool]) -> tuple[int, float]:
         """Steps done, and the true return without noise."""
@@ -125,7 +131,6 @@ def test_an_exploited_reward_is_noticed_before_it_hurts(tmp_path: Path) -> None:
     before = true_return(policy)
     alarmed_at, at_alarm = trained(lambda stats: watch.alarm is not None)
     end, at_end = trained(lambda stats: False)
-    print(before, alarmed_at, at_alarm, end, at_end, watch.drift)
     assert alarmed_at < end
     assert at_alarm > 0.9 * before
     assert at_end < 0.9 * before
