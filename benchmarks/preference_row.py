@@ -106,7 +106,7 @@ def _row(
         "true_tracking_error_m_s": references["true"]["tracking_error_m_s"],
         "falls": learned.falls,
         "accuracy": fit["held_out_accuracy"],
-        "ece": fit.get("ece"),
+        "ece": fit["held_out_ece"],
         "answers_used": fit["answers"],
         "steps": steps_of(cfg),
     }

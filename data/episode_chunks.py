@@ -155,7 +155,8 @@ def _chunk(
     if compressor is not None:
         compression = "zstd"
         packed = compressor.compress(b"".join(content))
-        stored, stored_size, stored_crc = [packed], len(packed), zlib.crc32(packed)
+        stored = [packed]
+        stored_size, stored_crc = len(packed), zlib.crc32(packed)
     name = compression.encode()
     # The record by hand: the library's would copy all messages once more.
     body = struct.pack("<QQQII", start_ns, end_ns, size, crc, len(name)) + name

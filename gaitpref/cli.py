@@ -74,6 +74,10 @@ def _home_of(command: options.Command) -> tuple[str, str]:
             return "export_command", "train,onnx"
         case options.Robot():
             return "robot_command", "train,label"
+        case options.Trust():
+            return "trust_command", "train"
+        case options.Explain():
+            return "explain_command", "train"
         case options.Play():
             return "play_command", "train,label"
         case _:

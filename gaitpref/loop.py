@@ -76,12 +76,12 @@ def run_configured(
         for number in range(cfg.rounds + 1):
             round = Round(run, number)
             round.root.mkdir(parents=True, exist_ok=True)
-            policy_stage(cfg, round, robot, people)
+            policy_stage(cfg, round, robot, dataset, people)
             if number < cfg.rounds:
                 record_stage(cfg, round, dataset, people)
                 questions_stage(cfg, round, dataset, criterion, people)
                 fit_stage(cfg, round, dataset, people)
-            report_stage(cfg, round, criterion)
+            report_stage(cfg, round, dataset, criterion)
             write_report(run)
     return run / PAGE_NAME
 

@@ -247,6 +247,49 @@ class Report:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Trust:
+    """Say how far a learned reward can be trusted, and raise an alarm where it cannot.
+
+    Accuracy and calibration on held-out answers, and how far a policy has left what
+    was judged."""
+
+    reward: Path
+    """Directory of the learned reward."""
+    dataset: Path
+    """Data set directory with answers."""
+    policy: Path | None = None
+    """Policy file to compare with the judged clips."""
+    picture: Path | None = None
+    """Write the reliability plot to this file, .svg or .png."""
+    json: bool = False
+    """Print one JSON object and nothing else; `alarm` is a reason, or null."""
+    seed: int = 0
+    """Bootstrap draws and start states."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Explain:
+    """Show which moments and which habits a learned reward likes.
+
+    Writes pictures of the best and the worst clips and the figures behind them."""
+
+    reward: Path
+    """Directory of the learned reward."""
+    dataset: Path
+    """Data set directory."""
+    out: Path
+    """Directory to write to; made if it is not there."""
+    clip: str | None = None
+    """One clip instead: EPISODE:START+STEPS, or the beginning of the hash of an
+    episode, which is then shown whole."""
+    count: int = 3
+    """Best and worst clips that are drawn."""
+    method: Literal["auto", "exact", "gradients", "occlusion"] = "auto"
+    """How the reward is shared among habits: exact where the model is linear, else
+    integrated gradients (needs the extra `explain`), or occlusion."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Raters:
     """Say who may log in to the labeling page, and how well they agree."""
 
@@ -348,6 +391,8 @@ Command = (
     | Annotated[Relabel, tyro.conf.subcommand("relabel")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Report, tyro.conf.subcommand("report")]
+    | Annotated[Trust, tyro.conf.subcommand("trust")]
+    | Annotated[Explain, tyro.conf.subcommand("explain")]
     | Annotated[Raters, tyro.conf.subcommand("raters")]
     | Annotated[Label, tyro.conf.subcommand("label")]
     | Annotated[Play, tyro.conf.subcommand("play")]

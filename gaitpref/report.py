@@ -3,27 +3,23 @@
 from __future__ import annotations
 
 import html
-import io
 import json
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from data.files import write_atomically
 
+from .pictures import BLUE, GREY, plain_axes, svg_of
+from .report_trust import alarm_section, clips_section, trust_cells
 from .run_config import LoopCfg, RunError, read_config
 
 PAGE_NAME = Path("report") / "index.html"
 """The page, from the directory of the run."""
-
-_BLUE, _GREY = "#2563a8", "#8a94a0"
-
-_NO_METADATA = {"Creator": None, "Date": None, "Format": None, "Type": None}
 
 _STYLE = """
 :root { color-scheme: light dark; --line: #d5dae0; --soft: #66707c; }
@@ -34,11 +30,13 @@ table { border-collapse: collapse; width: 100%; margin: 1rem 0; }
 th, td { text-align: right; padding: .3rem .6rem;
          border-bottom: 1px solid var(--line); }
 th:first-child, td:first-child { text-align: left; }
+.alarm { border-left: 4px solid #b3382c; padding: .2rem 1rem; }
 .curves { display: grid; grid-template-columns: repeat(auto-fit, minmax(17rem, 1fr));
           gap: 1rem; }
 .curves figure { margin: 0; background: #fff; border: 1px solid var(--line);
                  border-radius: 8px; padding: .4rem; }
 .curves svg { width: 100%; height: auto; display: block; }
+.curves figcaption { color: #333; font-size: .9rem; text-align: center; }
 code, pre { font-size: .9rem; } pre { overflow-x: auto; }
 """
 
@@ -53,7 +51,7 @@ def write_report(run: Path) -> Path:
     rounds = read_rounds(run)
     page = run / PAGE_NAME
     page.parent.mkdir(exist_ok=True)
-    write_atomically(page, render(run.name, cfg, rounds).encode())
+    write_atomically(page, render(run, cfg, rounds).encode())
     return page
 
 
@@ -80,10 +78,10 @@ def read_rounds(run: Path) -> list[dict[str, Any]]:
     return rounds
 
 
-def render(name: str, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
+def render(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
     """The page as HTML."""
     first, last = rounds[0]["evaluation"], rounds[-1]["evaluation"]
-    title = html.escape(f"gaitpref: {name}")
+    title = html.escape(f"gaitpref: {run.name}")
     criterion = html.escape(cfg.criterion)
     done = f"{len(rounds) - 1} of {cfg.rounds} retrainings"
     verdict = (
@@ -102,13 +100,17 @@ def render(name: str, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
         f'<meta name="viewport" content="width=device-width"><title>{title}</title>'
         f"<style>{_STYLE}</style><h1>{title}</h1>"
         f'<p class="lead">{settings}; {done} done.</p><p>{verdict}</p>'
+        f"{alarm_section(rounds)}"
         f'<div class="curves">{_curves(criterion, rounds)}</div>{_table(rounds)}'
+        f"{clips_section(run, rounds)}"
         f"<p>Returns are means over {last['episodes']} episodes on a fixed grid of "
         f"commands, without exploration noise, with 95 % intervals. Held-out accuracy "
         f"is measured on episodes the model of their fold has not seen. The learned "
         f"return is that of the reward a policy was trained against, which is new in "
         f"every round. The drift is the KL divergence per step from the policy of the "
-        f"round before.</p></html>\n"
+        f"round before. Accuracy on own clips: answers about a round's clips, foreseen "
+        f"from the answers before. Far: motion farther from every clip judged before "
+        f"than 95 % of those are from one another.</p></html>\n"
     )
 
 
@@ -123,22 +125,22 @@ def _curves(criterion: str, rounds: list[dict[str, Any]]) -> str:
     returns = _axes(f"Return under {criterion}")
     points = evaluated("return_mean")
     widths = [r["evaluation"]["return_ci95"] for r in rounds]
-    returns.errorbar(*zip(*points, strict=True), yerr=widths, color=_BLUE, capsize=3)
+    returns.errorbar(*zip(*points, strict=True), yerr=widths, color=BLUE, capsize=3)
 
     learned = _axes("Learned return: before and after training on it")
     for before, after in pairwise(rounds):
         if "learned_return_next" in before and "learned_return" in after:
             pair = (before["learned_return_next"], after["learned_return"])
-            learned.plot((before["round"], after["round"]), pair, "o-", color=_BLUE)
+            learned.plot((before["round"], after["round"]), pair, "o-", color=BLUE)
 
     accuracy = _axes("Held-out accuracy of the reward")
     fits = [(r["round"], r["fit"]) for r in rounds if r.get("fit")]
     for number, fit in fits:
         if fit["held_out_accuracy"] is not None:
             low, high = fit["held_out_interval"]
-            accuracy.plot((number, number), (low, high), color=_GREY)
-            accuracy.plot(number, fit["held_out_accuracy"], "o", color=_BLUE)
-    accuracy.axhline(0.5, color=_GREY, linestyle=":")
+            accuracy.plot((number, number), (low, high), color=GREY)
+            accuracy.plot(number, fit["held_out_accuracy"], "o", color=BLUE)
+    accuracy.axhline(0.5, color=GREY, linestyle=":")
     accuracy.set_ylim(0, 1)
 
     figures = [returns, learned, accuracy]
@@ -148,32 +150,19 @@ def _curves(criterion: str, rounds: list[dict[str, Any]]) -> str:
         ("power_w", "Mechanical power, W"),
     ):
         axes = _axes(label)
-        axes.plot(*zip(*evaluated(key), strict=True), "o-", color=_BLUE)
+        axes.plot(*zip(*evaluated(key), strict=True), "o-", color=BLUE)
         axes.set_ylim(bottom=0)
         figures.append(axes)
     for axes in figures:
         axes.set_xlim(-0.3, rounds[-1]["round"] + 0.3)
-    return "".join(f"<figure>{_svg(axes)}</figure>" for axes in figures)
+    return "".join(f"<figure>{svg_of(axes)}</figure>" for axes in figures)
 
 
 def _axes(title: str) -> Axes:
     axes = Figure(figsize=(4.2, 2.7), layout="constrained").subplots()
-    axes.set_title(title, fontsize=10)
     axes.set_xlabel("round", fontsize=9)
-    axes.tick_params(labelsize=8)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.grid(alpha=0.3)
-    return axes
-
-
-def _svg(axes: Axes) -> str:
-    figure, text = axes.figure, io.StringIO()
-    # A fixed salt and no date: equal runs give equal pages.
-    with matplotlib.rc_context({"svg.hashsalt": "gaitpref", "svg.fonttype": "none"}):
-        figure.savefig(text, format="svg", metadata=_NO_METADATA)  # type: ignore[union-attr]
-    svg = text.getvalue()
-    return svg[svg.index("<svg") :]
+    return plain_axes(axes, title)
 
 
 def _table(rounds: list[dict[str, Any]]) -> str:
@@ -182,6 +171,9 @@ def _table(rounds: list[dict[str, Any]]) -> str:
         "steps",
         "answers",
         "held-out accuracy",
+        "calibration error",
+        "on own clips",
+        "far",
         "return",
         "tracking error",
         "falls/min",
@@ -208,6 +200,7 @@ def _cells(round: dict[str, Any]) -> tuple[str, ...]:
         f"{round['policy_steps']:,}",
         str(fit["answers"]) if fit else "-",
         accuracy,
+        *trust_cells(round),
         _interval(evaluation),
         f"{evaluation['tracking_error_m_s']:.3f} m/s",
         f"{evaluation['falls_per_minute']:.2f}",

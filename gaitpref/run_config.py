@@ -80,6 +80,11 @@ class LoopCfg:
     """Weight of the learned reward, which has unit standard deviation per second."""
     exploration: ExplorationCfg | None
     """Noise put back every round; None keeps what the policy has."""
+    far_limit: float | None = None
+    """Share of a policy's motion that is far from every judged clip, or paid more than
+    any of them, at which a round's training ends early and asks; the steps left are
+    added to the next round. The last round only reports. None lets policies go
+    anywhere, as they must from scratch."""
     clips: ClipCfg = field(default_factory=ClipCfg)
     """How episodes are cut into clips."""
     batch_labels: int = 10
@@ -147,7 +152,7 @@ def resolve(options: Loop) -> LoopCfg:
             labels=100 if options.labels is None else options.labels,
             base_steps=0,
             round_steps=600_000,
-            last_round_steps=1_200_000 if quick else 2_500_000,
+            last_round_steps=1_800_000 if quick else 3_000_000,
             learned_weight=1.0,
             exploration=ExplorationCfg(),
             # Beside clips without noise, those with it teach that moving is bad; and a
@@ -164,6 +169,7 @@ def resolve(options: Loop) -> LoopCfg:
         last_round_steps=600_000 if quick else 1_200_000,
         learned_weight=0.7,
         exploration=None,
+        far_limit=0.7,
         **common,
     )
 

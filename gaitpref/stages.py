@@ -31,14 +31,20 @@ from .progress import console, counting_bar, training_bar
 from .rewards import score_of_criterion, total_reward
 from .rounds import Round, seed_of
 from .run_config import LoopCfg
+from .watch import deserves_training, trust_of_round, watched
 
 
 class Interrupted(KeyboardInterrupt):
     """Training was interrupted by the user; the same command goes on from there."""
 
 
-def policy_stage(cfg: LoopCfg, round: Round, robot: Robot, people: People) -> None:
-    """Train the round's policy: the first on the base, later ones on the reward."""
+def policy_stage(
+    cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset, people: People
+) -> None:
+    """Train the round's policy: the first on the base, later ones on the reward.
+
+    A reward that does not deserve it is not trained on: the policy stays.
+    """
     if round.policy.exists():
         return
     partial = round.root / "policy.partial"
@@ -48,12 +54,20 @@ def policy_stage(cfg: LoopCfg, round: Round, robot: Robot, people: People) -> No
         write_atomically(_made(partial) / POLICY_NAME, source.read_bytes())
         replace_directory(partial, round.policy.parent)
         return
+    if round.number and not deserves_training(round.before):
+        kept = round.before.policy.read_bytes()
+        write_atomically(_made(partial) / POLICY_NAME, kept)
+        replace_directory(partial, round.policy.parent)
+        console.print(
+            f"round {round.number}: the policy stays as it was, because the answers do "
+            f"not agree; "
+            + ("asking again" if round.number < cfg.rounds else "no answers are left")
+        )
+        return
     reward_fn, name, init, std, final_std = None, "task", None, None, None
-    if round.number == 0:
-        steps = cfg.base_steps
-    else:
-        last = round.number == cfg.rounds
-        steps = cfg.last_round_steps if last else cfg.round_steps
+    watch = None
+    steps = planned_steps(cfg, round)
+    if round.number:
         reward_fn = total_reward(
             load_reward(round.before.reward),
             robot,
@@ -62,10 +76,12 @@ def policy_stage(cfg: LoopCfg, round: Round, robot: Robot, people: People) -> No
             weight=cfg.learned_weight,
             keep_task=cfg.keeps_task,
         )
+        watch = watched(cfg, round, dataset, reward_fn)
         name = f"the reward learned in round {round.number - 1}"
         init = round.before.policy
         if cfg.exploration is not None:
             std = cfg.exploration.std(round.number, cfg.rounds)
+            last = round.number == cfg.rounds
             final_std = cfg.exploration.final if last else None
     train_cfg = TrainCfg(
         steps=steps,
@@ -77,18 +93,19 @@ def policy_stage(cfg: LoopCfg, round: Round, robot: Robot, people: People) -> No
     )
     with training_bar(f"round {round.number}: training", steps) as bar:
 
-        def after(stats: IterationStats) -> None:
+        def after(stats: IterationStats) -> bool:
             bar(stats)
             # The last iteration may end beyond the steps that were asked for.
             done = min(stats.steps / max(steps, 1), 1.0)
             people.tell(f"{_place(cfg, round)}: training", done)
+            return round.number < cfg.rounds and bool(watch and watch.alarm)
 
         people.tell(f"{_place(cfg, round)}: training", 0.0)
         result = train(
             partial,
             robot,
             train_cfg,
-            reward_fn=reward_fn,
+            reward_fn=watch or reward_fn,
             reward_name=name,
             init=init,
             resume=True,
@@ -96,7 +113,26 @@ def policy_stage(cfg: LoopCfg, round: Round, robot: Robot, people: People) -> No
         )
     if not result.finished:
         raise Interrupted
+    if watch:
+        watch.save(partial)
+    if watch and watch.alarm:
+        asks = ", so it asks before it trains on" if round.number < cfg.rounds else ""
+        console.print(f"[bold red]ALARM[/] round {round.number}: {watch.alarm}{asks}")
     replace_directory(partial, round.policy.parent)
+
+
+def planned_steps(cfg: LoopCfg, round: Round) -> int:
+    """Environment steps of a round: its own, and what the round before left over."""
+    if round.number == 0:
+        return cfg.base_steps
+    last = round.number == cfg.rounds
+    own = cfg.last_round_steps if last else cfg.round_steps
+    if round.number == 1:
+        return own
+    before = planned_steps(cfg, round.before)
+    summary = round.before.policy.parent / SUMMARY_NAME
+    done = json.loads(summary.read_text())["steps"] if summary.exists() else 0
+    return own + max(0, before - done)
 
 
 def record_stage(cfg: LoopCfg, round: Round, dataset: Dataset, people: People) -> None:
@@ -130,7 +166,9 @@ def fit_stage(cfg: LoopCfg, round: Round, dataset: Dataset, people: People) -> N
     console.print(f"round {round.number}: {fit_summary(report)}")
 
 
-def report_stage(cfg: LoopCfg, round: Round, criterion: Criterion) -> None:
+def report_stage(
+    cfg: LoopCfg, round: Round, dataset: Dataset, criterion: Criterion
+) -> None:
     """Evaluate the round's policy under the criterion and the learned rewards."""
     if round.report.exists():
         return
@@ -159,13 +197,19 @@ def report_stage(cfg: LoopCfg, round: Round, criterion: Criterion) -> None:
     summary = round.policy.parent / SUMMARY_NAME
     if summary.exists():
         result["training"] = json.loads(summary.read_text())
+    rose = False
     if round.number:
         trained_against = measured(load_reward(round.before.reward))
         result["learned_return"] = trained_against["return_mean"]
+        untrained = json.loads(round.before.report.read_text())["learned_return_next"]
+        rose = result["learned_return"] > untrained
     if round.reward.exists():
         model = load_reward(round.reward)
         result["learned_return_next"] = measured(model)["return_mean"]
         result["fit"] = asdict(model.provenance.report)
+    result["trust"] = trust_of_round(
+        cfg, round, dataset, features, lengths, return_rose=rose
+    )
     write_atomically(round.report, json.dumps(result, indent=1).encode())
     evaluation = result["evaluation"]
     console.print(
@@ -174,6 +218,8 @@ def report_stage(cfg: LoopCfg, round: Round, criterion: Criterion) -> None:
         f"{evaluation['tracking_error_m_s']:.2f} m/s, "
         f"{evaluation['falls_per_minute']:.2f} falls/min"
     )
+    for reason in result["trust"]["alarms"]:
+        console.print(f"[bold red]ALARM[/] round {round.number}: {reason}")
 
 
 def _made(directory: Path) -> Path:

@@ -14,6 +14,7 @@ from typing import get_args
 import torch
 from torch import Tensor
 
+from .calibration import calibration, fit_temperature
 from .cfg import FitCfg as FitCfg
 from .cfg import Kind
 from .gp import fit_gp
@@ -53,7 +54,7 @@ def fit_reward(
     cfg, considered = _chosen(described, pairs.episodes, cfg, seed)
     normaliser, scorer = _fit(described, cfg, seed)
     standardised = described.transformed(normaliser)
-    held_out, held_out_lead = _held_out(described, pairs.episodes, cfg, seed)
+    held_out, held_out_lead = held_out_leads(described, pairs.episodes, cfg, seed)
     report = _report(
         pairs,
         described,
@@ -64,7 +65,8 @@ def fit_reward(
         time.perf_counter() - started_s,
     )
     report = replace(report, raters=raters, considered=considered)
-    provenance = Provenance(cfg, report, pairs.answers_sha256)
+    seen = frozenset(sha256 for pair in pairs.episodes for sha256 in pair)
+    provenance = Provenance(cfg, report, pairs.answers_sha256, seen)
     model = RewardModel(normaliser, scorer, provenance)
     model.calibrate(standardised.scored_steps)
     logger.info("fitted a %s reward: %s", cfg.kind, report)
@@ -98,7 +100,7 @@ def _chosen(
     foreseen: dict[Kind, Tensor] = {}
     for kind in get_args(Kind):
         own = replace(cfg, kind=kind)
-        asked, leads = _held_out(pairs, episodes, own, seed)
+        asked, leads = held_out_leads(pairs, episodes, own, seed)
         foreseen[kind] = pairs.subset(asked).log_likelihood(leads, own)
         if len(foreseen[kind]) < MIN_HELD_OUT:
             return own, ()
@@ -106,13 +108,13 @@ def _chosen(
     return replace(cfg, kind=choose_kind(foreseen)), means
 
 
-def _held_out(
+def held_out_leads(
     pairs: TrainingPairs,
     episodes: tuple[tuple[str, str], ...],
     cfg: FitCfg,
     seed: int,
 ) -> tuple[Tensor, Tensor]:
-    """Leads of pairs by models that have seen neither of their two episodes.
+    """Leads of described pairs by models that have seen neither of their two episodes.
 
     For every fold, a model is fitted to the pairs with no clip in it and asked about
     the pairs with both clips in it. Grouping by pair instead would let a model meet the
@@ -130,11 +132,18 @@ def _held_out(
         tested = (folds == fold).all(dim=1)
         fitted = (folds != fold).all(dim=1)
         if tested.any() and fitted.any():
-            normaliser, scorer = _fit(pairs.subset(fitted), cfg, seed)
-            test_pairs = pairs.subset(tested).transformed(normaliser)
-            leads[tested] = test_pairs.leads(scorer).mean(dim=0)
+            leads[tested] = leads_without(pairs, fitted, tested, cfg, seed)
             asked |= tested
     return asked, leads[asked]
+
+
+def leads_without(
+    pairs: TrainingPairs, fitted: Tensor, tested: Tensor, cfg: FitCfg, seed: int
+) -> Tensor:
+    """Mean leads of the pairs in `tested` [B] by a model fitted to those in `fitted`
+    [B] alone (bool)."""
+    normaliser, scorer = _fit(pairs.subset(fitted), cfg, seed)
+    return pairs.subset(tested).transformed(normaliser).leads(scorer).mean(dim=0)
 
 
 def _report(
@@ -147,6 +156,8 @@ def _report(
     seconds: float,
 ) -> FitReport:
     right, preferences = _count_right(fitted.target, lead)
+    temperature = fit_temperature(held_out_lead, held_out.target)
+    found = calibration(held_out_lead / temperature, held_out.target)
     held_out_right, held_out_preferences = _count_right(held_out.target, held_out_lead)
     return FitReport(
         answers=len(fitted),
@@ -166,6 +177,9 @@ def _report(
             if len(held_out)
             else None
         ),
+        temperature=temperature,
+        held_out_ece=found.ece if found else None,
+        held_out_brier=found.brier if found else None,
         seconds=seconds,
     )
 

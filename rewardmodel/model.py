@@ -53,6 +53,8 @@ class Provenance:
     report: FitReport
     answers_sha256: str
     """Hash of the answers it was fitted to."""
+    episodes: frozenset[str]
+    """SHA-256 of the episodes in those answers: whatever else is held out."""
 
 
 class RewardModel(nn.Module):
@@ -102,6 +104,11 @@ class RewardModel(nn.Module):
     def leads(self, left: ClipBatch, right: ClipBatch) -> Tensor:
         """Logit [M, B], by member, that each left clip is better than the right one."""
         return self.clip_returns(left) - self.clip_returns(right)
+
+    def probabilities(self, left: ClipBatch, right: ClipBatch) -> Tensor:
+        """Calibrated probability [B] that each left clip is called better."""
+        lead = self.leads(left, right).mean(dim=0)
+        return (lead / self.provenance.report.temperature).sigmoid()
 
     def clip_returns(self, clips: ClipBatch) -> Tensor:
         """Mean raw reward [M, B] of clips, less the fixed price of a fall."""

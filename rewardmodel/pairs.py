@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -67,6 +67,20 @@ class AnsweredPairs:
 
     def __len__(self) -> int:
         return len(self.target)
+
+    def subset(self, chosen: Tensor) -> AnsweredPairs:
+        """The answers marked in `chosen` [B] (bool); at least one."""
+        rows = chosen.nonzero()[:, 0].tolist()
+        return replace(
+            self,
+            left=ClipBatch(self.left.features[rows], self.left.valid[rows]),
+            right=ClipBatch(self.right.features[rows], self.right.valid[rows]),
+            target=self.target[rows],
+            episodes=tuple(self.episodes[row] for row in rows),
+            raters=tuple(self.raters[row] for row in rows),
+            commands=self.commands[rows],
+            rounds=tuple(self.rounds[row] for row in rows),
+        )
 
     @property
     def fell(self) -> Tensor:

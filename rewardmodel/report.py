@@ -33,6 +33,12 @@ class FitReport:
     """Wilson 95 % interval of that share."""
     held_out_log_likelihood: float | None
     """Mean over all held-out answers, ties included."""
+    temperature: float
+    """What leads are divided by to be calibrated logits, from the held-out answers."""
+    held_out_ece: float | None
+    """Expected calibration error of the held-out preferences at that temperature."""
+    held_out_brier: float | None
+    """Mean squared error of their probabilities at that temperature."""
     raters: tuple[tuple[str, float], ...] = ()
     """Share of random answers of every rater, as estimated; empty where one answered
     alone."""
@@ -42,7 +48,7 @@ class FitReport:
     """Wall-clock time of the fit, folds included; not saved with the model."""
 
 
-def wilson_interval(right: int, total: int) -> tuple[float, float]:
+def wilson_interval(right: float, total: int) -> tuple[float, float]:
     """95 % interval of a share of which `right` of `total` were seen (Wilson 1927)."""
     z = 1.959964
     share = right / total

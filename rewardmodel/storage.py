@@ -30,7 +30,7 @@ from .report import FitReport
 
 TENSORS_NAME = "reward.safetensors"
 FACTS_NAME = "reward.json"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 
 _FEATURE_NAMES = tuple(feature.name for feature in FEATURES)
 
@@ -71,7 +71,10 @@ def load_reward(directory: Path) -> RewardModel:
             raise ValueError(f"{TENSORS_NAME} is not the file {FACTS_NAME} describes")
         report = from_plain(FitReport, facts["report"] | {"seconds": 0.0})
         provenance = Provenance(
-            from_plain(FitCfg, facts["cfg"]), report, str(facts["answers_sha256"])
+            from_plain(FitCfg, facts["cfg"]),
+            report,
+            str(facts["answers_sha256"]),
+            frozenset(map(str, facts["episodes"])),
         )
         model = RewardModel(
             Normaliser(len(DESCRIPTOR_NAMES)), make_scorer(provenance.cfg), provenance
@@ -99,6 +102,7 @@ def _facts(model: RewardModel, tensors: bytes) -> dict[str, Any]:
         "cfg": to_plain(provenance.cfg),
         "report": report,
         "answers_sha256": provenance.answers_sha256,
+        "episodes": sorted(provenance.episodes),
         "tensors_sha256": sha256_bytes(tensors),
     }
 

@@ -49,6 +49,14 @@ COMMANDS = {
         ["--policy", "p", "--out", "o"],
         options.Export(policy=Path("p"), out=Path("o")),
     ),
+    "trust": (
+        ["--reward", "w", "--dataset", "d"],
+        options.Trust(reward=Path("w"), dataset=Path("d")),
+    ),
+    "explain": (
+        ["--reward", "w", "--dataset", "d", "--out", "o"],
+        options.Explain(reward=Path("w"), dataset=Path("d"), out=Path("o")),
+    ),
 }
 
 

@@ -1,0 +1,177 @@
+"""`gaitpref explain`: which moments and which habits a learned reward likes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+
+from data.clips import Clip
+from data.dataset import Dataset, EpisodeEntry
+from data.errors import GaitprefError
+from data.files import write_atomically
+from rewardmodel.clips import mean_over, pad_clips
+from rewardmodel.descriptors import DESCRIPTOR_NAMES
+from rewardmodel.explain import Explanation, explain
+from rewardmodel.model import RewardModel
+from rewardmodel.storage import load_reward
+
+from . import options
+from .pictures import save_picture
+from .questions import ClipCfg, clips_of
+from .strips import clip_picture
+
+DATA_NAME = "explanation.json"
+_BATCH = 256
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """A clip and what the reward makes of it."""
+
+    clip: Clip
+    reward: float
+    """Mean over the steps that count, less the price of a fall, in units of the
+    reward."""
+
+
+def run(command: options.Explain) -> int:
+    """Run the command; gives the exit code."""
+    torch.set_num_threads(1)
+    model = load_reward(command.reward)
+    dataset = Dataset.open(command.dataset)
+    if command.clip is not None:
+        clip = find_clip(dataset, command.clip)
+        chosen = [("clip", ranked(model, dataset, [clip])[0])]
+    else:
+        chosen = extremes(model, dataset, command.count)
+    told = []
+    for name, found in chosen:
+        rows = dataset.clip_features(found.clip)
+        entry = dataset.entry(found.clip.rollout)
+        shown = explain(model, rows, method=command.method)
+        picture = command.out / f"{name}.svg"
+        save_picture(clip_picture(shown, entry, found.clip, found.reward), picture)
+        told.append(clip_json(name, found, entry, shown))
+        print(f"{picture}  reward {found.reward:+.2f}  {found.clip.key}")
+    data = {"descriptors": list(DESCRIPTOR_NAMES), "clips": told}
+    write_atomically(command.out / DATA_NAME, json.dumps(data).encode())
+    print(f"the figures are in {command.out / DATA_NAME}")
+    return 0
+
+
+def extremes(
+    model: RewardModel,
+    dataset: Dataset,
+    count: int,
+    *,
+    entries: Sequence[EpisodeEntry] | None = None,
+) -> list[tuple[str, Ranked]]:
+    """The best and the worst `count` clips, each of another episode, with a name.
+
+    Of `entries` alone, where they are given.
+
+    Raises:
+        GaitprefError: the data set gives no clip.
+    """
+    clips = clips_of(dataset.entries() if entries is None else entries, ClipCfg())
+    if not clips:
+        raise GaitprefError(
+            f"{dataset.root} gives no clip: `gaitpref record --policy POLICY "
+            f"--dataset {dataset.root}` adds episodes"
+        )
+    found = sorted(ranked(model, dataset, clips), key=lambda r: (-r.reward, r.clip))
+    best = _of_other_episodes(found, count)
+    worst = _of_other_episodes(found[::-1], count)
+    return [
+        (f"{name}-{place + 1}", clip)
+        for name, part in (("best", best), ("worst", worst))
+        for place, clip in enumerate(part)
+    ]
+
+
+def ranked(model: RewardModel, dataset: Dataset, clips: list[Clip]) -> list[Ranked]:
+    """What the reward makes of each clip, in the order the files are read."""
+    found: list[Ranked] = []
+    rows: list[tuple[int, np.ndarray]] = []
+    for item in dataset.each_clip_features(clips):
+        rows.append(item)
+        if len(rows) == _BATCH:
+            found += _scored(model, clips, rows)
+            rows = []
+    return found + (_scored(model, clips, rows) if rows else [])
+
+
+def _scored(
+    model: RewardModel, clips: list[Clip], rows: list[tuple[int, np.ndarray]]
+) -> list[Ranked]:
+    batch = pad_clips([features for _, features in rows])
+    rewards = model(batch.features.transpose(0, 1), batch.starts.mT).mT
+    price = model.provenance.cfg.fall_logit / model.reward_std
+    values = mean_over(rewards, batch.scored) - price * batch.fell.float()
+    return [
+        Ranked(clips[position], value)
+        for (position, _), value in zip(rows, values.tolist(), strict=True)
+    ]
+
+
+def _of_other_episodes(found: list[Ranked], count: int) -> list[Ranked]:
+    first: dict[str, Ranked] = {}
+    for item in found:
+        first.setdefault(item.clip.rollout, item)
+    return list(first.values())[:count]
+
+
+def find_clip(dataset: Dataset, name: str) -> Clip:
+    """The clip called EPISODE:START+STEPS, or a whole episode by its hash's beginning.
+
+    Raises:
+        GaitprefError: there is no such clip, or more than one episode.
+    """
+    sha256, colon, place = name.partition(":")
+    entries = [e for e in dataset.entries() if e.sha256.startswith(sha256)]
+    if len(entries) != 1:
+        raise GaitprefError(
+            f"{dataset.root} holds {len(entries)} episodes whose hash begins with "
+            f"{sha256!r}; `--clip` takes EPISODE:START+STEPS, or an episode"
+        )
+    entry = entries[0]
+    if not colon:
+        return Clip(entry.sha256, 0, entry.num_steps)
+    try:
+        start, steps = (int(number) for number in place.split("+"))
+        clip = Clip(entry.sha256, start, steps)
+    except ValueError:
+        raise GaitprefError(f"--clip {name!r} is not EPISODE:START+STEPS") from None
+    dataset.clip_features(clip)
+    return clip
+
+
+def clip_json(
+    name: str, found: Ranked, entry: EpisodeEntry, shown: Explanation
+) -> dict[str, Any]:
+    """A clip's figures as plain values, rounded to what can be seen."""
+
+    def rounded(values: np.ndarray) -> list[Any]:
+        return np.round(values.astype(float), 4).tolist()
+
+    return {
+        "name": name,
+        "clip": found.clip.key,
+        "reward_of_clip": round(found.reward, 4),
+        "command": list(entry.meta.command),
+        "control_dt_s": entry.meta.control_dt_s,
+        "method": shown.method,
+        "reward": rounded(shown.reward),
+        "spread": rounded(shown.spread),
+        "average": round(shown.average, 4),
+        "groups": list(shown.groups),
+        "shares": rounded(shown.shares),
+        "by_descriptor": (
+            None if shown.method == "occlusion" else rounded(shown.descriptors)
+        ),
+    }

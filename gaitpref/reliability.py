@@ -1,0 +1,57 @@
+"""The reliability plot: is "80 % sure" right in 80 % of the cases?"""
+
+from __future__ import annotations
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from rewardmodel.calibration import Bin, Calibration
+from rewardmodel.report import wilson_interval
+from rewardmodel.trust import Foreseen
+
+from .pictures import BLUE, GREY, plain_axes
+
+
+def reliability_plot(foreseen: Foreseen) -> Figure:
+    """Share of right predictions against confidence, before and after the temperature.
+
+    Bars are 95 % intervals of the share; the diagonal is perfect.
+    """
+    figure = Figure(figsize=(4.6, 3.9), layout="constrained")
+    axes = plain_axes(figure.subplots(), "Held-out answers: how sure, and how right")
+    axes.plot((0.5, 1), (0.5, 1), ":", color=GREY, linewidth=1)
+    _draw(axes, foreseen.uncalibrated, GREY, "s--", "at temperature 1", bars=False)
+    name = f"at temperature {foreseen.temperature:.2f}"
+    _draw(axes, foreseen.calibrated, BLUE, "o-", name, bars=True)
+    axes.set_xlabel("Probability given to the clip predicted to win", fontsize=9)
+    axes.set_ylabel("Share of answers for that clip", fontsize=9)
+    axes.set_xlim(0.49, 1.01)
+    axes.set_ylim(0, 1.02)
+    if foreseen.calibrated is not None:
+        axes.legend(fontsize=8, frameon=False, loc="lower right")
+    else:
+        axes.text(0.75, 0.3, "no held-out preference", ha="center", color=GREY)
+    return figure
+
+
+def _draw(
+    axes: Axes,
+    found: Calibration | None,
+    color: str,
+    style: str,
+    name: str,
+    *,
+    bars: bool,
+) -> None:
+    if found is None:
+        return
+    sure = [part.confidence for part in found.bins]
+    right = [part.right for part in found.bins]
+    label = f"{name}: error {found.ece:.2f}"
+    axes.plot(sure, right, style, color=color, markersize=4, linewidth=1, label=label)
+    for part in found.bins if bars else ():
+        axes.plot([part.confidence] * 2, _interval(part), color=color, alpha=0.4)
+
+
+def _interval(part: Bin) -> tuple[float, float]:
+    return wilson_interval(part.right * part.answers, part.answers)

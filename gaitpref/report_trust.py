@@ -1,0 +1,78 @@
+"""What the page of a run says of trust, and the clips its reward likes and dislikes."""
+
+from __future__ import annotations
+
+import html
+from pathlib import Path
+from typing import Any
+
+from data.dataset import Dataset
+from data.errors import GaitprefError
+from rewardmodel.explain import explain
+from rewardmodel.storage import load_reward
+
+from .explain_command import extremes
+from .pictures import svg_of
+from .strips import clip_picture
+
+COUNT = 2
+"""Best, and worst clips on the page."""
+
+
+def alarm_section(rounds: list[dict[str, Any]]) -> str:
+    """Every alarm of every round, or that there was none."""
+    raised = [
+        f"<li>Round {of_round['round']}: {html.escape(reason)}.</li>"
+        for of_round in rounds
+        for reason in of_round.get("trust", {}).get("alarms", ())
+    ]
+    if not raised:
+        return "<p>No alarm: nothing says that the learned reward misleads.</p>"
+    return f'<div class="alarm"><b>Alarm</b><ul>{"".join(raised)}</ul></div>'
+
+
+def trust_cells(of_round: dict[str, Any]) -> tuple[str, str, str]:
+    """Calibration error, accuracy on the round's own clips, and share of far motion."""
+    trust = of_round.get("trust", {})
+    newest, policy = trust.get("newest"), trust.get("policy")
+    calibrated = trust.get("calibrated")
+    far = policy and policy["drift"] and policy["drift"]["share_far"]
+    return (
+        f"{calibrated['ece']:.2f}" if calibrated else "-",
+        f"{newest['share']:.2f} of {newest['answers']}" if newest else "-",
+        "-" if far is None else f"{far:.0%}",
+    )
+
+
+def clips_section(run: Path, rounds: list[dict[str, Any]]) -> str:
+    """The newest reward's best and worst clips of the round it was fitted in."""
+    numbers = [r["round"] for r in rounds if r.get("fit")]
+    if not numbers:
+        return ""
+    newest = max(numbers)
+    try:
+        model = load_reward(run / "rounds" / f"{newest:02d}" / "reward")
+        dataset = Dataset.open(run / "dataset")
+        entries = [e for e in dataset.entries() if e.meta.round == newest]
+        found = extremes(model, dataset, COUNT, entries=entries)
+    except GaitprefError as error:
+        return f"<p>No clips are shown: {html.escape(str(error))}</p>"
+    figures = []
+    for name, shown in found:
+        rows = dataset.clip_features(shown.clip)
+        picture = clip_picture(
+            explain(model, rows, method="auto"),
+            dataset.entry(shown.clip.rollout),
+            shown.clip,
+            shown.reward,
+        )
+        title = name.replace("-", " ")
+        figures.append(
+            f"<figure>{svg_of(picture.axes[0])}<figcaption>{title}</figcaption></figure>"
+        )
+    return (
+        f"<h2>What the reward of round {newest} likes</h2><p>Reward of each step with "
+        f"the spread of the ensemble, and what each group of habits adds to the reward "
+        f"of an average step; the dotted line is that average.</p>"
+        f'<div class="curves">{"".join(figures)}</div>'
+    )

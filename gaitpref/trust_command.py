@@ -1,0 +1,120 @@
+"""`gaitpref trust`: whether a learned reward deserves to be believed."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from typing import Any
+
+import torch
+
+from data.dataset import Dataset
+from policy.checkpoint import load_policy
+from policy.evaluate import rollout_features
+from rewardmodel.pairs import AnsweredPairs, load_pairs
+from rewardmodel.storage import load_reward
+from rewardmodel.trust import Accuracy, Foreseen, Reach, alarms, foresee, reach, spelled
+
+from . import options
+from .pictures import save_picture
+from .reliability import reliability_plot
+
+EPISODES = 16
+"""Of the policy, over the grid of commands."""
+
+
+def run(command: options.Trust) -> int:
+    """Run the command; gives the exit code, 0 with an alarm too."""
+    torch.set_num_threads(1)
+    model = load_reward(command.reward)
+    judged = load_pairs([Dataset.open(command.dataset)])
+    foreseen = foresee(model, judged, seed=command.seed)
+    reached = None
+    if command.policy is not None:
+        policy = load_policy(command.policy)
+        rows, lengths = rollout_features(
+            policy,
+            policy.robot(),
+            policy.info.env,
+            episodes=EPISODES,
+            seed=command.seed,
+        )
+        reached = reach(model, judged, rows, lengths)
+    reasons = alarms(foreseen, reached)
+    if command.picture is not None:
+        save_picture(reliability_plot(foreseen), command.picture)
+    same = model.provenance.answers_sha256 == judged.answers_sha256
+    if command.json:
+        values = {"answers_are_those_fitted": same, **as_json(foreseen, reached)}
+        print(json.dumps({**values, **alarm_json(reasons)}))
+        return 0
+    for line in _lines(command, judged, foreseen, reached, same):
+        print(line)
+    for reason in reasons:
+        print(f"ALARM: {reason}")
+    if not reasons:
+        print("no alarm")
+    return 0
+
+
+def as_json(foreseen: Foreseen | None, reached: Reach | None) -> dict[str, Any]:
+    """The figures as plain values, for `--json` and for a round's report."""
+    values: dict[str, Any] = asdict(foreseen) if foreseen else {}
+    values["policy"] = None
+    if reached is not None:
+        values["policy"] = asdict(reached) | {"spread_ratio": reached.spread_ratio}
+    return values
+
+
+def alarm_json(reasons: tuple[str, ...]) -> dict[str, Any]:
+    """The gravest reason, or null, and all of them."""
+    return {"alarm": reasons[0] if reasons else None, "alarms": list(reasons)}
+
+
+def _lines(
+    command: options.Trust,
+    judged: AnsweredPairs,
+    foreseen: Foreseen,
+    reached: Reach | None,
+    same: bool,
+) -> list[str]:
+    lines = [
+        f"answers         {len(judged)} in {command.dataset}"
+        + ("" if same else ", others than the reward was fitted to"),
+        f"held out        {foreseen.answers} answers, {foreseen.ties} of them ties",
+        f"accuracy        {_accuracy(foreseen.accuracy)}",
+        f"newest round    {_accuracy(foreseen.newest)}",
+    ]
+    lines += [
+        f"  command {k:<15}{_accuracy(v)}" for k, v in foreseen.by_command.items()
+    ]
+    lines += [f"  round   {k:<15}{_accuracy(v)}" for k, v in foreseen.by_round.items()]
+    before, after = foreseen.uncalibrated, foreseen.calibrated
+    if before is not None and after is not None:
+        lines += [
+            f"calibration     error {after.ece:.3f} at temperature "
+            f"{foreseen.temperature:.2f}, {before.ece:.3f} without; this many answers "
+            f"show {after.ece_by_chance:.3f} by chance alone",
+            f"Brier           {after.brier:.3f}, {before.brier:.3f} without; 0.25 says "
+            f"nothing",
+        ]
+    if foreseen.tie_separation is not None:
+        lines.append(
+            f"ties            have the smaller lead {foreseen.tie_separation:.0%} of "
+            f"the time, 50% is chance"
+        )
+    if reached is not None:
+        lines.append(
+            f"spread          {reached.spread:.2f} on the policy, "
+            f"{reached.spread_judged:.2f} on the judged clips"
+        )
+        if reached.drift is not None:
+            lines.append(f"drift           {spelled(reached.drift)}")
+    return lines
+
+
+def _accuracy(accuracy: Accuracy | None) -> str:
+    if accuracy is None:
+        return "-"
+    low, high = accuracy.interval
+    return f"{accuracy.share:.2f} ({low:.2f} to {high:.2f}, {accuracy.answers} answers)"

@@ -1,0 +1,151 @@
+"""Whether the loop may believe its reward: watched in training, judged every round.
+
+Shapes: T steps of a rollout, N environments, F feature columns.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from data.dataset import Dataset
+from data.files import write_atomically
+from policy.ppo import RewardFn
+from rewardmodel.model import RewardModel
+from rewardmodel.pairs import AnsweredPairs, load_pairs
+from rewardmodel.storage import load_reward
+from rewardmodel.support import Drift, Support, support_of
+from rewardmodel.trust import alarms, disagree, foresee, reach, spelled
+
+from .rounds import Round, seed_of
+from .run_config import LoopCfg
+from .trust_command import alarm_json, as_json
+
+WATCH_NAME = "watch.json"
+
+PATIENCE = 3
+"""Iterations in a row that must look bad: a single rollout may be odd."""
+RISE = 0.1
+"""Rise of the learned reward, in its standard deviations, that counts as one."""
+
+
+class WatchedReward:
+    """A reward that notices when a policy leaves what was judged and is paid for it."""
+
+    def __init__(
+        self, reward: RewardFn, model: RewardModel, support: Support, limit: float
+    ) -> None:
+        """Watch `reward`, of which `model` is the learned part, against `support`.
+
+        Args:
+            reward: What the policy is trained on; passed through as it is.
+            model: The learned reward.
+            support: Of the answers it was fitted to.
+            limit: Share of motion beyond what was judged that looks bad.
+        """
+        self._reward, self._model, self._support = reward, model, support
+        self._limit = limit
+        self._first: float | None = None
+        self._bad = 0
+        self.drift: Drift | None = None
+        """Of the newest rollout."""
+        self.rise = 0.0
+        """Of the learned reward since the first rollout seen."""
+
+    def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
+        """Reward [T, N] of rows [T, N, F]."""
+        self._look(features, starts)
+        return self._reward(features, starts)
+
+    @property
+    def alarm(self) -> str | None:
+        """Why training should not go on before people have been asked."""
+        if self._bad < PATIENCE or self.drift is None:
+            return None
+        return (
+            f"the learned reward rose by {self.rise:.2f} where nobody has judged: "
+            f"{spelled(self.drift)}"
+        )
+
+    def _look(self, features: Tensor, starts: Tensor) -> None:
+        mean = float(self._model(features, starts).mean())
+        self._first = mean if self._first is None else self._first
+        self.rise = mean - self._first
+        # A piece must not reach across a reset.
+        valid = ~starts.bool()
+        valid[0] = True
+        self.drift = self._support.drift(features.cpu(), valid.cpu())
+        far = self.drift is not None and self.drift.share_beyond > self._limit
+        self._bad = self._bad + 1 if far and self.rise > RISE else 0
+
+    def save(self, folder: Path) -> None:
+        """Leave the last figures beside the policy."""
+        share = None if self.drift is None else self.drift.share_beyond
+        found = {"alarm": self.alarm, "share_beyond": share, "learned_rise": self.rise}
+        write_atomically(folder / WATCH_NAME, json.dumps(found).encode())
+
+
+def watched(
+    cfg: LoopCfg, round: Round, dataset: Dataset, reward: RewardFn
+) -> WatchedReward | None:
+    """`reward` of the round, watched; None where the loop lets policies go anywhere."""
+    if cfg.far_limit is None:
+        return None
+    model = load_reward(round.before.reward)
+    support = support_of(_judged_before(dataset, round), model)
+    return WatchedReward(reward, model, support, cfg.far_limit)
+
+
+def deserves_training(round: Round) -> bool:
+    """Whether the reward of a finished round may be trained on."""
+    trust = json.loads(round.report.read_text()).get("trust", {})
+    return bool(trust.get("deserves_training", True))
+
+
+def trust_of_round(
+    cfg: LoopCfg,
+    round: Round,
+    dataset: Dataset,
+    features: Tensor,
+    lengths: Tensor,
+    *,
+    return_rose: bool,
+) -> dict[str, Any]:
+    """What a round's report says of trust.
+
+    Args:
+        cfg: The loop.
+        round: Its newest round.
+        dataset: With the answers so far.
+        features: [T, N, F] of the round's policy without exploration noise.
+        lengths: [N] of its episodes.
+        return_rose: Whether training raised the learned return.
+    """
+    reached, foreseen = None, None
+    if round.number:
+        model = load_reward(round.before.reward)
+        judged = _judged_before(dataset, round)
+        reached = reach(model, judged, features, lengths)
+    if round.reward.exists():
+        model = load_reward(round.reward)
+        seed = seed_of(cfg, round.number, 5)
+        foreseen = foresee(model, load_pairs([dataset]), seed=seed)
+    values = as_json(foreseen, reached)
+    distrusted = foreseen is not None and disagree(foreseen)
+    reasons = alarms(foreseen, reached, return_rose=return_rose)
+    watch = round.policy.parent / WATCH_NAME
+    if watch.exists():
+        values["watch"] = json.loads(watch.read_text())
+        if values["watch"]["alarm"]:
+            reasons = (*reasons, values["watch"]["alarm"])
+    return {**values, **alarm_json(reasons), "deserves_training": not distrusted}
+
+
+def _judged_before(dataset: Dataset, round: Round) -> AnsweredPairs:
+    """The answers that the reward of the round before was fitted to."""
+    pairs = load_pairs([dataset])
+    return pairs.subset(torch.tensor(pairs.rounds) < round.number)

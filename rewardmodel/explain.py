@@ -1,0 +1,166 @@
+"""Which moment and which habit a reward likes.
+
+The shares of a step's descriptors add up to its reward minus the reward of an average
+step of the judged clips: exactly for a linear model, up to the error of the integral
+for integrated gradients, and not at all for occlusion, which asks what would change if
+a group of habits were average.
+
+Shapes: K steps, D descriptors, G groups.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from .descriptors import DESCRIPTOR_NAMES, describe
+from .errors import RewardError
+from .linear import LinearScorer
+from .model import RewardModel
+
+Method = Literal["auto", "exact", "gradients", "occlusion"]
+
+GROUPS = {
+    "tracking": (
+        "planar_error",
+        "planar_error_sq",
+        "yaw_rate_error",
+        "yaw_rate_error_sq",
+        "forward_speed",
+    ),
+    "steadiness": ("vertical_speed_sq", "roll_rate_sq", "pitch_rate_sq", "tilt_sq"),
+    "posture": ("height", "height_sq", "joint_offset_sq"),
+    "effort": ("joint_speed_sq", "torque_sq", "power"),
+    "shaking": ("action_sq", "action_rate_sq"),
+    "feet": (
+        "contacts",
+        "foot_height_mean",
+        "foot_height_max",
+        "foot_speed_mean",
+        "slip",
+        "air_time_mean",
+        "air_time_max",
+    ),
+}
+"""Habits that belong together; correlated descriptors share a reward by chance, their
+group does not."""
+OTHER = "other"
+"""Group of the descriptors named nowhere above."""
+
+_INTEGRATION_STEPS = 32
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """A stretch of motion as a reward sees it, step by step."""
+
+    reward: np.ndarray
+    """[K] reward of each step."""
+    spread: np.ndarray
+    """[K] standard deviation over the ensemble."""
+    groups: tuple[str, ...]
+    shares: np.ndarray
+    """[K, G] what each group adds to the reward of an average judged step."""
+    descriptors: np.ndarray
+    """[K, D] the same by descriptor, in table order; NaN where occlusion asked only
+    about groups."""
+    average: float
+    """Reward of an average judged step."""
+    method: str
+
+
+def group_of(name: str) -> str:
+    """The group of a descriptor."""
+    return next((g for g, names in GROUPS.items() if name in names), OTHER)
+
+
+def explain(
+    model: RewardModel, rows: np.ndarray, *, method: Method = "auto"
+) -> Explanation:
+    """Share the reward of consecutive feature rows [K, F] of one episode.
+
+    Raises:
+        RewardError: `exact` was asked of a model that is not linear, or `gradients`
+            without captum.
+    """
+    features = torch.tensor(rows)[:, None]
+    starts = torch.zeros(len(rows), 1, dtype=torch.bool)
+    starts[0] = True
+    steps = model.normaliser(describe(features[:, 0]))  # [K, D]
+    average = float(_reward(model, torch.zeros_like(steps[:1])))
+    chosen = _chosen(model, method)
+    match chosen:
+        case "exact":
+            shares = steps * model.scorer.weights.mean(dim=0) / model.reward_std  # type: ignore[union-attr]
+        case "gradients":
+            shares = _gradients(model, steps)
+        case _:
+            shares = torch.full_like(steps, torch.nan)
+    groups = tuple(dict.fromkeys(map(group_of, DESCRIPTOR_NAMES)))
+    members = [[group_of(n) == group for n in DESCRIPTOR_NAMES] for group in groups]
+    if chosen == "occlusion":
+        by_group = torch.stack(
+            [_occluded(model, steps, torch.tensor(own)) for own in members], dim=1
+        )
+    else:
+        by_group = torch.stack([shares[:, own].sum(dim=1) for own in members], dim=1)
+    return Explanation(
+        reward=model(features, starts)[:, 0].numpy(),
+        spread=model.spread(features, starts)[:, 0].numpy(),
+        groups=groups,
+        shares=by_group.numpy(),
+        descriptors=shares.numpy(),
+        average=average,
+        method=chosen,
+    )
+
+
+def _chosen(model: RewardModel, method: Method) -> str:
+    linear = isinstance(model.scorer, LinearScorer)
+    if method == "exact" and not linear:
+        raise RewardError(
+            "only a linear model has exact shares; take --method gradients or occlusion"
+        )
+    if method != "auto":
+        return method
+    if linear:
+        return "exact"
+    return "gradients" if _integrated_gradients() else "occlusion"
+
+
+def _reward(model: RewardModel, steps: Tensor) -> Tensor:
+    """Reward [K] of standardised descriptors [K, D]."""
+    mean = model.scorer(steps).mean(dim=0)
+    return (mean - model.reward_mean) / model.reward_std
+
+
+def _occluded(model: RewardModel, steps: Tensor, hidden: Tensor) -> Tensor:
+    """Loss of reward [K] where the descriptors `hidden` [D] are average ones."""
+    return _reward(model, steps) - _reward(model, steps.masked_fill(hidden, 0.0))
+
+
+def _gradients(model: RewardModel, steps: Tensor) -> Tensor:
+    """Integrated gradients [K, D] on the way from an average judged step."""
+    method = _integrated_gradients()
+    if method is None:
+        raise RewardError(
+            "--method gradients needs the package captum: pip install -e '.[explain]' "
+            "-c constraints.txt; or take --method occlusion"
+        )
+    found = method(lambda inputs: _reward(model, inputs)).attribute(
+        steps.requires_grad_(), n_steps=_INTEGRATION_STEPS
+    )
+    return found.detach().to(torch.float32)
+
+
+def _integrated_gradients() -> Callable | None:
+    try:
+        from captum.attr import IntegratedGradients
+    except ModuleNotFoundError:
+        return None
+    return IntegratedGradients

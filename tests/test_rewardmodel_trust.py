@@ -1,0 +1,180 @@
+"""Calibration, accuracy and distance, against numbers known beforehand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from data.features import FEATURE_DIM, column
+from rewardmodel import FitCfg, fit_reward
+from rewardmodel.calibration import calibration, fit_temperature
+from rewardmodel.support import PIECE_STEPS, Drift, support_of
+from rewardmodel.trust import (
+    Reach,
+    accuracy_of,
+    alarms,
+    foresee,
+    reach,
+)
+
+from .test_rewardmodel_fit import answered, gait
+
+
+def answers_to(logit: torch.Tensor, seed: int = 0) -> torch.Tensor:
+    """Answers drawn with exactly the probabilities of `logit`."""
+    rng = torch.Generator().manual_seed(seed)
+    return (torch.rand(len(logit), generator=rng) < logit.sigmoid()).float()
+
+
+def test_the_temperature_undoes_overconfidence() -> None:
+    """Leads three times too large are divided by three, and then calibrated."""
+    logit = torch.linspace(-2, 2, 2000)
+    target = answers_to(logit)
+    found = fit_temperature(3 * logit, target)
+    assert found == pytest.approx(3.0, rel=0.15)
+    before, after = (
+        calibration(3 * logit, target),
+        calibration(3 * logit / found, target),
+    )
+    assert before is not None
+    assert after is not None
+    assert before.ece > 0.1 > 0.04 > after.ece
+    assert after.ece < 3 * after.ece_by_chance
+    assert after.brier < before.brier
+
+
+def test_answers_without_information_make_it_modest() -> None:
+    """Confident nonsense ends up near one half."""
+    rng = torch.Generator().manual_seed(0)
+    target = torch.randint(2, (200,), generator=rng).float()
+    lead = 5 * torch.randn(200, generator=rng)
+    calibrated = calibration(lead / fit_temperature(lead, target), target)
+    assert calibrated is not None
+    assert max(part.confidence for part in calibrated.bins) < 0.65
+
+
+def test_calibration_by_hand() -> None:
+    """Four answers at 80 %, three of them right: error 0.05, Brier 0.19."""
+    lead = torch.full((4,), np.log(4.0))
+    found = calibration(lead, torch.tensor([1.0, 1.0, 1.0, 0.0]))
+    assert found is not None
+    assert found.ece == pytest.approx(0.05)
+    assert found.brier == pytest.approx((3 * 0.04 + 0.64) / 4)
+    assert [part.answers for part in found.bins] == [4]
+
+
+def test_ties_are_neither_right_nor_wrong() -> None:
+    """And a model without an opinion is half right."""
+    lead = torch.tensor([1.0, -1.0, 0.0, 5.0])
+    found = accuracy_of(lead, torch.tensor([1.0, 1.0, 0.0, 0.5]))
+    assert found is not None
+    assert (found.answers, found.share) == (3, 0.5)
+    assert accuracy_of(lead, torch.full((4,), 0.5)) is None
+    assert calibration(lead, torch.full((4,), 0.5)) is None
+    assert fit_temperature(lead, torch.full((4,), 0.5)) == 1.0
+
+
+def test_agreeing_answers_raise_no_alarm() -> None:
+    """A hundred of them, also when a fifth is wrong."""
+    for flipped in (0.0, 0.2):
+        pairs = answered(100, seed=1, flipped=flipped)
+        model, _ = fit_reward(pairs, FitCfg(), seed=0)
+        foreseen = foresee(model, pairs, seed=0)
+        assert foreseen.answers == 100
+        assert foreseen.unseen == 0
+        assert alarms(foreseen, None) == ()
+
+
+def test_answers_at_odds_raise_it() -> None:
+    """With 40 % of them wrong, in at least 7 of 8 draws."""
+    raised = 0
+    for seed in range(8):
+        pairs = answered(100, seed=seed, flipped=0.4)
+        model, _ = fit_reward(pairs, FitCfg(), seed=0)
+        raised += any(
+            "do not agree" in reason
+            for reason in alarms(foresee(model, pairs, seed=0), None)
+        )
+    assert raised >= 7
+
+
+def test_few_answers_at_odds_are_no_finding() -> None:
+    """Chance alone may look like that."""
+    pairs = answered(20, seed=0, flipped=0.5)
+    model, _ = fit_reward(pairs, FitCfg(), seed=0)
+    assert alarms(foresee(model, pairs, seed=0), None) == ()
+
+
+def test_a_fresh_data_set_is_foreseen_by_the_reward_itself() -> None:
+    """None of its episodes was seen, so nothing has to be fitted anew."""
+    model, _ = fit_reward(answered(100, seed=0), FitCfg(), seed=0)
+    fresh = answered(60, seed=7)
+    renamed = tuple((f"new {a}", f"new {b}") for a, b in fresh.episodes)
+    foreseen = foresee(model, replace(fresh, episodes=renamed), seed=0)
+    assert foreseen.unseen == 60
+    assert foreseen.accuracy is not None
+    assert foreseen.accuracy.share > 0.75
+
+
+def test_the_newest_round_is_foreseen_without_its_answers() -> None:
+    """Turned round in the newest round, answers are foreseen wrongly, and alarm."""
+    pairs = answered(80, seed=2)
+    rounds = (0,) * 60 + (1,) * 20
+    turned = torch.cat([pairs.target[:60], 1 - pairs.target[60:]])
+    for target, bad in ((pairs.target, False), (turned, True)):
+        changed = replace(pairs, rounds=rounds, target=target)
+        model, _ = fit_reward(changed, FitCfg(), seed=0)
+        foreseen = foresee(model, changed, seed=0)
+        assert foreseen.newest is not None
+        assert foreseen.newest.answers == 20
+        assert (foreseen.newest.share < 0.5) == bad
+        assert any("newest" in r for r in alarms(foreseen, None)) == bad
+        assert set(foreseen.by_round) == {"0", "1"}
+        assert alarms(foreseen, None, return_rose=False) == ()
+
+
+def rollouts(scale: float) -> tuple[torch.Tensor, torch.Tensor]:
+    """Rows [T, N, F] like those of the clips, their base motion times `scale`."""
+    rng = np.random.default_rng(5)
+    rows = np.stack([gait(rng, 4 * PIECE_STEPS) for _ in range(20)], axis=1)
+    for name in ("base_lin_vel_b", "base_ang_vel_b"):
+        rows[..., column(name)] *= scale
+    return torch.tensor(rows), torch.full((20,), len(rows))
+
+
+def test_motion_beyond_what_was_judged_is_far() -> None:
+    """The same motion is near, ten times faster is far: people must be asked."""
+    pairs = answered(60, seed=0, steps=2 * PIECE_STEPS)
+    model, _ = fit_reward(pairs, FitCfg(), seed=0)
+    near, far = (reach(model, pairs, *rollouts(scale)) for scale in (1.0, 10.0))
+    assert near.drift is not None
+    assert far.drift is not None
+    assert near.drift.share_far < 0.2
+    assert far.drift.share_far > 0.95
+    assert far.drift.quantile > near.drift.quantile
+    assert far.spread > near.spread
+    assert alarms(None, near) == ()
+    assert "nobody has judged" in alarms(None, far)[0]
+
+
+def test_pieces_that_are_not_whole_say_nothing() -> None:
+    """Too short, or cut by a fall or a reset."""
+    pairs = answered(20, seed=0, steps=2 * PIECE_STEPS)
+    support = support_of(pairs, fit_reward(pairs, FitCfg(), seed=0)[0])
+    rows = torch.zeros(PIECE_STEPS, 3, FEATURE_DIM)
+    valid = torch.ones(PIECE_STEPS, 3, dtype=torch.bool)
+    assert support.drift(rows[:-1], valid[:-1]) is None
+    valid[5, :2] = False
+    found = support.drift(rows, valid)
+    assert found is not None
+    assert found.pieces == 1
+
+
+def test_a_policy_nobody_trained_on_is_no_alarm() -> None:
+    """Where the learned return did not rise, drift misleads nobody."""
+    far = Reach(drift=Drift(1.0, 1.0, 0.0, 10), spread=9.0, spread_judged=1.0)
+    assert len(alarms(None, far)) == 2
+    assert alarms(None, far, return_rose=False) == ()

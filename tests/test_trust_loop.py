@@ -1,0 +1,142 @@
+"""The loop does not fool itself: answers that do not agree, and a reward to exploit."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from data.answers import Choice
+from data.dataset import Dataset
+from gaitpref import rater
+from gaitpref.cli import main
+from gaitpref.criteria import load_criterion
+from gaitpref.loop import run_configured
+from gaitpref.questions import ClipCfg, ask
+from gaitpref.rewards import criterion_context, score_of_criterion
+from gaitpref.watch import WatchedReward
+from policy.checkpoint import load_policy
+from policy.config import EnvCfg
+from policy.evaluate import evaluate
+from policy.ppo import IterationStats, PpoCfg
+from policy.record import RecordCfg, record
+from policy.robot import load_robot
+from policy.train import TrainCfg, train
+from rewardmodel import FitCfg, RewardModel, fit_reward, load_pairs
+from rewardmodel.descriptors import DESCRIPTOR_NAMES
+from rewardmodel.linear import LinearScorer
+from rewardmodel.support import support_of
+
+from .small_loop import small_cfg
+
+FAR_LIMIT = 0.7
+
+
+def test_answers_that_do_not_agree_train_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """With 40 % of the answers wrong at random the loop says so, keeps the policy, and
+    asks again; `gaitpref trust` says the same."""
+    rng = np.random.default_rng(1)
+    honest = rater.judge
+
+    def careless(score_a: float, score_b: float) -> Choice:
+        wrong = rng.random() < 0.4
+        return honest(score_b, score_a) if wrong else honest(score_a, score_b)
+
+    monkeypatch.setattr(rater, "judge", careless)
+    cfg = replace(small_cfg(), labels=100)
+    run = tmp_path / "run"
+    run_configured(run, cfg)
+    told = " ".join("".join(capsys.readouterr()).split())
+    assert "the answers do not agree with one another" in told
+    assert "the policy stays as it was" in told
+    first, second = (
+        (run / f"rounds/0{n}/policy/policy.pt").read_bytes() for n in (0, 1)
+    )
+    assert first == second
+    with Dataset.open(run / "dataset").answers() as store:
+        assert store.count() == 100
+    report = json.loads((run / "rounds/00/report.json").read_text())
+    assert "do not agree" in report["trust"]["alarm"]
+    assert not report["trust"]["deserves_training"]
+    assert "do not agree" in (run / "report/index.html").read_text()
+
+    on = ["--reward", str(run / "rounds/01/reward"), "--dataset", str(run / "dataset")]
+    assert main(["trust", *on, "--json"]) == 0
+    trust = json.loads(capsys.readouterr().out)
+    assert trust["accuracy"]["interval"][0] <= 0.5
+    assert "do not agree" in trust["alarm"]
+    assert trust["answers_are_those_fitted"]
+
+
+def exploitable(model: RewardModel) -> RewardModel:
+    """The reward with a planted flaw: pulling hard from the home pose is wonderful."""
+    assert isinstance(model.scorer, LinearScorer)
+    weights = torch.zeros_like(model.scorer.weights)
+    weights[:, DESCRIPTOR_NAMES.index("action_sq")] = 1.0
+    model.scorer.weights.copy_(weights)
+    return model
+
+
+def test_an_exploited_reward_is_noticed_before_it_hurts(tmp_path: Path) -> None:
+    """The alarm comes before the true return has fallen by a tenth, which it does."""
+    env = EnvCfg()
+    robot = load_robot(physics_dt_s=env.physics_dt_s)
+    true = load_criterion("task", criterion_context(robot, env))
+    ppo = PpoCfg(num_envs=64, hidden_sizes=(32,))
+    start = TrainCfg(steps=0, env=env, ppo=ppo)
+    policy = train(tmp_path / "start", robot, start).policy
+    dataset = Dataset.create(tmp_path / "set")
+    cfg = RecordCfg(episodes=48, episode_s=2.0, noisy_share=1.0)
+    dataset.add_episodes(record(policy, cfg, seed=0))
+    chosen = ask(
+        dataset,
+        dataset.entries(),
+        ClipCfg(),
+        40,
+        known=[],
+        model=None,
+        round_number=0,
+        uniform_share=1.0,
+        rng=np.random.default_rng(0),
+    )
+    with dataset.answers() as store:
+        store.add_pairs(chosen)
+    rater.answer_pairs(dataset, true, rater_id="simulated", seed=0)
+    pairs = load_pairs([dataset])
+    model = exploitable(fit_reward(pairs, FitCfg(), seed=0)[0])
+    watch = WatchedReward(model, model, support_of(pairs, model), FAR_LIMIT)
+    hack = TrainCfg(steps=40 * 24 * 64, env=env, ppo=ppo)
+
+    def trained(stop: Callable[[IterationStats], bool]) -> tuple[int, float]:
+        """Steps done, and the true return without noise."""
+        result = train(
+            tmp_path / "hack",
+            robot,
+            hack,
+            reward_fn=watch,
+            init=policy,
+            resume=True,
+            on_iteration=stop,
+        )
+        return result.steps, true_return(result.policy)
+
+    def true_return(file: Path) -> float:
+        score = score_of_criterion(true)
+        return evaluate(load_policy(file), score, episodes=8).return_mean
+
+    before = true_return(policy)
+    alarmed_at, at_alarm = trained(lambda stats: watch.alarm is not None)
+    end, at_end = trained(lambda stats: False)
+    print(before, alarmed_at, at_alarm, end, at_end, watch.drift)
+    assert alarmed_at < end
+    assert at_alarm > 0.9 * before
+    assert at_end < 0.9 * before
