@@ -243,9 +243,12 @@ def quarrelling_model() -> RewardModel:
         held_out_accuracy=None,
         held_out_interval=None,
         held_out_log_likelihood=None,
+        temperature=1.0,
+        held_out_ece=None,
+        held_out_brier=None,
         seconds=0.0,
     )
-    provenance = Provenance(FitCfg(), report, "")
+    provenance = Provenance(FitCfg(), report, "", frozenset())
     return RewardModel(Normaliser(len(DESCRIPTOR_NAMES)), scorer, provenance)
 
 
