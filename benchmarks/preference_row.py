@@ -50,6 +50,11 @@ class Places:
     quick: bool = False
     """A version of thousands of steps; its figures mean nothing."""
 
+    @property
+    def episodes(self) -> int:
+        """Of an evaluation."""
+        return 8 if self.quick else EPISODES
+
     def result(self, cell: Cell) -> Path:
         return self.results / f"{cell.name}.json"
 
@@ -84,7 +89,7 @@ def _row(
 ) -> dict[str, Any]:
     last = load_policy(run / f"rounds/{cfg.rounds:02d}/policy/policy.pt")
     score = _score(cfg, last)
-    learned = measure(last, last, score)
+    learned = measure(last, last, score, episodes=places.episodes)
     references = _references(cell, cfg, base, places)
     start, true = references["start"]["return_mean"], references["true"]["return_mean"]
     report = json.loads((run / f"rounds/{cfg.rounds - 1:02d}/report.json").read_text())
@@ -101,17 +106,19 @@ def _row(
         "true_tracking_error_m_s": references["true"]["tracking_error_m_s"],
         "falls": learned.falls,
         "accuracy": fit["held_out_accuracy"],
-        "ece": fit.get("ece"),
+        "ece": fit["held_out_ece"],
         "answers_used": fit["answers"],
         "steps": steps_of(cfg),
     }
 
 
-def measure(actor: Actor, policy: Policy, score: RewardFn) -> Evaluation:
+def measure(
+    actor: Actor, policy: Policy, score: RewardFn, *, episodes: int
+) -> Evaluation:
     """`actor` on robot and grid of `policy`, without noise, from equal starts."""
     env = policy.info.env
     features, lengths = rollout_features(
-        actor, policy.robot(), env, episodes=EPISODES, seed=EVALUATION_SEED
+        actor, policy.robot(), env, episodes=episodes, seed=EVALUATION_SEED
     )
     return summarise(features, lengths, score, control_dt_s=env.control_dt_s)
 
@@ -152,8 +159,8 @@ def _references(
         score = _score(cfg, policy)
         start = hold_home if base is None else load_policy(base)
         found = {
-            "start": asdict(measure(start, policy, score)),
-            "true": asdict(measure(policy, policy, score)),
+            name: asdict(measure(actor, policy, score, episodes=places.episodes))
+            for name, actor in (("start", start), ("true", policy))
         }
         write_atomically(out / "references.json", json.dumps(found).encode())
 

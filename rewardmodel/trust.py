@@ -19,6 +19,7 @@ from .cfg import FitCfg
 from .fit import fold_of, held_out_leads, leads_without
 from .model import RewardModel
 from .pairs import AnsweredPairs
+from .reliability import with_reliability
 from .report import wilson_interval
 from .support import Drift, support_of
 from .training import TrainingPairs, training_pairs
@@ -114,7 +115,9 @@ def foresee(model: RewardModel, pairs: AnsweredPairs, *, seed: int) -> Foreseen:
     cfg = model.provenance.cfg
     seen = model.provenance.episodes
     unseen = torch.tensor([not seen.intersection(pair) for pair in pairs.episodes])
-    described = training_pairs(pairs, cfg)
+    described, _ = with_reliability(
+        training_pairs(pairs, cfg), pairs.raters, cfg, seed=seed
+    )
     lead = torch.zeros(len(pairs))
     asked = unseen.clone()
     if not unseen.all():

@@ -42,7 +42,7 @@ def test_preferences(tmp_path: Path) -> None:
     work, results = tmp_path / "work", tmp_path / "results"
     figures = tmp_path / "rows.json"
     command = [sys.executable, "-m", "benchmarks.preferences", "--quick"]
-    command += ["--tasks", "walk", "nose_up", "--seeds", "1", "--workers", "2"]
+    command += ["--tasks", "walk", "nose_up", "--seeds", "1", "--keep-runs"]
     command += ["--work", str(work), "--results", str(results)]
     command += ["--docs", str(tmp_path), "--json", str(figures)]
     subprocess.run(command, check=True)

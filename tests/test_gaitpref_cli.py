@@ -106,10 +106,23 @@ def test_the_stages_work_one_by_one(
     record = ["record", "--policy", str(policy), "--dataset", dataset]
     assert main([*record, "--episodes", "40"]) == 0
     assert main(["pairs", "--dataset", dataset, "--count", "12"]) == 0
-    assert main(["answer", "--dataset", dataset, "--criterion", "crouch"]) == 0
-    assert main(["fit", "--dataset", dataset, "--out", reward]) == 0
+    answer = ["answer", "--dataset", dataset, "--criterion"]
+    assert main([*answer, "crouch", "--mistakes", "0.1"]) == 0
+    assert main([*answer, "trot@3", "--rater", "stochastic", "--beta", "3"]) == 0
+    capsys.readouterr()
+    fit = ["fit", "--dataset", dataset, "--out", reward, "--model", "auto", "--json"]
+    assert main(fit) == 0
+    fitted = json.loads(capsys.readouterr().out)
+    assert fitted["model"] == "linear"
+    assert fitted["answers"] == 24
+    raters = [name for name, _ in fitted["raters"]]
+    assert raters == ["simulated:crouch", "simulated:trot@3"]
     more = ["pairs", "--dataset", dataset, "--count", "4", "--reward", reward]
-    assert main([*more, "--strategy", "disagreement"]) == 0
+    for strategy in ("disagreement", "entropy", "bald", "kcenter", "medoids", "dpp"):
+        assert main([*more, "--strategy", strategy]) == 0
+    with Dataset.open(Path(dataset)).answers() as store:
+        asked = {pair.strategy for pair in store.pairs()}
+    assert asked >= {"uniform", "bald", "kcenter", "medoids", "dpp"}
     out = str(tmp_path / "out")
     learn = ["train", "--out", out, "--reward", reward, "--steps", "96"]
     assert main([*learn, "--envs", "4"]) == 0

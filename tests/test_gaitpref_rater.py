@@ -18,9 +18,10 @@ from data.errors import GaitprefError
 from data.features import FEATURE_DIM, column
 from gaitpref.criteria import SequenceCriterion
 from gaitpref.judging import Standards, discounted_mean, judge, standards
-from gaitpref.options import Answer
+from gaitpref.options import Answer, Loop
 from gaitpref.rater import ClipScores
 from gaitpref.rater_cfg import RaterCfg, rater_cfg
+from gaitpref.run_config import claim, read_config, resolve
 
 COUNT = 4000
 
@@ -161,3 +162,11 @@ def test_a_clip_is_scored_as_part_of_its_episode() -> None:
     looking_back = ClipScores(lambda _: rows, SequenceCriterion(elapsed, 40))
     assert looking_back(clip).tolist() == [11, 12, 13, 14, 15]
     assert ClipScores(lambda _: rows, height)(clip).tolist() == [10, 11, 12, 13, 14]
+
+
+def test_a_run_remembers_how_its_rater_errs(tmp_path: Path) -> None:
+    """Also one that never does: the settings come back out of the file as they were."""
+    for name, rater in (("perfect", RaterCfg()), ("human", RaterCfg(beta=1.0))):
+        cfg = replace(resolve(Loop(run=Path("r"))), simulated=rater, strategy="bald")
+        claim(tmp_path / name, cfg)
+        assert read_config(tmp_path / name) == cfg

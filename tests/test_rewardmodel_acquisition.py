@@ -388,7 +388,8 @@ def test_a_various_batch_leaves_out_what_is_known() -> None:
     model = model_of(
         {"height": 5.0, "forward_speed": 2.0}, {"height": -5.0, "forward_speed": 2.0}
     )
-    for name in ("kcenter", "dpp"):
+    names: tuple[StrategyName, ...] = ("kcenter", "dpp")
+    for name in names:
         strategy = make_strategy(name, model, clip_rows)
         worth = strategy(clips, np.array([[0, 1], [2, 0], [0, 4], [4, 3]]), RNG)
         assert worth.argmax() in (2, 3)
