@@ -76,7 +76,7 @@ def exploitable(model: RewardModel, pairs: AnsweredPairs) -> RewardModel:
     weights[:, DESCRIPTOR_NAMES.index("action_sq")] = 1.0
     model.scorer.weights.copy_(weights)
     # Unit deviation on the judged steps, as every fitted reward has.
-    steps = training_pairs(pairs, fall_logit=0.0).transformed(model.normaliser)
+    steps = training_pairs(pairs, FitCfg()).transformed(model.normaliser)
     return model.calibrate(steps.scored_steps)
 
 
