@@ -44,7 +44,9 @@ def said(cfg: RaterCfg, *, skip: float = 0.0) -> tuple[list[Choice], np.ndarray]
         every = np.concatenate([left.mean(axis=1), right.mean(axis=1)])
         known = replace(known, dull=standards([1.0], every.tolist(), skip).dull)
     rng = np.random.default_rng(1)
-    choices = [judge(a, b, cfg, known, rng) for a, b in zip(left, right, strict=True)]
+    choices: list[Choice] = [
+        judge(a, b, cfg, known, rng) for a, b in zip(left, right, strict=True)
+    ]
     return choices, (left.mean(axis=1) - right.mean(axis=1)) / known.typical_lead
 
 
@@ -104,7 +106,8 @@ def test_the_threshold_of_a_skip_is_not_scaled_again() -> None:
 def test_ties_are_exactly_the_close_pairs() -> None:
     """A tie overrides mistakes and chance: "equal" says nothing about either clip."""
     choices, leads = said(RaterCfg(beta=1.0, mistakes=0.3, equal=0.4))
-    assert ([c == "equal" for c in choices] == (np.abs(leads) < 0.4)).all()
+    ties = np.array([choice == "equal" for choice in choices])
+    assert np.array_equal(ties, np.abs(leads) < 0.4)
 
 
 def test_a_myopic_rater_remembers_the_end() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import get_args
 
@@ -286,7 +286,7 @@ def model_of(*weights: dict[str, float]) -> RewardModel:
     return RewardModel(model.normaliser, scorer, model.provenance)
 
 
-def placed(*rows: dict[str, float]) -> tuple[list[Clip], ClipRows]:
+def placed(*rows: Mapping[str, float | list[float]]) -> tuple[list[Clip], ClipRows]:
     """Clips with constant features, the others zero."""
     clips = [Clip(f"{index}", 0, 10) for index in range(len(rows))]
 
