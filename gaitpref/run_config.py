@@ -157,7 +157,7 @@ def resolve(options: Loop) -> LoopCfg:
             exploration=ExplorationCfg(),
             # Beside clips without noise, those with it teach that moving is bad; and a
             # robot that only shakes shows nobody what walking would be like.
-            record=RecordCfg(episodes=96, noisy_share=1.0, babble_share=0.3),
+            record=RecordCfg(episodes=192, noisy_share=1.0, babble_share=0.3),
             **common,
         )
     rounds = 3 if quick else 5
