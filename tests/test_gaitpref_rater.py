@@ -106,12 +106,8 @@ def test_the_threshold_of_a_skip_is_not_scaled_again() -> None:
 def test_ties_are_exactly_the_close_pairs() -> None:
     """A tie overrides mistakes and chance: "equal" says nothing about either clip."""
     choices, leads = said(RaterCfg(beta=1.0, mistakes=0.3, equal=0.4))
-<<<<<<< HEAD
-    assert [c == "equal" for c in choices] == (np.abs(leads) < 0.4).tolist()
-=======
     ties = np.array([choice == "equal" for choice in choices])
     assert np.array_equal(ties, np.abs(leads) < 0.4)
->>>>>>> raters
 
 
 def test_a_myopic_rater_remembers_the_end() -> None:
