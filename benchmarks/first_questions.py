@@ -1,0 +1,113 @@
+"""What the first answers from scratch teach: is a walk worth more than standing still?
+
+    python -m benchmarks.first_questions [--quick] [--json FILE] [--work DIR]
+
+A run from scratch walks or stands by whether its first reward prefers the walk of a PPO
+policy over holding the home pose. This asks the questions of the first round alone, in
+seconds instead of the minutes of a whole run, and gives the lead of the walk in
+deviations of the reward, for several ways to ask.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated
+
+import torch
+import tyro
+
+from data.dataset import Dataset
+from gaitpref.asking import questions_stage
+from gaitpref.criteria import load_criterion
+from gaitpref.options import Loop
+from gaitpref.people import People
+from gaitpref.rewards import criterion_context
+from gaitpref.rounds import Round
+from gaitpref.run_config import LoopCfg, resolve
+from gaitpref.stages import fit_stage, policy_stage, record_stage
+from policy.checkpoint import Policy, load_policy
+from policy.evaluate import evaluate_actor
+from policy.rollout import hold_home
+from rewardmodel.storage import load_reward
+
+from .harness import Figure, gaitpref, median, publish
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Measure what the first questions teach."""
+
+    work: Path = Path("runs/benchmark-learning")
+    """Where `benchmarks.learning` keeps its policy on the task; trained if missing."""
+    seeds: int = 6
+    """Seeds of every way to ask."""
+    quick: bool = False
+    """One seed, few episodes, and a policy that hardly moves."""
+    json: Path | None = None
+    """Write the figures here."""
+
+
+def ways(cfg: LoopCfg) -> Mapping[str, LoopCfg]:
+    """The first round as it is, and with one thing changed."""
+    record = cfg.record
+    return {
+        "as_it_is": cfg,
+        "half_the_episodes": replace(
+            cfg, record=replace(record, episodes=record.episodes // 2)
+        ),
+        "uniform_questions": replace(cfg, uniform_share=1.0),
+        "one_batch": replace(cfg, batch_labels=cfg.labels),
+        "evaluated_speeds": replace(
+            cfg, record=replace(record, babble_m_s=cfg.env.commands.evaluated_m_s)
+        ),
+        "shaking": replace(cfg, record=replace(record, babble_share=0.0)),
+    }
+
+
+def lead_of_walk(run: Path, cfg: LoopCfg, walk: Policy) -> float:
+    """Mean reward per second of the walk less that of standing, after one round."""
+    robot, people = walk.robot(), People()
+    dataset, first = Dataset.create(run / "dataset"), Round(run, 0)
+    first.root.mkdir(parents=True)
+    criterion = load_criterion(cfg.criterion, criterion_context(robot, cfg.env))
+    policy_stage(cfg, first, robot, dataset, people)
+    record_stage(cfg, first, dataset, people)
+    questions_stage(cfg, first, dataset, criterion, people)
+    fit_stage(cfg, first, dataset, people)
+    reward, env = load_reward(first.reward), walk.info.env
+    walking, standing = (
+        evaluate_actor(actor, robot, env, reward) for actor in (walk, hold_home)
+    )
+    return walking.score_mean - standing.score_mean
+
+
+def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> None:
+    """Measure every way to ask and publish it."""
+    torch.set_num_threads(1)
+    out = options.work / "task"
+    if not (out / "policy.pt").exists():
+        steps = "6144" if options.quick else "1500000"
+        gaitpref("train", "--out", out, "--reward", "task", "--steps", steps)
+    walk = load_policy(out / "policy.pt")
+    cfg = resolve(
+        Loop(run=Path("unused"), base="none", criterion="task", preset="quick")
+    )
+    asked = cfg.labels_of(0)
+    cfg = replace(cfg, rounds=1, labels=asked)
+    if options.quick:
+        cfg = replace(cfg, record=replace(cfg.record, episodes=40, episode_s=2.0))
+    figures: dict[str, Figure] = {"answers": asked}
+    for name, way in ways(cfg).items():
+        leads: list[float] = []
+        for seed in range(1 if options.quick else options.seeds):
+            with TemporaryDirectory() as run:
+                leads.append(lead_of_walk(Path(run), replace(way, seed=seed), walk))
+        figures |= {f"{name}_median": median(leads), f"{name}_worst": min(leads)}
+    publish("first questions", figures, {}, options.json)
+
+
+if __name__ == "__main__":
+    tyro.cli(main, config=(tyro.conf.OmitArgPrefixes,))
