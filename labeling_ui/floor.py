@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from viser import BatchedMeshHandle, SceneApi
+from viser._messages import SceneNodeUpdateMessage
 
 from .geometry import Rgb, linear_rgb
 from .solids import box
@@ -46,11 +47,12 @@ class Floor:
     def __init__(
         self, scene: SceneApi, name: str, rectangles: tuple[Rectangle, ...]
     ) -> None:
-        self._rectangles = rectangles
         self._name = name
         self._scene = scene
+        self._grid = _Grid(rectangles)
         self._plates = self._boxes("plates", *_plates(rectangles), LIGHT.plate)
-        self._lines = self._boxes("lines", *self._line_boxes(), LIGHT.line)
+        middles = self._grid.middles(np.zeros((len(rectangles), 2)))
+        self._lines = self._boxes("lines", middles, self._grid.sizes, LIGHT.line)
 
     @property
     def visible(self) -> bool:
@@ -68,7 +70,11 @@ class Floor:
 
     def scroll(self, offsets: np.ndarray) -> None:
         """Move the lines so that ground point `offsets` [R, 2] m is in each middle."""
-        self._lines.batched_positions = self._line_positions(offsets)
+        # The handle's own setter converts and compares what changes in every frame.
+        update = {"batched_positions": self._grid.middles(offsets)}
+        self._scene._queue_scene_message(
+            SceneNodeUpdateMessage(self._lines.name, update)
+        )
 
     def _boxes(
         self, name: str, positions: np.ndarray, sizes: np.ndarray, rgb: Rgb
@@ -87,27 +93,37 @@ class Floor:
             cast_shadow=False,
         )
 
-    def _line_boxes(self) -> tuple[np.ndarray, np.ndarray]:
-        sizes = []
-        for rectangle in self._rectangles:
-            across, along = _line_counts(rectangle)
-            length_x, length_y = rectangle.size
-            sizes += [(_LINE_WIDTH_M, length_y, 0.001)] * across
-            sizes += [(length_x, _LINE_WIDTH_M, 0.001)] * along
-        positions = self._line_positions(np.zeros((len(self._rectangles), 2)))
-        return positions, np.array(sizes)
 
-    def _line_positions(self, offsets: np.ndarray) -> np.ndarray:
-        """Middles [L, 3] of all lines."""
-        places = []
-        for rectangle, offset in zip(self._rectangles, offsets, strict=True):
+class _Grid:
+    """The L lines of all plates, with everything that does not scroll worked out."""
+
+    def __init__(self, rectangles: tuple[Rectangle, ...]) -> None:
+        places, sizes, axes, plates, starts, lengths = [], [], [], [], [], []
+        for plate, rectangle in enumerate(rectangles):
             for axis, count in enumerate(_line_counts(rectangle)):
-                length = rectangle.size[axis]
-                at = np.full((count, 3), (*rectangle.center, 0.0006))
-                lines = np.arange(count) * LINE_SPACING_M - offset[axis]
-                at[:, axis] += np.mod(lines, length) - length / 2
-                places.append(at)
-        return np.concatenate(places).astype(np.float32)
+                size = [*rectangle.size, 0.001]
+                size[axis] = _LINE_WIDTH_M
+                place = [*rectangle.center, 0.0006]
+                place[axis] -= rectangle.size[axis] / 2
+                places += [place] * count
+                sizes += [size] * count
+                axes += [axis] * count
+                plates += [plate] * count
+                starts += [line * LINE_SPACING_M for line in range(count)]
+                lengths += [rectangle.size[axis]] * count
+        self.sizes = np.array(sizes)
+        """[L, 3] m"""
+        self._places = np.array(places)
+        self._axes, self._plates = np.array(axes), np.array(plates)
+        self._starts, self._lengths = np.array(starts), np.array(lengths)
+        self._lines = np.arange(len(places))
+
+    def middles(self, offsets: np.ndarray) -> np.ndarray:
+        """Middles [L, 3] float32, ground point `offsets` [R, 2] m in each middle."""
+        shifts = self._starts - offsets[self._plates, self._axes]
+        middles = self._places.copy()
+        middles[self._lines, self._axes] += np.mod(shifts, self._lengths)
+        return middles.astype(np.float32)
 
 
 def _line_counts(rectangle: Rectangle) -> tuple[int, int]:
