@@ -269,6 +269,8 @@ def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> None:
     """Measure, print, and write the figures if asked to."""
     torch.set_num_threads(1)
     figures: dict[str, Figure] = {}
+    if options.work is not None:
+        options.work.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=options.work) as root:
         for group in measure(Path(root), options.quick):
             figures |= group
