@@ -34,7 +34,7 @@ from data.manifest_file import MANIFEST_NAME as MANIFEST_NAME
 from data.manifest_file import ManifestFile, writable
 from data.mcap_records import tail_start
 
-_WRITERS = 4
+_WRITERS = 8
 ANSWERS_NAME = "preferences.sqlite"
 
 
