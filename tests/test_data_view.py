@@ -6,6 +6,7 @@ import importlib.util
 import json
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import mujoco
@@ -108,25 +109,24 @@ def test_the_layout_names_topics_that_are_there(
 
 def test_rerun_converts_the_file(dataset: Dataset, tmp_path: Path) -> None:
     """The program of the package index reads it to the end, transforms and all."""
-    if importlib.util.find_spec("rerun") is None or shutil.which("rerun") is None:
+    # Beside the interpreter: an environment that is not activated is on no PATH.
+    rerun = shutil.which("rerun", path=str(Path(sys.executable).parent))
+    if importlib.util.find_spec("rerun") is None or rerun is None:
         pytest.skip("needs rerun-sdk, which is not installed")
     with dataset.answers_copy() as store:
         pair = store.pairs()[0]
     view(dataset, tmp_path / "pair.mcap", "--pair", pair.pair_id)
     out = tmp_path / "pair.rrd"
     converted = subprocess.run(
-        ["rerun", "mcap", "convert", tmp_path / "pair.mcap", "-o", out],
+        [rerun, "mcap", "convert", tmp_path / "pair.mcap", "-o", out],
         capture_output=True,
         text=True,
-        env={
-            "PATH": str(Path(shutil.which("rerun") or "").parent),
-            "HOME": str(tmp_path),
-        },
+        env={"PATH": str(Path(rerun).parent), "HOME": str(tmp_path)},
     )
     assert converted.returncode == 0, converted.stderr
     assert "error" not in converted.stderr.lower()
     printed = subprocess.run(
-        ["rerun", "rrd", "print", "-vv", out], capture_output=True, text=True
+        [rerun, "rrd", "print", "-vv", out], capture_output=True, text=True
     )
     assert "Transform3D" in printed.stdout
     assert "base_height" in printed.stdout
