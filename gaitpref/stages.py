@@ -8,7 +8,7 @@ be killed anywhere and started again.
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,7 @@ from .progress import console, counting_bar, training_bar
 from .rewards import score_of_criterion, total_reward
 from .rounds import Round, seed_of
 from .run_config import LoopCfg
-from .watch import deserves_training, trust_of_round, watched
+from .watch import WatchedReward, deserves_training, trust_of_round, watched
 
 
 class Interrupted(KeyboardInterrupt):
@@ -48,77 +48,103 @@ def policy_stage(
     if round.policy.exists():
         return
     partial = round.root / "policy.partial"
-    if round.number == 0 and cfg.base not in ("task", "none"):
-        source = Path(cfg.base)
-        load_policy(source)
-        write_atomically(_made(partial) / POLICY_NAME, source.read_bytes())
+    untrained = _untrained(cfg, round)
+    if untrained is not None:
+        partial.mkdir(parents=True, exist_ok=True)
+        write_atomically(partial / POLICY_NAME, untrained)
         replace_directory(partial, round.policy.parent)
         return
-    if round.number and not deserves_training(round.before):
-        kept = round.before.policy.read_bytes()
-        write_atomically(_made(partial) / POLICY_NAME, kept)
-        replace_directory(partial, round.policy.parent)
-        console.print(
-            f"round {round.number}: the policy stays as it was, because the answers do "
-            f"not agree; "
-            + ("asking again" if round.number < cfg.rounds else "no answers are left")
-        )
-        return
-    reward_fn, name, init, std, final_std = None, "task", None, None, None
-    watch = None
-    steps = planned_steps(cfg, round)
-    if round.number:
-        reward_fn = total_reward(
-            load_reward(round.before.reward),
-            robot,
-            cfg.env,
-            known=cfg.known,
-            weight=cfg.learned_weight,
-            keep_task=cfg.keeps_task,
-        )
-        watch = watched(cfg, round, dataset, reward_fn)
-        name = f"the reward learned in round {round.number - 1}"
-        init = round.before.policy
-        if cfg.exploration is not None:
-            std = cfg.exploration.std(round.number, cfg.rounds)
-            last = round.number == cfg.rounds
-            final_std = cfg.exploration.final if last else None
-    train_cfg = TrainCfg(
-        steps=steps,
-        env=cfg.env,
-        ppo=cfg.ppo,
-        seed=seed_of(cfg, round.number, 1),
-        exploration_std=std,
-        final_std=final_std,
-    )
-    with training_bar(f"round {round.number}: training", steps) as bar:
+    plan = _plan(cfg, round, robot, dataset)
+    place, asks = _place(cfg, round), round.number < cfg.rounds
+    with training_bar(f"round {round.number}: training", plan.cfg.steps) as bar:
 
         def after(stats: IterationStats) -> bool:
             bar(stats)
             # The last iteration may end beyond the steps that were asked for.
-            done = min(stats.steps / max(steps, 1), 1.0)
-            people.tell(f"{_place(cfg, round)}: training", done)
-            return round.number < cfg.rounds and bool(watch and watch.alarm)
+            done = min(stats.steps / max(plan.cfg.steps, 1), 1.0)
+            people.tell(f"{place}: training", done)
+            return asks and bool(plan.watch and plan.watch.alarm)
 
-        people.tell(f"{_place(cfg, round)}: training", 0.0)
+        people.tell(f"{place}: training", 0.0)
         result = train(
             partial,
             robot,
-            train_cfg,
-            reward_fn=watch or reward_fn,
-            reward_name=name,
-            init=init,
+            plan.cfg,
+            reward_fn=plan.reward_fn,
+            reward_name=plan.reward_name,
+            init=plan.init,
             resume=True,
             on_iteration=after,
         )
     if not result.finished:
         raise Interrupted
-    if watch:
-        watch.save(partial)
-    if watch and watch.alarm:
-        asks = ", so it asks before it trains on" if round.number < cfg.rounds else ""
-        console.print(f"[bold red]ALARM[/] round {round.number}: {watch.alarm}{asks}")
+    if plan.watch:
+        plan.watch.save(partial)
+        if plan.watch.alarm:
+            told = f"round {round.number}: {plan.watch.alarm}"
+            before = ", so it asks before it trains on" if asks else ""
+            console.print(f"[bold red]ALARM[/] {told}{before}")
     replace_directory(partial, round.policy.parent)
+
+
+def _untrained(cfg: LoopCfg, round: Round) -> bytes | None:
+    """The policy file of a round that trains nothing; None where it does."""
+    if round.number == 0 and cfg.base not in ("task", "none"):
+        load_policy(Path(cfg.base))
+        return Path(cfg.base).read_bytes()
+    if round.number and not deserves_training(round.before):
+        asks = round.number < cfg.rounds
+        console.print(
+            f"round {round.number}: the policy stays as it was, because the answers do "
+            f"not agree; {'asking again' if asks else 'no answers are left'}"
+        )
+        return round.before.policy.read_bytes()
+    return None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Plan:
+    """What a round's policy is trained on, and from where."""
+
+    cfg: TrainCfg
+    reward_fn: RewardFn | None = None
+    reward_name: str = "task"
+    init: Path | None = None
+    watch: WatchedReward | None = None
+
+
+def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
+    train_cfg = TrainCfg(
+        steps=planned_steps(cfg, round),
+        env=cfg.env,
+        ppo=cfg.ppo,
+        seed=seed_of(cfg, round.number, 1),
+    )
+    if round.number == 0:
+        return _Plan(cfg=train_cfg)
+    reward_fn = total_reward(
+        load_reward(round.before.reward),
+        robot,
+        cfg.env,
+        known=cfg.known,
+        weight=cfg.learned_weight,
+        keep_task=cfg.keeps_task,
+    )
+    watch = watched(cfg, round, dataset, reward_fn)
+    if cfg.exploration is not None:
+        last = round.number == cfg.rounds
+        train_cfg = replace(
+            train_cfg,
+            exploration_std=cfg.exploration.std(round.number, cfg.rounds),
+            final_std=cfg.exploration.final if last else None,
+        )
+    return _Plan(
+        cfg=train_cfg,
+        reward_fn=watch or reward_fn,
+        reward_name=f"the reward learned in round {round.number - 1}",
+        init=round.before.policy,
+        watch=watch,
+    )
 
 
 def planned_steps(cfg: LoopCfg, round: Round) -> int:
@@ -220,11 +246,6 @@ def report_stage(
     )
     for reason in result["trust"]["alarms"]:
         console.print(f"[bold red]ALARM[/] round {round.number}: {reason}")
-
-
-def _made(directory: Path) -> Path:
-    directory.mkdir(parents=True, exist_ok=True)
-    return directory
 
 
 def _place(cfg: LoopCfg, round: Round) -> str:

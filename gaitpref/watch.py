@@ -62,6 +62,11 @@ class WatchedReward:
         return self._reward(features, starts)
 
     @property
+    def history_steps(self) -> int:
+        """How far the reward looks back."""
+        return getattr(self._reward, "history_steps", 0)
+
+    @property
     def alarm(self) -> str | None:
         """Why training should not go on before people have been asked."""
         if self._bad < PATIENCE or self.drift is None:

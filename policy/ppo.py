@@ -132,7 +132,7 @@ class Runner(OnPolicyRunner):
             super().__init__(env, to_rsl_rl(cfg), log_dir=None, device=str(env.device))
         self.alg.bonus = make_bonus(cfg.bonus, step_dt_s=env.step_dt)
         if cfg.kl_penalty.kind != "none":
-            self.alg.penalty = KlPenalty(cfg.kl_penalty)
+            self.alg.penalise(KlPenalty(cfg.kl_penalty))
 
     def learn(  # type: ignore[override]
         self,

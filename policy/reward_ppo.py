@@ -97,11 +97,14 @@ class RewardPpo(PPO):
             self._before = features[-history:].clone(), starts[-history:].clone()
         return reward_fn(features, starts)[len(features) - len(self._features) :]
 
+    def penalise(self, penalty: KlPenalty) -> None:
+        """Add a KL penalty to the loss, where RSL-RL has its mirror loss."""
+        self.penalty = self.symmetry = penalty
+
     def update(self) -> dict[str, float]:
         """Update both networks, and after it the weight of a KL penalty."""
         if self.penalty is None:
             return super().update()
-        self.symmetry = self.penalty
         losses = super().update()
         losses["kl"] = self.penalty.adapt(self.num_mini_batches)
         losses["kl_beta"] = self.penalty.beta
