@@ -260,8 +260,8 @@ def _figures(
         "env_over_batch": speed("env", size) / speed("batch", size),
         "ppo_over_batch": speed("ppo", size) / speed("batch", size),
         "learned_reward_share": 1.0 - speed("ppo_learned", size) / speed("ppo", size),
-        "ppo_steps_per_s_256": speed("ppo", usual),
-        "peak_mb_4096": results["env", sizes[-1]]["peak_mb"],
+        f"ppo_steps_per_s_{usual}": speed("ppo", usual),
+        f"peak_mb_{sizes[-1]}": results["env", sizes[-1]]["peak_mb"],
     }
     if ("envpool", 64) in results:
         figures["env_over_envpool"] = speed("env", 64) / speed("envpool", 64)

@@ -7,9 +7,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 import torch
 
-from benchmarks import hour
+from benchmarks import hour, throughput
 from benchmarks.preference_plan import HELD_BACK, plan
 from benchmarks.preference_table import BEGIN, END, publish_rows, together
 from benchmarks.wishes import carried_right_foot, nose_up_when_slow
@@ -130,3 +131,19 @@ def test_nothing_is_lost_or_doubled_in_an_hour_in_short() -> None:
     assert figures.hour_lost == figures.hour_doubled == 0
     # Eight pages at work: no leak shows in so little, but a burst would.
     assert figures.hour_memory_growth_mb < 60
+
+
+@pytest.mark.parametrize("part", ["batch", "env_learned", "ppo_learned"])
+def test_a_step_is_measured(part: throughput.Part) -> None:
+    """Physics alone, the environment, and PPO each count what they did."""
+    figures = throughput.measure_part(part, 4, 0.05)
+    assert figures["steps_per_s"] > 0
+    # A step of the whole cannot take less of the processor than MuJoCo's five.
+    assert figures["cpu_us"] > 20
+
+
+def test_a_step_costs_a_small_multiple_of_its_physics() -> None:
+    """A tripwire for work that creeps into the step, loose for a busy machine."""
+    batch = throughput.measure_part("batch", 64, 0.5)
+    env = throughput.measure_part("env", 64, 0.5)
+    assert env["cpu_us"] < 4 * batch["cpu_us"]
