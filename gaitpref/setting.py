@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from policy.checkpoint import load_policy
+from policy.commands import env_for
 from policy.config import EnvCfg
 from policy.ppo import PpoCfg
 from policy.robot import Robot, load_robot
@@ -33,7 +34,7 @@ def setting_of(policy_file: Path | None, robot_xml: Path | None) -> Setting:
     if policy_file is None:
         env = EnvCfg()
         robot = load_robot(robot_xml, physics_dt_s=env.physics_dt_s)
-        return Setting(robot, env, PpoCfg().hidden_sizes)
+        return Setting(robot, env_for(robot, env), PpoCfg().hidden_sizes)
     policy = load_policy(policy_file)
     env = policy.info.env
     robot = policy.robot()
