@@ -4,15 +4,31 @@ from __future__ import annotations
 
 import types
 from collections.abc import Mapping
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import MISSING, Field, fields, is_dataclass
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 T = TypeVar("T")
 
+ADDED_LATER = {"added_later": True}
+"""Metadata of a field that older files lack: its default is not written, so that what
+does not use it is the same file to the last byte, name and hash."""
+
 
 def to_plain(record: Any) -> dict[str, Any]:
     """Dictionaries, lists, strings, numbers, booleans and None only."""
-    return _plain(asdict(record))
+    return {
+        field.name: _plain(getattr(record, field.name))
+        for field in fields(record)
+        if not _left_out(field, getattr(record, field.name))
+    }
+
+
+def _left_out(field: Field[Any], value: Any) -> bool:
+    if "added_later" not in field.metadata:
+        return False
+    if field.default_factory is not MISSING:
+        return value == field.default_factory()
+    return value == field.default
 
 
 def from_plain(cls: type[T], values: Mapping[str, Any]) -> T:
@@ -33,6 +49,8 @@ def from_plain(cls: type[T], values: Mapping[str, Any]) -> T:
 
 
 def _plain(value: Any) -> Any:
+    if is_dataclass(value):
+        return to_plain(value)
     if isinstance(value, Mapping):
         return {str(key): _plain(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):

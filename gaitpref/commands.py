@@ -73,7 +73,11 @@ def _train(command: options.Train) -> int:
         )
     setting = setting_of(command.init, command.robot)
     robot = setting.robot
-    env = replace(setting.env, randomise=RANDOMISE[command.randomize])
+    env = replace(
+        setting.env,
+        randomise=RANDOMISE[command.randomize],
+        terrain=replace(setting.env.terrain, kind=command.terrain),
+    )
     reward_fn = None
     if command.reward != "task":
         score = load_score(command.reward, criterion_context(robot, env))
@@ -199,9 +203,13 @@ def _context_of(dataset: Dataset) -> CriterionContext:
 
 def _evaluate(command: options.Evaluate) -> None:
     policy = load_policy(command.policy)
-    robot = policy.robot()
-    score = load_score(command.reward, criterion_context(robot, policy.info.env))
-    result = evaluate(policy, score, episodes=command.episodes, seed=command.seed)
+    robot, env = policy.robot(), policy.info.env
+    if command.terrain is not None:
+        env = replace(env, terrain=replace(env.terrain, kind=command.terrain))
+    score = load_score(command.reward, criterion_context(robot, env))
+    result = evaluate(
+        policy, score, episodes=command.episodes, seed=command.seed, env=env
+    )
     if command.json:
         print(json.dumps(asdict(result)))
         return

@@ -99,6 +99,8 @@ class Train:
     a fixed or an adapted weight."""
     randomize: Literal["off", "light", "full"] = "off"
     """How much robots, sensors and pushes differ from episode to episode."""
+    terrain: Literal["flat", "slopes", "steps", "rough"] = "flat"
+    """What is walked on: a plane, gentle hills, terraces of low steps, or rubble."""
     resume: bool = False
     """Go on from where an interrupted run in the same directory stopped."""
     robot: Path | None = None
@@ -232,6 +234,8 @@ class Evaluate:
     """Criterion or learned reward the return is measured under."""
     episodes: int = 64
     """Episodes, spread evenly over the grid."""
+    terrain: Literal["flat", "slopes", "steps", "rough"] | None = None
+    """What is walked on; by default what the policy was trained on."""
     json: bool = False
     """Print one JSON object and nothing else."""
     seed: int = 0

@@ -19,6 +19,7 @@ from policy.config import EnvCfg
 from policy.env import QuadrupedEnv
 from policy.robot import Robot, load_robot
 from policy.sim import BatchSim
+from policy.terrain import on_terrain
 
 from . import options
 from .serving import require_port, wait_until_stopped
@@ -57,8 +58,8 @@ class PolicyRunner:
         )
 
     def _new_env(self) -> QuadrupedEnv:
-        sim = BatchSim(self._robot, 1, threads=1)
         cfg = live_cfg(self._policy.info.env)
+        sim = BatchSim(self._robot, 1, threads=1)
         return QuadrupedEnv(
             self._robot, cfg, 1, seed=self._seed, sim=sim, keep_final=True
         )
@@ -82,6 +83,8 @@ def live_policy(path: Path, xml: Path | None) -> LivePolicy:
         if xml is None
         else load_robot(xml, physics_dt_s=env.physics_dt_s)
     )
+
+    robot = on_terrain(robot, env.terrain)
 
     def new_step() -> StepFn:
         return PolicyRunner(policy, robot)

@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from data.plain import ADDED_LATER
+
 from .reward import TaskRewardCfg
+from .terrain import TerrainCfg
 
 Range = tuple[float, float]
 
@@ -143,7 +146,7 @@ RANDOMISE = {
 
 @dataclass(frozen=True, kw_only=True)
 class EnvCfg:
-    """A batch of quadrupeds on flat ground, following velocity commands."""
+    """A batch of quadrupeds that follow velocity commands."""
 
     physics_dt_s: float = 0.005
     """MuJoCo's time step."""
@@ -166,6 +169,8 @@ class EnvCfg:
     model itself."""
     task: TaskRewardCfg = field(default_factory=TaskRewardCfg)
     """The hand-written reward."""
+    terrain: TerrainCfg = field(default_factory=TerrainCfg, metadata=ADDED_LATER)
+    """What is walked on."""
 
     def __post_init__(self) -> None:
         if self.substeps < 1:

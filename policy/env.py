@@ -17,10 +17,11 @@ from .features import base_state, feature_row, observation
 from .reward import task_reward_for, weighted_terms
 from .robot import Robot
 from .sim import BatchSim, Sim, SimState
+from .terrain import Starts, near_edge, on_terrain
 
 
 class QuadrupedEnv(VecEnv):
-    """N quadrupeds following velocity commands on flat ground.
+    """N quadrupeds following velocity commands.
 
     `step` resets finished environments before it returns, as RSL-RL expects; what the
     step led to is in `extras["features"]`, computed before any reset.
@@ -46,7 +47,7 @@ class QuadrupedEnv(VecEnv):
             sim: A simulator of `num_envs` copies; MuJoCo on the CPU by default.
             keep_final: Put the states before any reset into `extras["final"]`.
         """
-        self.robot = robot
+        self.robot = robot = on_terrain(robot, cfg.terrain)
         self.cfg: EnvCfg = cfg  # pyright: ignore[reportIncompatibleVariableOverride]
         self.task = task_reward_for(robot, cfg.task)
         self.sim = sim or BatchSim(robot, num_envs)
@@ -60,6 +61,8 @@ class QuadrupedEnv(VecEnv):
         self._joint_qvel = torch.tensor(robot.qvel_adr)
         self._joint_low, self._joint_high = self._constant(robot.joint_range).unbind(-1)
         self._foot_radius = self._constant(robot.foot_radius)
+        ground = robot.ground
+        self._starts = None if ground is None else Starts(robot, ground)
         self._fall_height = cfg.fall.height_ratio * float(robot.home_qpos[2])
         self._fall_cosine = float(torch.cos(torch.tensor(cfg.fall.tilt_rad)))
         zeros = torch.zeros(num_envs, 12, device=self.device)
@@ -126,7 +129,10 @@ class QuadrupedEnv(VecEnv):
         aborted |= ~finite
         features[aborted] = 0.0
         fallen &= ~aborted
-        time_outs = (self.episode_length_buf >= self.max_episode_length) & ~fallen
+        ends = self.episode_length_buf >= self.max_episode_length
+        if self.robot.ground is not None:
+            ends |= near_edge(self.robot.ground, state.base_pos_w)
+        time_outs = ends & ~fallen
         dones = fallen | time_outs | aborted
         rewards, log = self._reward(features)
         extras = {
@@ -181,7 +187,7 @@ class QuadrupedEnv(VecEnv):
         self._air_time = (self._air_time + self.step_dt) * in_air
         fallen = (
             (-base.gravity_b[:, 2] < self._fall_cosine)
-            | (state.base_pos_w[:, 2] < self._fall_height)
+            | (state.base_height < self._fall_height)
             | (state.base_contact > 0)
         )
         features = feature_row(
@@ -244,6 +250,8 @@ class QuadrupedEnv(VecEnv):
         qpos[:, 3] = (1 - half_angles.square().sum(-1)).sqrt()
         qpos[:, 4:6] = half_angles
         qpos[:, 6] = 0.0
+        if self._starts is not None:
+            self._starts.place(qpos, lambda rows, width: self._noise(rows, width, 1.0))
         qvel[:, 0:3] = self._noise(count, 3, cfg.base_lin_vel_m_s)
         qvel[:, 3:6] = self._noise(count, 3, cfg.base_ang_vel_rad_s)
         qvel[:, self._joint_qvel] = self._noise(count, 12, cfg.joint_vel_rad_s).double()

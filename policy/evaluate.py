@@ -77,7 +77,12 @@ def rollout_features(
 
 
 def evaluate(
-    policy: Policy, score_fn: RewardFn, *, episodes: int = 64, seed: int = 0
+    policy: Policy,
+    score_fn: RewardFn,
+    *,
+    episodes: int = 64,
+    seed: int = 0,
+    env: EnvCfg | None = None,
 ) -> Evaluation:
     """Roll `policy` out on the grid and score it.
 
@@ -86,6 +91,7 @@ def evaluate(
         score_fn: Score per second; an episode's return is its sum times the step.
         episodes: Number of episodes, spread over the grid.
         seed: Start states.
+        env: Where it acts; by default where it was trained.
 
     Raises:
         ValueError: there is no episode, or all simulations diverged.
@@ -93,7 +99,12 @@ def evaluate(
     if episodes < 1:
         raise ValueError(f"an evaluation needs at least 1 episode, got {episodes}")
     return evaluate_actor(
-        policy, policy.robot(), policy.info.env, score_fn, episodes=episodes, seed=seed
+        policy,
+        policy.robot(),
+        env or policy.info.env,
+        score_fn,
+        episodes=episodes,
+        seed=seed,
     )
 
 

@@ -89,13 +89,13 @@ def feature_row(
     foot_air_time: Tensor,
     fallen: Tensor,
 ) -> Tensor:
-    """The row of `data.features.FEATURES`, [N, F] float32, for flat ground at z = 0."""
+    """The row of `data.features.FEATURES`, [N, F] float32."""
     return torch.cat(
         (
             base.lin_vel_b,
             base.ang_vel_b,
             base.gravity_b,
-            state.base_pos_w[:, 2:],
+            state.base_height[:, None],
             command,
             state.joint_pos - home_joint_pos,
             state.joint_vel,
@@ -103,7 +103,7 @@ def feature_row(
             action,
             action - previous_action,
             state.foot_contact,
-            state.foot_pos_w[:, :, 2] - foot_radius,
+            state.foot_height - foot_radius,
             torch.linalg.vector_norm(state.foot_vel_w[:, :, :2], dim=-1),
             foot_air_time,
             fallen[:, None].to(torch.float32),

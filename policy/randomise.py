@@ -22,6 +22,7 @@ from .env import QuadrupedEnv
 from .robot import Robot
 from .robots.anatomy import bodies_below
 from .sim import BatchSim, SimState
+from .terrain import on_terrain
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +141,7 @@ class RandomisedEnv(QuadrupedEnv):
         self._amplitudes = _amplitudes(self._cfg.noise)
         self._foot_radii = torch.tensor(robot.foot_radius, dtype=torch.float32)
         self._privileged = torch.zeros(num_envs, 76)
+        robot = on_terrain(robot, cfg.terrain)
         sim = VariedSim(robot, num_envs)
         super().__init__(
             robot, cfg, num_envs, seed=seed, sim=sim, keep_final=keep_final
@@ -204,9 +206,9 @@ class RandomisedEnv(QuadrupedEnv):
         self._privileged = torch.cat(
             (
                 true,
-                state.base_pos_w[:, 2:],
+                state.base_height[:, None],
                 state.foot_contact,
-                state.foot_pos_w[:, :, 2] - self._foot_radii,
+                state.foot_height - self._foot_radii,
                 draw.columns,
             ),
             dim=-1,

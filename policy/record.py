@@ -16,7 +16,7 @@ from data.episode import EndReason, Episode, EpisodeMeta
 
 from .babble import BABBLE_SHA256, Babble
 from .checkpoint import Policy, load_policy
-from .config import CommandCfg
+from .config import CommandCfg, EnvCfg
 from .env import QuadrupedEnv
 from .rollout import RolloutStep, first_episodes
 from .train import CHECKPOINTS_NAME
@@ -159,11 +159,19 @@ def _record_one(
             control_dt_s=env_cfg.control_dt_s,
             physics_dt_s=env_cfg.physics_dt_s,
             robot=robot.name,
-            model_sha256=robot.model_sha256,
+            model_sha256=env.robot.model_sha256,
             round=round,
-            extra={"trained_against": "nothing" if babble else info.reward},
+            extra=_extra(env_cfg, "nothing" if babble else info.reward),
         )
-        yield _episode(steps, arrays, index, meta, robot.mjcf)
+        yield _episode(steps, arrays, index, meta, env.robot.mjcf)
+
+
+def _extra(cfg: EnvCfg, trained_against: str) -> dict[str, str]:
+    """What is stored with an episode as text."""
+    extra = {"trained_against": trained_against}
+    if cfg.terrain.kind != "flat":
+        extra |= {"terrain": cfg.terrain.kind, "terrain_seed": str(cfg.terrain.seed)}
+    return extra
 
 
 def _babble(env: QuadrupedEnv, rng: torch.Generator) -> Babble:

@@ -17,10 +17,12 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from data.ground import Ground
+
 from .robots.additions import add_sites_and_sensors, is_complete
 from .robots.anatomy import Skeleton, find_anatomy, find_base, find_joints
 from .robots.frozen import freeze_other_joints, make_feet_collide
-from .robots.ground import ensure_floor
+from .robots.ground import ensure_floor, ground_of
 from .robots.hints import (
     Hints,
     embed_hints,
@@ -71,6 +73,8 @@ class Robot:
     """[4] m from the site down to the lowest point of the foot in the home pose."""
     changes: tuple[str, ...] = ()
     """What was added to the model or replaced in it, in words."""
+    ground: Ground | None = None
+    """What it stands on; None is the plane z = 0."""
 
     @property
     def home_foot_pos_w(self) -> np.ndarray:
@@ -190,6 +194,7 @@ def _describe(mjcf: str, source: str, name: str) -> Robot:
         ),
         foot_site_ids=np.array([foot.site for foot in found.feet], dtype=int),
         foot_radius=np.array([foot.radius for foot in found.feet]),
+        ground=ground_of(mj_model),
     )
 
 

@@ -60,6 +60,10 @@ class SimState:
     """[N, 4] 0 or 1"""
     base_contact: Tensor
     """[N] 0 or 1"""
+    base_height: Tensor
+    """[N] m above the ground below it"""
+    foot_height: Tensor
+    """[N, 4] m, foot sites above the ground below them"""
 
 
 class Sim(Protocol):
@@ -149,18 +153,25 @@ class BatchSim:
         robot, qpos, qvel = self.robot, self._qpos, self._qvel
         sensors = self._sensors
         free, free_vel = self._base_adr
+        base_w, feet_w = qpos[:, free : free + 3], self._sites[:, robot.foot_site_ids]
+        base_height, foot_height = base_w[:, 2], feet_w[:, :, 2]
+        if robot.ground is not None:
+            base_height = base_height - robot.ground.height_m(base_w[:, :2])
+            foot_height = foot_height - robot.ground.height_m(feet_w[:, :, :2])
         return SimState(
-            base_pos_w=_tensor(qpos[:, free : free + 3]),
+            base_pos_w=_tensor(base_w),
             base_wxyz_w=_tensor(qpos[:, free + 3 : free + 7]),
             base_lin_vel_w=_tensor(qvel[:, free_vel : free_vel + 3]),
             base_ang_vel_b=_tensor(qvel[:, free_vel + 3 : free_vel + 6]),
             joint_pos=_tensor(qpos[:, robot.qpos_adr]),
             joint_vel=_tensor(qvel[:, robot.qvel_adr]),
             joint_torque=_tensor(self._torque[:, robot.qvel_adr]),
-            foot_pos_w=_tensor(self._sites[:, robot.foot_site_ids]),
+            foot_pos_w=_tensor(feet_w),
             foot_vel_w=_tensor(sensors[:, self._velocity_cols]),
             foot_contact=_tensor(sensors[:, self._contact_cols] > 0),
             base_contact=_tensor(sensors[:, self._base_contact_col] > 0),
+            base_height=_tensor(base_height),
+            foot_height=_tensor(foot_height),
         )
 
     def reset(self, ids: Tensor, qpos: Tensor, qvel: Tensor) -> None:

@@ -9,10 +9,15 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from data.ground import Ground
+
 from .anatomy import Skeleton, bodies_below, find_base
 from .foot import collides
 
 FLOOR_NAME = "gaitpref_floor"
+
+TERRAIN_NAME = "gaitpref_terrain"
+"""Of the height field that `policy.terrain` puts into the floor's place."""
 
 _LEVEL = 1e-6
 
@@ -38,7 +43,7 @@ def ensure_floor(spec: mujoco.MjSpec, skeleton: Skeleton) -> str | None:
         spec.delete(geoms[geom])
     for hfield in list(spec.hfields):
         spec.delete(hfield)
-    _forget(spec, names[1:])
+    forget(spec, names[1:])
     mine = [g for g in range(mj_model.ngeom) if mj_model.geom_bodyid[g] in robot]
     bits = np.bitwise_or.reduce(
         mj_model.geom_contype[mine] | mj_model.geom_conaffinity[mine]
@@ -58,7 +63,24 @@ def ensure_floor(spec: mujoco.MjSpec, skeleton: Skeleton) -> str | None:
     return f"{len(ground)} geoms of the ground were replaced by a floor at z = 0"
 
 
-def _forget(spec: mujoco.MjSpec, geoms: list[str]) -> None:
+def ground_of(mj_model: mujoco.MjModel) -> Ground | None:
+    """The height field that stands for the floor of `mj_model`; None for a plane."""
+    field = mujoco.mj_name2id(mj_model, mujoco.mjtObj.mjOBJ_HFIELD, TERRAIN_NAME)
+    if field < 0:
+        return None
+    shows = (mj_model.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD) & (
+        mj_model.geom_dataid == field
+    )
+    first = mj_model.hfield_adr[field]
+    shape = (mj_model.hfield_nrow[field], mj_model.hfield_ncol[field])
+    return Ground.of_hfield(
+        mj_model.hfield_data[first : first + shape[0] * shape[1]].reshape(shape),
+        mj_model.hfield_size[field],
+        mj_model.geom_pos[np.flatnonzero(shows)[0]],
+    )
+
+
+def forget(spec: mujoco.MjSpec, geoms: list[str]) -> None:
     """Take away what names one of `geoms`, which are gone."""
     for pair in list(spec.pairs):
         if {pair.geomname1, pair.geomname2} & set(geoms):
