@@ -13,7 +13,8 @@ from data.dataset import Dataset
 from data.episode_chunks import Compression
 from data.errors import DatasetError
 from policy.checkpoint import PolicyError, load_policy
-from policy.config import RANDOMISE, EnvCfg
+from policy.config import RANDOMISE, EnvCfg, getup_env
+from policy.curriculum import CurriculumCfg
 from policy.evaluate import evaluate
 from policy.exploration import ExplorationBonusCfg
 from policy.kl_penalty import KlPenaltyCfg
@@ -77,7 +78,10 @@ def _train(command: options.Train) -> int:
         setting.env,
         randomise=RANDOMISE[command.randomize],
         terrain=replace(setting.env.terrain, kind=command.terrain),
+        curriculum=CurriculumCfg() if command.curriculum else None,
     )
+    if command.getup:
+        env = getup_env(env)
     reward_fn = None
     if command.reward != "task":
         score = load_score(command.reward, criterion_context(robot, env))

@@ -21,7 +21,7 @@ from policy.env import QuadrupedEnv
 from policy.features import OBS_DIM
 from policy.robot import load_robot
 from policy.sim import BatchSim
-from policy.terrain import on_terrain
+from policy.world import in_world
 
 from .step_reward import StepReward, reward_named
 
@@ -44,7 +44,7 @@ class _Engine:
         cfg = cfg or EnvCfg()
         path = None if robot is None else Path(robot)
         model = load_robot(path, physics_dt_s=cfg.physics_dt_s)
-        model = on_terrain(model, cfg.terrain)
+        model = in_world(model, cfg)
         sim = BatchSim(model, num_envs, threads=threads)
         self.env = QuadrupedEnv(model, cfg, num_envs, seed=0, sim=sim, keep_final=True)
         self._reward = StepReward(reward_named(reward, model, cfg, keep_task=keep_task))

@@ -101,6 +101,11 @@ class Train:
     """How much robots, sensors and pushes differ from episode to episode."""
     terrain: Literal["flat", "slopes", "steps", "rough"] = "flat"
     """What is walked on: a plane, gentle hills, terraces of low steps, or rubble."""
+    curriculum: bool = False
+    """Ask for slow walks first, and for more as commands are followed better, in the
+    end for half as much again."""
+    getup: bool = False
+    """Begin lying after a fall, and be paid for getting up; no fall ends an episode."""
     resume: bool = False
     """Go on from where an interrupted run in the same directory stopped."""
     robot: Path | None = None

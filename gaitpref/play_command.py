@@ -19,7 +19,7 @@ from policy.config import EnvCfg
 from policy.env import QuadrupedEnv
 from policy.robot import Robot, load_robot
 from policy.sim import BatchSim
-from policy.terrain import on_terrain
+from policy.world import in_world
 
 from . import options
 from .serving import require_port, wait_until_stopped
@@ -84,7 +84,7 @@ def live_policy(path: Path, xml: Path | None) -> LivePolicy:
         else load_robot(xml, physics_dt_s=env.physics_dt_s)
     )
 
-    robot = on_terrain(robot, env.terrain)
+    robot = in_world(robot, env)
 
     def new_step() -> StepFn:
         return PolicyRunner(policy, robot)

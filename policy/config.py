@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from data.plain import ADDED_LATER
 
-from .reward import TaskRewardCfg
+from .curriculum import CurriculumCfg
+from .getup import GetupCfg
+from .reward import GETUP_TASK, TaskRewardCfg
 from .terrain import TerrainCfg
 
 Range = tuple[float, float]
@@ -171,6 +173,10 @@ class EnvCfg:
     """The hand-written reward."""
     terrain: TerrainCfg = field(default_factory=TerrainCfg, metadata=ADDED_LATER)
     """What is walked on."""
+    getup: GetupCfg | None = field(default=None, metadata=ADDED_LATER)
+    """Begin episodes lying, and end none by a fall."""
+    curriculum: CurriculumCfg | None = field(default=None, metadata=ADDED_LATER)
+    """Ask for more as commands are followed better; None asks for all at once."""
 
     def __post_init__(self) -> None:
         if self.substeps < 1:
@@ -190,3 +196,22 @@ class EnvCfg:
     def episode_steps(self) -> int:
         """Control steps until the time-out."""
         return round(self.episode_s / self.control_dt_s)
+
+
+def getup_env(cfg: EnvCfg) -> EnvCfg:
+    """`cfg` with robots that lie and are paid for getting up, and for nothing else."""
+    nowhere = (0.0, 0.0)
+    return replace(
+        cfg,
+        episode_s=6.0,
+        # To turn over, legs move farther than in any walk.
+        action_scale_rad=0.6,
+        commands=CommandCfg(
+            forward_m_s=nowhere,
+            left_m_s=nowhere,
+            yaw_rad_s=nowhere,
+            evaluated_m_s=nowhere,
+        ),
+        getup=GetupCfg(),
+        task=GETUP_TASK,
+    )

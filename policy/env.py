@@ -13,11 +13,14 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from .config import EnvCfg, Range
+from .curriculum import Curriculum
 from .features import base_state, feature_row, observation
+from .getup import Lying
 from .reward import task_reward_for, weighted_terms
 from .robot import Robot
 from .sim import BatchSim, Sim, SimState
-from .terrain import Starts, near_edge, on_terrain
+from .terrain import Starts, near_edge
+from .world import in_world
 
 
 class QuadrupedEnv(VecEnv):
@@ -47,7 +50,7 @@ class QuadrupedEnv(VecEnv):
             sim: A simulator of `num_envs` copies; MuJoCo on the CPU by default.
             keep_final: Put the states before any reset into `extras["final"]`.
         """
-        self.robot = robot = on_terrain(robot, cfg.terrain)
+        self.robot = robot = in_world(robot, cfg)
         self.cfg: EnvCfg = cfg  # pyright: ignore[reportIncompatibleVariableOverride]
         self.task = task_reward_for(robot, cfg.task)
         self.sim = sim or BatchSim(robot, num_envs)
@@ -63,6 +66,10 @@ class QuadrupedEnv(VecEnv):
         self._foot_radius = self._constant(robot.foot_radius)
         ground = robot.ground
         self._starts = None if ground is None else Starts(robot, ground)
+        self._lying = None if cfg.getup is None else Lying(robot, cfg.getup, seed=seed)
+        self._curriculum = None
+        if cfg.curriculum is not None:
+            self._curriculum = Curriculum(cfg.curriculum, control_dt_s=cfg.control_dt_s)
         self._fall_height = cfg.fall.height_ratio * float(robot.home_qpos[2])
         self._fall_cosine = float(torch.cos(torch.tensor(cfg.fall.tilt_rad)))
         zeros = torch.zeros(num_envs, 12, device=self.device)
@@ -135,6 +142,9 @@ class QuadrupedEnv(VecEnv):
         time_outs = ends & ~fallen
         dones = fallen | time_outs | aborted
         rewards, log = self._reward(features)
+        if self._curriculum is not None:
+            self._curriculum.observe(features)
+            log["command/share"] = torch.tensor(self._curriculum.share)
         extras = {
             "features": features,
             "starts": starts,
@@ -157,7 +167,7 @@ class QuadrupedEnv(VecEnv):
 
     def snapshot(self) -> dict[str, Tensor]:
         """All state as plain tensors, so that a killed run goes on bit for bit."""
-        return {
+        state = {
             "sim": self.sim.snapshot(),
             "episode_length": self.episode_length_buf.clone(),
             "command": self.command.clone(),
@@ -166,6 +176,9 @@ class QuadrupedEnv(VecEnv):
             "starting": self._starting.clone(),
             "rng": self._rng.get_state(),
         }
+        if self._curriculum is not None:
+            state["curriculum"] = self._curriculum.snapshot()
+        return state
 
     def restore(self, snapshot: dict[str, Tensor]) -> None:
         """Go on from `snapshot` of an environment of equal configuration."""
@@ -176,6 +189,8 @@ class QuadrupedEnv(VecEnv):
         self._air_time = snapshot["air_time"].clone()
         self._starting = snapshot["starting"].clone()
         self._rng.set_state(snapshot["rng"])
+        if self._curriculum is not None:
+            self._curriculum.restore(snapshot["curriculum"])
         self._obs = self._observe(self.sim.read())
 
     def _features(
@@ -190,6 +205,8 @@ class QuadrupedEnv(VecEnv):
             | (state.base_height < self._fall_height)
             | (state.base_contact > 0)
         )
+        if self._lying is not None:
+            fallen = torch.zeros_like(fallen)
         features = feature_row(
             base,
             state,
@@ -234,14 +251,28 @@ class QuadrupedEnv(VecEnv):
     def _draw_commands(self, count: int) -> Tensor:
         cfg = self.cfg.commands
         ranges = (cfg.forward_m_s, cfg.left_m_s, cfg.yaw_rad_s)
+        if self._curriculum is not None:
+            ranges = tuple(map(self._curriculum.range, ranges))
         return torch.stack([self._uniform(count, 1, r)[:, 0] for r in ranges], dim=-1)
 
     def _reset(self, ids: Tensor) -> None:
         """Start new episodes in the environments `ids` [K]."""
-        cfg, count = self.cfg.reset, len(ids)
+        self.sim.reset(ids, *self._start_states(len(ids)))
+        self.episode_length_buf[ids] = 0
+        self.action = self.action.clone()
+        self.action[ids] = 0.0
+        self._air_time[ids] = 0.0
+        if not self._commands_fixed:
+            self.command[ids] = self._draw_commands(len(ids))
+
+    def _start_states(self, count: int) -> tuple[Tensor, Tensor]:
+        """States [K, nq] and [K, nv] that episodes begin in."""
+        cfg = self.cfg.reset
         home = torch.from_numpy(self.robot.home_qpos.copy())
         qpos = home.to(self.device, torch.float64).repeat(count, 1)
         qvel = torch.zeros(count, self.robot.mj_model.nv, dtype=torch.float64)
+        if self._lying is not None:
+            return self._lying.draw(count, self._rng), qvel
         noise = self._noise(count, 12, cfg.joint_pos_rad)
         joints = (self._home_joint_pos + noise).clamp(self._joint_low, self._joint_high)
         qpos[:, self._joint_qpos] = joints.double()
@@ -255,13 +286,7 @@ class QuadrupedEnv(VecEnv):
         qvel[:, 0:3] = self._noise(count, 3, cfg.base_lin_vel_m_s)
         qvel[:, 3:6] = self._noise(count, 3, cfg.base_ang_vel_rad_s)
         qvel[:, self._joint_qvel] = self._noise(count, 12, cfg.joint_vel_rad_s).double()
-        self.sim.reset(ids, qpos, qvel)
-        self.episode_length_buf[ids] = 0
-        self.action = self.action.clone()
-        self.action[ids] = 0.0
-        self._air_time[ids] = 0.0
-        if not self._commands_fixed:
-            self.command[ids] = self._draw_commands(count)
+        return qpos, qvel
 
     def _noise(self, rows: int, width: int, amplitude: float) -> Tensor:
         return self._uniform(rows, width, (-amplitude, amplitude))

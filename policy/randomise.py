@@ -22,7 +22,7 @@ from .env import QuadrupedEnv
 from .robot import Robot
 from .robots.anatomy import bodies_below
 from .sim import BatchSim, SimState
-from .terrain import on_terrain
+from .world import in_world
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +141,7 @@ class RandomisedEnv(QuadrupedEnv):
         self._amplitudes = _amplitudes(self._cfg.noise)
         self._foot_radii = torch.tensor(robot.foot_radius, dtype=torch.float32)
         self._privileged = torch.zeros(num_envs, 76)
-        robot = on_terrain(robot, cfg.terrain)
+        robot = in_world(robot, cfg)
         sim = VariedSim(robot, num_envs)
         super().__init__(
             robot, cfg, num_envs, seed=seed, sim=sim, keep_final=keep_final

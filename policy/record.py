@@ -149,7 +149,7 @@ def _record_one(
     }
     for index in range(count):
         meta = EpisodeMeta(
-            task="walk",
+            task="walk" if env_cfg.getup is None else "getup",
             seed=seed,
             env_index=index,
             command=commands[index],

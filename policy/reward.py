@@ -8,12 +8,13 @@ Shapes: F feature columns; a score keeps the leading shape of its rows.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 
 import torch
 from torch import Tensor
 
 from data.features import column
+from data.plain import ADDED_LATER
 
 from .robot import Robot
 
@@ -50,6 +51,12 @@ class TaskRewardCfg:
     """Air time less `swing_min_s`, s, once for every swing of a foot."""
     fall: float = -1.0
     """Once, when the robot falls."""
+    upright: float = field(default=0.0, metadata=ADDED_LATER)
+    """How far the base is turned up: 0 on its back, 1 when level."""
+    rise: float = field(default=0.0, metadata=ADDED_LATER)
+    """Share of `height_m` that a base which is turned up has risen to."""
+    stand: float = field(default=0.0, metadata=ADDED_LATER)
+    """Having risen, with the legs in the home pose and at rest."""
     height_m: float | None = None
     """Height of the base that is asked for; None is 95 % of the robot's home height."""
     clearance_m: float = 0.08
@@ -59,11 +66,37 @@ class TaskRewardCfg:
 
     @property
     def weights(self) -> dict[str, float]:
-        """The weight of every term by name."""
+        """The weight of every term by name; of getting up, only what is paid."""
         targets = ("height_m", "clearance_m", "swing_min_s")
+        unpaid = () if self.pays_getting_up else ("upright", "rise", "stand")
         return {
-            f.name: getattr(self, f.name) for f in fields(self) if f.name not in targets
+            f.name: getattr(self, f.name)
+            for f in fields(self)
+            if f.name not in (*targets, *unpaid)
         }
+
+    @property
+    def pays_getting_up(self) -> bool:
+        """Whether the terms of getting up are worth computing."""
+        return any((self.upright, self.rise, self.stand))
+
+
+GETUP_TASK = TaskRewardCfg(
+    track_planar=0.0,
+    track_yaw=0.0,
+    vertical=0.0,
+    roll_pitch_rate=-0.01,
+    tilt=0.0,
+    height=0.0,
+    torque=-1e-4,
+    pose=0.0,
+    clearance=0.0,
+    swing=0.0,
+    upright=1.0,
+    rise=1.0,
+    stand=1.0,
+)
+"""What is paid where robots have to get up."""
 
 
 def task_reward_for(robot: Robot, cfg: TaskRewardCfg) -> TaskRewardCfg:
@@ -129,7 +162,10 @@ def task_terms(
     lift_off = (air > 0) & (air < 1.5 * control_dt_s)
     supported = contact.sum(dim=-1, keepdim=True) >= 2
     swinging = (air > 0) & (air < 0.5) & supported
-    return {
+    getting_up: dict[str, Tensor] = {}
+    if cfg.pays_getting_up:
+        getting_up = getup_terms(features, height_m=cfg.height_m)
+    return getting_up | {
         "track_planar": torch.exp(
             -_square(command[..., :2] - velocity[..., :2]) / 0.25
         ),
@@ -149,6 +185,23 @@ def task_terms(
             swinging.float() * control_dt_s - lift_off.float() * cfg.swing_min_s
         ).sum(dim=-1),
         "fall": features[..., column("fallen")][..., 0] / control_dt_s,
+    }
+
+
+def getup_terms(features: Tensor, *, height_m: float) -> dict[str, Tensor]:
+    """Unweighted terms of `features [..., F]` by name, each [...] in [0, 1].
+
+    Each is there only as far as the one before it, so that the way up always pays.
+    """
+    upright = (1.0 - features[..., column("gravity_b")][..., 2]) / 2.0
+    height = features[..., column("base_height")][..., 0] / height_m
+    offset = features[..., column("joint_pos_offset")].square().sum(dim=-1)
+    speed = features[..., column("joint_vel")].square().mean(dim=-1)
+    risen = upright.square() * height.clamp(0.0, 1.0)
+    return {
+        "upright": upright,
+        "rise": risen,
+        "stand": risen * torch.exp(-offset / 2.0) / (1.0 + speed / 4.0),
     }
 
 
