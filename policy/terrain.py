@@ -32,6 +32,8 @@ EDGE_M = 0.6
 """An episode ends this far from the edge of the field."""
 _TURN_RAD = 0.5
 """How far a robot may start turned away from the middle."""
+_LIFT_M = 0.02
+"""Of the start, for feet that are not quite where they are at home."""
 _THICKNESS_M = 0.5
 _DIGITS = 3
 """Of a height, as a share of the field's: more would only lengthen the text."""
@@ -167,7 +169,7 @@ class Starts:
         """Move the states `qpos` [K, nq] of robots at the origin onto the field.
 
         They face its middle, more or less, so that few of them reach the edge, and
-        lean as the ground under their feet does; no foot starts inside it.
+        lean as the ground under their feet does.
 
         Args:
             qpos: Changed in place.
@@ -186,7 +188,7 @@ class Starts:
         up_x, up_y = below @ (x / (x @ x)), below @ (y / (y @ y))
         plane = np.outer(up_x, x) + np.outer(up_y, y)
         qpos[:, :2] = torch.from_numpy(there)
-        qpos[:, 2] += torch.from_numpy((below - plane).max(axis=1))
+        qpos[:, 2] += torch.from_numpy((below - plane).max(axis=1)) + _LIFT_M
         attitude = qpos[:, 3:7]
         for axis, angle in enumerate((np.arctan(up_y), -np.arctan(up_x), yaw)):
             attitude = turned(attitude, torch.from_numpy(angle), axis=axis)
