@@ -74,6 +74,13 @@ class Ground:
             & (at_y <= rows - 1 - y_cells)
         )
 
+    def level_m(self, points: np.ndarray, *, reach_m: float) -> np.ndarray:
+        """The lowest ground [P] within `reach_m` of `points` [P, 2], along x and y."""
+        steps = np.linspace(-reach_m, reach_m, 5)
+        around = np.stack(np.meshgrid(steps, steps), axis=-1)
+        heights = self.height_m(points[..., None, None, :] + around)
+        return heights.min(axis=(-2, -1))
+
     @property
     def middle_m(self) -> np.ndarray:
         """World x and y [2] of its middle."""

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import mujoco
 import numpy as np
 
 from data.errors import EpisodeError
+from data.ground import Ground
 
 from .solids import Solid, solid_of_geom
 
@@ -22,6 +23,8 @@ Rgb = tuple[float, float, float]
 
 _SEEN_GROUPS = 3
 """MuJoCo shows geoms of the groups 0, 1 and 2; the others are for collisions."""
+_FOOTPRINT_M = 0.25
+"""No foot is farther than this from the base along x or y, while it stands."""
 _NO_COLOUR = (0.5, 0.5, 0.5, 1.0)
 """What MuJoCo gives a geom without a colour, which then has that of its material."""
 _HALF_TURNS = np.array([(1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)])
@@ -55,6 +58,33 @@ class RobotGeometry:
     """The same for equal MJCF texts."""
     mj_model: mujoco.MjModel
     meshes: tuple[BodyMesh, ...]
+
+    @cached_property
+    def ground(self) -> Ground | None:
+        """What it walks on; None is the plane z = 0."""
+        mj_model = self.mj_model
+        shown = np.flatnonzero(mj_model.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD)
+        if not len(shown):
+            return None
+        field = int(mj_model.geom_dataid[shown[0]])
+        shape = (mj_model.hfield_nrow[field], mj_model.hfield_ncol[field])
+        first = int(mj_model.hfield_adr[field])
+        return Ground.of_hfield(
+            mj_model.hfield_data[first : first + shape[0] * shape[1]].reshape(shape),
+            mj_model.hfield_size[field],
+            mj_model.geom_pos[shown[0]],
+        )
+
+    def floor_m(self, places: np.ndarray) -> np.ndarray:
+        """World z [P] at which an even floor hides no foot of it at `places` [P, 2].
+
+        Floors are drawn even: on hills the feet are drawn as high above the floor as
+        they are above the lowest ground around the robot.
+        """
+        ground = self.ground
+        if ground is None:
+            return np.zeros(places.shape[:-1])
+        return ground.level_m(places, reach_m=_FOOTPRINT_M)
 
     @property
     def instance_body_ids(self) -> np.ndarray:

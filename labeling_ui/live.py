@@ -90,7 +90,8 @@ class LiveRobot:
         self._lying_s = 0.0
         self.state = state = self._step(drive)
         self._contacts.append(np.asarray(state.contact) > 0)
-        here = np.array(state.qpos[:2])
+        floor_m = self.policy.geometry.floor_m(state.qpos[:2])
+        here = np.array([*state.qpos[:2], floor_m])
         if self._path is None or np.linalg.norm(here - self._path) > 1.0:
             self._path = here
         self._path = self._path + (here - self._path) * min(dt_s / _FOLLOW_S, 1.0)
@@ -103,6 +104,6 @@ class LiveRobot:
         if self.state is None or self._path is None:
             return None
         positions, wxyzs = instance_poses(self.policy.geometry, self.state.qpos[None])
-        return Pose(
-            positions[0], wxyzs[0], self._path.astype(np.float32), self._lying_s > 0
-        )
+        *ground, floor_m = self._path.astype(np.float32)
+        positions[0, :, 2] -= floor_m
+        return Pose(positions[0], wxyzs[0], np.array(ground), self._lying_s > 0)

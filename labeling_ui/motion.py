@@ -87,6 +87,9 @@ def load_motion(dataset: Dataset, clip: Clip) -> Motion:
     geometry = robot_geometry(episode.mjcf)
     qpos = episode.qpos[clip.start : clip.stop + 1]
     positions, wxyzs = instance_poses(geometry, qpos)
+    window = round(PATH_WINDOW_S / episode.meta.control_dt_s)
+    floor_m = _smooth(geometry.floor_m(qpos[:, :2])[:, None], window)
+    positions[..., 2] -= floor_m
     turn = _heading_wxyz(qpos[0, 3:7]) * (1, 0, 0, -1)
     origin = np.array([*qpos[0, :2], 0.0])
     wxyzs = multiply_wxyz(turn, wxyzs).astype(np.float32)
@@ -100,7 +103,7 @@ def load_motion(dataset: Dataset, clip: Clip) -> Motion:
         positions=_turned(positions - origin, turn).astype(np.float32),
         # Neighbouring states on the same half of the sphere can be averaged.
         wxyzs=_continuous(wxyzs),
-        path=_smooth(ground, round(PATH_WINDOW_S / dt_s)).astype(np.float32),
+        path=_smooth(ground, window).astype(np.float32),
         command=episode.meta.command,
         fell=episode.end_reason == "terminated" and clip.stop == episode.num_steps,
         contact=rows[:, column("foot_contact")] > 0.5,
@@ -164,12 +167,14 @@ def _continuous(wxyzs: np.ndarray) -> np.ndarray:
 
 
 def _smooth(points: np.ndarray, window: int) -> np.ndarray:
-    """Points [S, 2] averaged over `window` states, going on straight at the ends."""
+    """Points [S, d] averaged over `window` states, going on straight at the ends."""
     half = min(window // 2, len(points) - 1)
     if half < 1:
         return points
     start = 2 * points[0] - points[half:0:-1]
     end = 2 * points[-1] - points[-2 : -half - 2 : -1]
-    sums = np.cumsum(np.concatenate([np.zeros((1, 2)), start, points, end]), axis=0)
+    sums = np.cumsum(
+        np.concatenate([np.zeros((1, points.shape[1])), start, points, end]), axis=0
+    )
     width = 2 * half + 1
     return (sums[width:] - sums[:-width]) / width

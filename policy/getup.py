@@ -20,6 +20,9 @@ from .robots.solid import make_legs_solid
 from .sim import BatchSim
 from .terrain import Starts
 
+_LIMP = 4
+"""Physics steps between two targets of a limp joint."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class GetupCfg:
@@ -31,9 +34,12 @@ class GetupCfg:
     drop_m: float = 0.1
     """Height they are dropped from, above that of standing."""
     settle_s: float = 1.5
-    """Time they have to come to rest, their joints held in random angles."""
+    """Time they have to come to rest, limp."""
     lying_cosine: float = 0.5
     """Cosine of the tilt below which a robot lies."""
+    lying_ratio: float = 0.5
+    """Height of the base, as a share of that of standing, below which it lies as well,
+    though level."""
 
 
 class Lying:
@@ -49,10 +55,16 @@ class Lying:
         sim = BatchSim(robot, cfg.drops)
         at_rest = torch.zeros(cfg.drops, robot.mj_model.nv, dtype=torch.float64)
         sim.reset(torch.arange(cfg.drops), _dropped(robot, cfg, rng), at_rest)
-        bad = sim.advance(round(cfg.settle_s / robot.mj_model.opt.timestep))
-        x, y = sim.read().base_wxyz_w[:, 1:3].unbind(-1)
-        lies = ~bad & (1 - 2 * (x * x + y * y) < cfg.lying_cosine)
-        self.qpos = torch.from_numpy(sim.raw_state()[0])[lies]
+        bad = torch.zeros(cfg.drops, dtype=torch.bool)
+        for _ in range(round(cfg.settle_s / robot.mj_model.opt.timestep / _LIMP)):
+            # Servos that follow hold nothing: the motors are off.
+            sim.set_targets(sim.read().joint_pos)
+            bad |= sim.advance(_LIMP)
+        state = sim.read()
+        x, y = state.base_wxyz_w[:, 1:3].unbind(-1)
+        turned_over = 1 - 2 * (x * x + y * y) < cfg.lying_cosine
+        low = state.base_height < cfg.lying_ratio * float(robot.home_qpos[2])
+        self.qpos = torch.from_numpy(sim.raw_state()[0])[~bad & (turned_over | low)]
         """[P, nq]"""
         if not len(self.qpos):
             raise ValueError(f"none of {cfg.drops} robots came to lie when dropped")

@@ -52,7 +52,8 @@ class TaskRewardCfg:
     fall: float = -1.0
     """Once, when the robot falls."""
     upright: float = field(default=0.0, metadata=ADDED_LATER)
-    """How far the base is turned up: 0 on its back, 1 when level."""
+    """Angle by which the base is turned up, of half a turn: 0 on its back, 1 when
+    level."""
     rise: float = field(default=0.0, metadata=ADDED_LATER)
     """Share of `height_m` that a base which is turned up has risen to."""
     stand: float = field(default=0.0, metadata=ADDED_LATER)
@@ -85,11 +86,13 @@ GETUP_TASK = TaskRewardCfg(
     track_planar=0.0,
     track_yaw=0.0,
     vertical=0.0,
-    roll_pitch_rate=-0.01,
+    roll_pitch_rate=0.0,
     tilt=0.0,
     height=0.0,
-    torque=-1e-4,
+    torque=-2e-5,
+    action_rate=-0.002,
     pose=0.0,
+    slip=0.0,
     clearance=0.0,
     swing=0.0,
     upright=1.0,
@@ -193,7 +196,9 @@ def getup_terms(features: Tensor, *, height_m: float) -> dict[str, Tensor]:
 
     Each is there only as far as the one before it, so that the way up always pays.
     """
-    upright = (1.0 - features[..., column("gravity_b")][..., 2]) / 2.0
+    # By angle and not by its cosine, which is flat where a robot lies on its back.
+    down_z = features[..., column("gravity_b")][..., 2].clamp(-1.0, 1.0)
+    upright = torch.acos(down_z) / torch.pi
     height = features[..., column("base_height")][..., 0] / height_m
     offset = features[..., column("joint_pos_offset")].square().sum(dim=-1)
     speed = features[..., column("joint_vel")].square().mean(dim=-1)

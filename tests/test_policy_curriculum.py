@@ -75,10 +75,9 @@ def test_the_environment_asks_for_what_the_curriculum_has_come_to(robot: Robot) 
     snapshot = env.snapshot()
     other = QuadrupedEnv(robot, cfg, 64, seed=1)
     other.restore(snapshot)
-    more = [
-        e.step(torch.zeros(64, 12))[3]["log"]["command/share"] for e in (env, other)
-    ]
-    assert more[0] == more[1] == pytest.approx(1.0)
+    for resumed in (env, other):
+        log = resumed.step(torch.zeros(64, 12))[3]["log"]
+        assert log["command/share"] == pytest.approx(1.0)
 
 
 def test_a_resumed_training_goes_on_where_the_curriculum_was(tmp_path: Path) -> None:

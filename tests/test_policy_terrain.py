@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 
+from data.clips import Clip
 from data.dataset import Dataset
 from data.features import column
 from data.ground import Ground
@@ -19,6 +20,7 @@ from data.plain import from_plain, to_plain
 from gaitpref.cli import main
 from gaitpref.play_command import live_policy
 from labeling_ui.live import Drive
+from labeling_ui.motion import load_motion
 from policy.checkpoint import load_policy
 from policy.config import RANDOMISE, EnvCfg
 from policy.env import QuadrupedEnv
@@ -238,6 +240,11 @@ def test_policies_recordings_and_evaluations_keep_to_their_terrain(
     stored = Dataset.open(root).read(entry.sha256)
     seen = load_robot_xml(stored.mjcf, name="go1", physics_dt_s=0.005)
     assert seen.ground is not None
+    motion = load_motion(Dataset.open(root), Clip(entry.sha256, 0, stored.num_steps))
+    trunk = list(motion.geometry.instance_body_ids).index(seen.base_body_id)
+    drawn_m = motion.positions[1:, trunk, 2]
+    assert (drawn_m > motion.height_m - 0.02).all()
+    assert (drawn_m < motion.height_m + 3 * policy.info.env.terrain.step_m).all()
     capsys.readouterr()
     results = []
     for terrain in ([], ["--terrain", "flat"]):
