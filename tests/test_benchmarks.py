@@ -10,12 +10,13 @@ from pathlib import Path
 import pytest
 import torch
 
-from benchmarks import hour, throughput
+from benchmarks import hour, robots, throughput
 from benchmarks.preference_plan import HELD_BACK, plan
 from benchmarks.preference_table import BEGIN, END, publish_rows, together
 from benchmarks.wishes import carried_right_foot, nose_up_when_slow
 from data.features import FEATURE_DIM, column
 from rewardmodel.descriptors import describe
+from tests.foreign_robots import Drawing, mjcf
 
 
 def test_learning(tmp_path: Path) -> None:
@@ -36,6 +37,25 @@ def test_learning(tmp_path: Path) -> None:
         "scratch_peak_mb",
     ):
         assert isinstance(result[name], int | float), name
+
+
+def test_robots_of_others(tmp_path: Path) -> None:
+    """A robot is trained, measured and published with the keys of the goals."""
+    xml = tmp_path / "menagerie" / robots.ROBOTS["spot"]
+    xml.parent.mkdir(parents=True)
+    xml.write_text(mjcf(Drawing()))
+    figures = tmp_path / "figures.json"
+    command = [sys.executable, "-m", "benchmarks.robots", "--quick"]
+    command += ["--robots", "spot", "--work", str(tmp_path / "work")]
+    command += ["--assets", str(tmp_path / "menagerie"), "--json", str(figures)]
+    subprocess.run(command, check=True)
+    result = json.loads(figures.read_text())
+    assert result["spot_walked"] is False
+    assert result["spot_steps"] == 384
+    assert isinstance(result["spot_falls"], int)
+    assert result["spot_tracking_error_m_s"] > 0.1
+    # A robot of half a metre is asked for more than one of 0.29 m.
+    assert result["spot_fastest_m_s"] > 1.1
 
 
 def test_preferences(tmp_path: Path) -> None:

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from data.features import LEGS
+from policy.commands import commands_for
+from policy.config import CommandCfg
 from policy.robot import Robot, RobotError, load_robot, load_robot_xml
 from tests.foreign_robots import Drawing, mjcf
 
@@ -266,3 +268,20 @@ def test_what_cannot_be_found_is_asked_for_with_the_lines_to_write(
     with pytest.raises(RobotError, match=message) as caught:
         load_robot_xml(text, name="mine", physics_dt_s=DT_S)
     assert caught.value.lines.startswith(lines)
+
+
+def test_commands_suit_the_size_of_a_robot() -> None:
+    """Equal Froude numbers; the robot that ships keeps what is configured."""
+    cfg = CommandCfg()
+    assert commands_for(load_robot(physics_dt_s=DT_S), cfg) is cfg
+    stranger = load_robot_xml(mjcf(Drawing()), name="stranger", physics_dt_s=DT_S)
+    suited = commands_for(stranger, cfg)
+    taller = float(stranger.home_qpos[2]) / 0.2945
+    assert taller > 1.2
+    for mine, its in (
+        (cfg.forward_m_s[1], suited.forward_m_s[1]),
+        (cfg.evaluated_m_s[0], suited.evaluated_m_s[0]),
+    ):
+        assert its**2 / taller == pytest.approx(mine**2, rel=0.05)
+    assert suited.yaw_rad_s[1] < cfg.yaw_rad_s[1]
+    assert suited.resample_s == cfg.resample_s

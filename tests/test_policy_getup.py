@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -63,6 +64,7 @@ def test_no_fall_ends_an_episode_but_the_time_does(env: QuadrupedEnv) -> None:
     """Robots that lie all the time are cut off at its end, and start lying again."""
     env.reset(seed=1)
     env.episode_length_buf[:] = CFG.episode_steps - 5
+    extras: dict[str, Any] = {}
     for step in range(5):
         _, _, dones, extras = env.step(torch.zeros(32, 12))
         assert not extras["fallen"].any()
@@ -101,7 +103,7 @@ def test_getting_up_pays_more_at_every_stage() -> None:
     assert terms["rise"].tolist() == pytest.approx([0, 0.25 * 2 / 7, 2 / 7, 1, 1])
     assert terms["stand"][4] == 1
     assert terms["stand"][3] == pytest.approx(torch.exp(torch.tensor(-2.16)).item())
-    total = sum(terms.values())
+    total = torch.stack(tuple(terms.values())).sum(dim=0)
     assert (total.diff() > 0).all()
 
 

@@ -141,15 +141,17 @@ def test_falls_are_judged_over_the_step_below(robot: Robot) -> None:
     )
     even = np.ptp(ground.height_m(around), axis=0) < 1e-3
     level = np.where(even, ground.height_m(place), np.nan)
-    pit = place.reshape(-1, 2)[np.nanargmin(level)]
-    terrace = place.reshape(-1, 2)[np.nanargmax(level)]
+    pit, terrace = (
+        place.reshape(-1, 2)[index].tolist()
+        for index in (np.nanargmin(level), np.nanargmax(level))
+    )
     assert np.nanmax(level) - np.nanmin(level) > 0.35
-    _put(env, *pit, float(robot.home_qpos[2]))
+    _put(env, pit[0], pit[1], float(robot.home_qpos[2]))
     extras = env.step(torch.zeros(1, 12))[3]
     # The base is lower than a fallen one would be on flat ground at 0.
     assert env.sim.read().base_pos_w[0, 2] < 0.127
     assert not extras["fallen"].any()
-    _put(env, *terrace, 0.09)
+    _put(env, terrace[0], terrace[1], 0.09)
     assert env.sim.read().base_pos_w[0, 2] > 0.25
     assert env.step(torch.zeros(1, 12))[3]["fallen"].all()
 
@@ -205,6 +207,7 @@ def test_a_robot_of_others_gets_larger_steps_on_its_own_floor() -> None:
     taller = float(stranger.home_qpos[2]) / 0.2945
     assert rises == pytest.approx(TerrainCfg().step_m * taller, rel=0.03)
     env = QuadrupedEnv(stranger, EnvCfg(terrain=TerrainCfg(kind="steps")), 4, seed=0)
+    rows = torch.zeros(0)
     for _ in range(20):
         rows = env.step(torch.zeros(4, 12))[3]["features"]
     assert rows[:, column("foot_contact")].sum(dim=-1).min() >= 2
@@ -217,8 +220,8 @@ def test_robots_that_differ_walk_on_terrain_too(robot: Robot) -> None:
     )
     env = make_env(robot, cfg, 8, seed=0)
     for _ in range(25):
-        obs, _, _, extras = env.step(torch.zeros(8, 12))
-        assert extras["features"].isfinite().all()
+        assert env.step(torch.zeros(8, 12))[3]["features"].isfinite().all()
+    obs = env.get_observations()
     assert obs["privileged"][:, 48].min() > 0.1
     assert obs["privileged"][:, 48].max() < 0.35
 
