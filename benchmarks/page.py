@@ -14,15 +14,17 @@ import time
 from dataclasses import asdict, dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tyro
 
 from data.dataset import Dataset
+from labeling_ui.desk import Desk
 from labeling_ui.judgement import Judgement, Outcome
-from labeling_ui.queue import RaterSession
 from labeling_ui.server import LabelCfg, LabelServer
 from labeling_ui.tokens import TokenStore
+from labeling_ui.worker import Worker
 
 from .visitor import Visitor
 from .walks import walking_dataset
@@ -170,16 +172,24 @@ async def _answer(
 def _serve(root: Path, pipe: Connection) -> None:
     """Serve until told to stop; then tell when each rater's answers were committed."""
     commits: dict[str, list[float]] = {}
-    answer = RaterSession.answer
+    fresh: list[str] = []
+    answer, store_all = Desk.answer, Worker.store_all
 
-    def timed(session: RaterSession, judgement: Judgement) -> Outcome:
-        outcome = answer(session, judgement)
+    def noted(desk: Desk, judgement: Judgement) -> Outcome:
+        outcome = answer(desk, judgement)
         if outcome.accepted:
-            commits.setdefault(session.rater_id, []).append(time.monotonic())
+            fresh.append(desk.rater_id)
         return outcome
 
-    # The one place that knows when a row is committed.
-    setattr(RaterSession, "answer", timed)  # noqa: B010
+    def timed(worker: Worker, stores: list[Any]) -> None:
+        store_all(worker, stores)
+        for rater_id in fresh:
+            commits.setdefault(rater_id, []).append(time.monotonic())
+        fresh.clear()
+
+    # The two places that know whose row is stored, and when it is on the disk.
+    setattr(Desk, "answer", noted)  # noqa: B010
+    setattr(Worker, "store_all", timed)  # noqa: B010
     with LabelServer(Dataset.open(root), LabelCfg(port=0)) as server:
         pipe.send(server.url)
         pipe.recv()
