@@ -67,7 +67,7 @@ class Motion:
         share = np.float32(place - row)
         positions = _between(self.positions, row, share)
         wxyzs = _between(self.wxyzs, row, share)
-        wxyzs /= np.linalg.norm(wxyzs, axis=-1, keepdims=True)
+        wxyzs /= np.sqrt(np.einsum("ij,ij->i", wxyzs, wxyzs))[:, None]
         return positions, wxyzs, _between(self.path, row, share)
 
 
@@ -139,7 +139,8 @@ class MotionCache:
 
 
 def _between(rows: np.ndarray, row: int, share: np.float32) -> np.ndarray:
-    return rows[row] + share * (rows[row + 1] - rows[row])
+    here = rows[row]
+    return here + share * (rows[row + 1] - here)
 
 
 def _heading_wxyz(base_wxyz: np.ndarray) -> np.ndarray:

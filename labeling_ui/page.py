@@ -20,6 +20,7 @@ from .desk import Act, Desk, Look, Showing
 from .dialogs import Dialog, bad_clip_dialog, guidelines_dialog
 from .judgement import Judgement, Verdict
 from .motion import Motion
+from .moves import Frames
 from .playback import Playback
 from .scene import PairScene, Pose
 from .status import LoopStatus
@@ -87,6 +88,7 @@ class Page:
         self._refresh_in_s = REFRESH_S
         self._status: LoopStatus | None = None
         self._habits = shared.habits.get(desk.rater_id, Habits())
+        self._frames = Frames(client)
         with client.atomic():
             set_theme(client.gui, dark=self._habits.dark)
             self._scene = PairScene(client)
@@ -118,11 +120,10 @@ class Page:
         if motions is None or self._drawn_at == self._clock.time_s:
             return
         self._drawn_at = self._clock.time_s
-        with self.client.atomic():
-            self._scene.draw(*(self._pose(motion) for motion in motions))
+        poses = [self._pose(motion) for motion in motions]
+        with self._frames.frame():
+            self._scene.draw(*poses)
             self._transport.tick(self._clock, elapsed_s)
-        # After the block: inside it, frames would wait for viser's own 60 Hz.
-        self.client.flush()
 
     def _pose(self, motion: Motion) -> Pose:
         over = self._clock.time_s >= motion.duration_s
