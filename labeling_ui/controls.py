@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Callable, Coroutine
+from datetime import datetime
 from typing import Any
 
 import viser
@@ -183,7 +184,8 @@ def command_words(command: tuple[float, float, float]) -> str:
 
 def past_words(past: Past) -> str:
     """An answer in the history."""
-    at = past.answer.created_utc[11:16]
+    # The server's own time: who serves and who answers are mostly in one place.
+    at = datetime.fromisoformat(past.answer.created_utc).astimezone().strftime("%H:%M")
     role = {"repeat": " · again"}.get(past.answer.role, "")
     return f"{at} · {verdict_words(past.verdict)}{role}"
 
