@@ -104,8 +104,9 @@ def load_motion(dataset: Dataset, clip: Clip) -> Motion:
         command=episode.meta.command,
         fell=episode.end_reason == "terminated" and clip.stop == episode.num_steps,
         contact=rows[:, column("foot_contact")] > 0.5,
-        speed_m_s=rows[:, column("base_lin_vel_b")][:, 0],
-        height_m=rows[:, column("base_height")][:, 0],
+        # Copies: a view would keep the whole episode in memory.
+        speed_m_s=rows[:, column("base_lin_vel_b")][:, 0].copy(),
+        height_m=rows[:, column("base_height")][:, 0].copy(),
         torque_nm=np.abs(rows[:, column("joint_torque")]).mean(axis=-1),
     )
 
