@@ -105,6 +105,8 @@ def robot_figures(options: Options, name: str, xml: Path) -> dict[str, Figure]:
         steps = min(steps + part, limit)
         cfg = TrainCfg(steps=steps, env=setting.env, ppo=ppo)
         trained = train(out, setting.robot, cfg, resume=True)
+        if not trained.finished:
+            raise KeyboardInterrupt
         result = measured(trained.policy, episodes=8 if options.quick else 64)
         print(
             f"{name} after {trained.steps:,} steps: tracking error "
