@@ -11,8 +11,10 @@ import numpy as np
 
 from data.answers import AnswerStore, Pair
 from data.dataset import Dataset
+from rewardmodel.cfg import FitCfg
 from rewardmodel.fit import fit_reward
 from rewardmodel.pairs import MIN_ANSWERS, count_evidence, load_pairs
+from rewardmodel.storage import load_reward
 
 from .criteria import Criterion
 from .people import People
@@ -63,7 +65,9 @@ def _add_pairs(cfg: LoopCfg, round: Round, dataset: Dataset, count: int) -> None
     model = None
     if enough:
         seed = seed_of(cfg, round.number, 7, asked_before)
-        model, _ = fit_reward(load_pairs([dataset]), cfg.fit, seed=seed)
+        fit = _fit_for_asking(cfg, round)
+        # Only its doubt is asked for here; the round's own fit is the one measured.
+        model, _ = fit_reward(load_pairs([dataset]), fit, seed=seed, measured=False)
     names = set(json.loads(round.recorded.read_text()))
     entries = [entry for entry in dataset.entries() if entry.sha256 in names]
     rng = np.random.default_rng([seed_of(cfg, round.number, 3), asked_before])
@@ -90,6 +94,13 @@ def _add_pairs(cfg: LoopCfg, round: Round, dataset: Dataset, count: int) -> None
         )
     with dataset.answers() as store:
         store.add_pairs(chosen)
+
+
+def _fit_for_asking(cfg: LoopCfg, round: Round) -> FitCfg:
+    """Settings of a fit between two batches: `auto` keeps the last round's choice."""
+    if cfg.fit.kind == "auto" and round.number:
+        return load_reward(round.before.reward).provenance.cfg
+    return cfg.fit
 
 
 def _answered(
