@@ -193,9 +193,10 @@ class Fit:
     """Data set directory; give it again for more."""
     out: Path
     """Directory of the reward."""
-    model: Literal["auto", "linear", "gp", "mlp"] = "linear"
-    """Linear in the gait descriptors, a Gaussian process or a small network on them, or
-    whichever of these foresees held-out answers best."""
+    model: Literal["auto", "linear", "gp", "mlp", "history", "transformer"] = "linear"
+    """Linear in the gait descriptors, a Gaussian process or a small network on them, a
+    network or a transformer on the last half second, for rhythms; or whichever of these
+    foresees held-out answers best."""
     json: bool = False
     """Print one JSON object and nothing else."""
     answers: str | None = None

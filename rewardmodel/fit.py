@@ -18,6 +18,7 @@ from .calibration import calibration, fit_temperature
 from .cfg import FitCfg as FitCfg
 from .cfg import Kind
 from .gp import fit_gp
+from .history import fit_history
 from .linear import fit_linear
 from .mlp import fit_mlp
 from .model import Provenance, RewardModel, Scorer
@@ -28,6 +29,7 @@ from .report import FitReport as FitReport
 from .report import wilson_interval
 from .selection import MIN_HELD_OUT, choose_kind
 from .training import TrainingPairs, training_pairs
+from .transformer import fit_transformer
 
 logger = logging.getLogger(__name__)
 
@@ -60,6 +62,7 @@ def fit_reward(
         training_pairs(pairs, cfg), pairs.raters, cfg, seed=seed
     )
     cfg, considered = _chosen(described, pairs.episodes, cfg, seed, measured)
+    described = described.seen_by(cfg)
     normaliser, scorer = _fit(described, cfg, seed)
     standardised = described.transformed(normaliser)
     held_out = torch.zeros(len(pairs), dtype=torch.bool)
@@ -79,7 +82,7 @@ def fit_reward(
     seen = frozenset(sha256 for pair in pairs.episodes for sha256 in pair)
     provenance = Provenance(cfg, report, pairs.answers_sha256, seen)
     model = RewardModel(normaliser, scorer, provenance)
-    model.calibrate(standardised.scored_steps)
+    model.calibrate(standardised)
     logger.info("fitted a %s reward: %s", cfg.kind, report)
     return model, report
 
@@ -94,6 +97,10 @@ def _fit(pairs: TrainingPairs, cfg: FitCfg, seed: int) -> tuple[Normaliser, Scor
             scorer = fit_gp(standardised, cfg, generator=generator)
         case "mlp":
             scorer = fit_mlp(standardised, cfg, generator=generator)
+        case "history":
+            scorer = fit_history(standardised, cfg, generator=generator)
+        case "transformer":
+            scorer = fit_transformer(standardised, cfg, generator=generator)
         case _:
             scorer = fit_linear(standardised, cfg, generator=generator)
     return normaliser, scorer
@@ -113,6 +120,10 @@ def _chosen(
         return replace(cfg, kind=get_args(Kind)[0]), ()
     foreseen: dict[Kind, Tensor] = {}
     for kind in get_args(Kind):
+        # It takes as long as all others together, and where what led to a step does
+        # not matter to the simpler of the two, it does not matter.
+        if kind == "transformer" and choose_kind(foreseen) != "history":
+            break
         own = replace(cfg, kind=kind)
         asked, leads = held_out_leads(pairs, episodes, own, seed)
         foreseen[kind] = pairs.subset(asked).log_likelihood(leads, own)
@@ -156,6 +167,7 @@ def leads_without(
 ) -> Tensor:
     """Mean leads of the pairs in `tested` [B] by a model fitted to those in `fitted`
     [B] alone (bool)."""
+    pairs = pairs.seen_by(cfg)
     normaliser, scorer = _fit(pairs.subset(fitted), cfg, seed)
     return pairs.subset(tested).transformed(normaliser).leads(scorer).mean(dim=0)
 

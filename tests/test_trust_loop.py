@@ -77,7 +77,7 @@ def exploitable(model: RewardModel, pairs: AnsweredPairs) -> RewardModel:
     model.scorer.weights.copy_(weights)
     # Unit deviation on the judged steps, as every fitted reward has.
     steps = training_pairs(pairs, FitCfg()).transformed(model.normaliser)
-    return model.calibrate(steps.scored_steps)
+    return model.calibrate(steps)
 
 
 def test_an_exploited_reward_is_noticed_before_it_hurts(tmp_path: Path) -> None:
