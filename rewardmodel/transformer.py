@@ -2,8 +2,8 @@
 
 One layer of attention from each step to some of the last ones, each lag with a weight
 of its own and no other notion of time: when in an episode a motion happens does not
-matter. It needs more answers than `history`: of three hundred about a rhythm it foresees
-two of three new ones, where `history` foresees seven of eight.
+matter. It needs more answers than `history`: from three hundred about a rhythm it
+foresees two of three new ones, where `history` foresees seven of eight.
 
 Shapes: M ensemble members, K steps, L steps of a window, D descriptors, E numbers that
 stand for a step, H heads.
