@@ -17,6 +17,7 @@ from rewardmodel.pairs import MIN_ANSWERS, count_evidence, load_pairs
 from rewardmodel.storage import load_reward
 
 from .criteria import Criterion
+from .fit_summary import what_remains
 from .people import People
 from .progress import console, counting_bar
 from .questions import ask, with_known_answer
@@ -50,7 +51,7 @@ def questions_stage(
                 cfg, round, dataset, criterion, patience, last=last
             ):
                 return
-            if last:
+            if last or (asked and _enough(cfg, round, dataset)):
                 return
             _add_pairs(cfg, round, dataset, min(cfg.batch_labels, count - asked))
 
@@ -94,6 +95,24 @@ def _add_pairs(cfg: LoopCfg, round: Round, dataset: Dataset, count: int) -> None
         )
     with dataset.answers() as store:
         store.add_pairs(chosen)
+
+
+def _enough(cfg: LoopCfg, round: Round, dataset: Dataset) -> bool:
+    """Whether the round's questions end here, because more answers will not help."""
+    if not cfg.stop_asking:
+        return False
+    with dataset.answers() as store:
+        if count_evidence(store) < MIN_ANSWERS:
+            return False
+    seed = seed_of(cfg, round.number, 5)
+    _, report = fit_reward(
+        load_pairs([dataset]), _fit_for_asking(cfg, round), seed=seed
+    )
+    if report.enough:
+        console.print(
+            f"round {round.number}: {what_remains(report)}, so it stops asking"
+        )
+    return report.enough
 
 
 def _fit_for_asking(cfg: LoopCfg, round: Round) -> FitCfg:

@@ -47,6 +47,8 @@ class Loop:
     """Times questions are asked and the policy retrained; the preset's by default."""
     labels: int | None = None
     """Answers in all, over all rounds; the preset's by default."""
+    stop_asking: bool = False
+    """End a round's questions early where more answers will not help now."""
     rater: Literal["simulated", "human"] = "simulated"
     """Who answers: a program, or people on a labeling page that is up all the time."""
     patience: float | None = None

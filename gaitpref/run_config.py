@@ -89,6 +89,8 @@ class LoopCfg:
     """How episodes are cut into clips."""
     batch_labels: int = 10
     """Questions chosen at a time; a reward is fitted to all answers before the next."""
+    stop_asking: bool = False
+    """Whether a round asks no further batch where more answers will not help now."""
     strategy: StrategyName = "disagreement"
     """How the other pairs of a round are chosen."""
     uniform_share: float = 0.2
@@ -145,6 +147,7 @@ def resolve(options: Loop) -> LoopCfg:
         "base": options.base,
         "robot": None if options.robot is None else str(options.robot),
         "seed": options.seed,
+        "stop_asking": options.stop_asking,
     }
     if scratch:
         return LoopCfg(

@@ -17,6 +17,7 @@ from torch import Tensor
 from .calibration import calibration, fit_temperature
 from .cfg import FitCfg as FitCfg
 from .cfg import Kind
+from .enough import enough, remaining
 from .gp import fit_gp
 from .history import fit_history
 from .linear import fit_linear
@@ -83,6 +84,15 @@ def fit_reward(
     provenance = Provenance(cfg, report, pairs.answers_sha256, seen)
     model = RewardModel(normaliser, scorer, provenance)
     model.calibrate(standardised)
+    if measured:
+        left = remaining(model, pairs)
+        report = replace(
+            report,
+            agreement=left.agreement,
+            open_share=left.open_share,
+            enough=enough(left, report),
+        )
+        model.provenance = replace(provenance, report=report)
     logger.info("fitted a %s reward: %s", cfg.kind, report)
     return model, report
 
