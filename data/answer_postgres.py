@@ -17,12 +17,12 @@ from typing import Any
 import psycopg as psycopg
 from sqlalchemy import Connection, Engine, create_engine, text
 from sqlalchemy.engine import make_url
-from sqlalchemy.exc import ArgumentError, SQLAlchemyError
+from sqlalchemy.exc import ArgumentError, OperationalError, SQLAlchemyError
 
 from data.answer_backend import Address, Values, failure
 from data.answer_database import APPLICATION_ID, BUSY_TIMEOUT_MS, SCHEMA_VERSION
 from data.answer_rows import ANSWER_COLUMNS, PAIR_COLUMNS, RATER_COLUMNS
-from data.errors import AnswerError
+from data.errors import AnswerError, AnswersUnreachable
 
 OLDEST_VERSION = 3
 """Version of the first schema that was written for PostgreSQL."""
@@ -45,13 +45,16 @@ class PostgresBackend:
         self._lock = threading.RLock()
         self._open: Connection | None = None
         """Of the transaction that is going on; only for who holds the lock."""
+        self._waits = True
+        """A commit waits for the disk; only for who holds the lock."""
 
     @staticmethod
     def open(address: str) -> PostgresBackend:
         """Connect, and make the tables if there are none.
 
         Raises:
-            AnswerError: nothing answers there, or the tables are of a newer version.
+            AnswersUnreachable: no server is there, or it does not let us in.
+            AnswerError: the tables are of a newer version.
         """
         try:
             url = make_url(address).set(drivername="postgresql+psycopg")
@@ -66,6 +69,7 @@ class PostgresBackend:
             ) from None
         backend = PostgresBackend(engine, address)
         try:
+            backend._reach()
             with backend.transaction():
                 backend._bring_up_to_date()
         except BaseException:
@@ -103,6 +107,8 @@ class PostgresBackend:
                         text("SELECT pg_advisory_xact_lock(:key)"),
                         {"key": APPLICATION_ID},
                     )
+                    if not self._waits:
+                        connection.execute(text("SET LOCAL synchronous_commit = off"))
                     self._open = connection
                     try:
                         yield
@@ -110,6 +116,22 @@ class PostgresBackend:
                         self._open = None
             except (SQLAlchemyError, UnicodeError) as error:
                 raise self._failure(error) from error
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        with self._lock:
+            if self._open is not None or not self._waits:
+                yield
+                return
+            self._waits = False
+            try:
+                yield
+            finally:
+                self._waits = True
+                # The log is one stream: a commit that waits for it, and has written to
+                # it, takes along what was written before.
+                with self.transaction():
+                    self.execute("UPDATE gaitpref_store SET version = version", {})
 
     def copy_to(self, copy: sqlite3.Connection) -> None:
         """Put raters, pairs and answers, as of one moment, into an empty SQLite store.
@@ -136,6 +158,16 @@ class PostgresBackend:
 
     def close(self) -> None:
         self._engine.dispose()
+
+    def _reach(self) -> None:
+        try:
+            self._engine.connect().close()
+        except OperationalError as error:
+            found = " ".join(str(error.orig or error).split())
+            raise AnswersUnreachable(
+                f"{self.name} cannot be reached: {found}; start the server, or mend "
+                "the address, and try again"
+            ) from error
 
     def _bring_up_to_date(self) -> None:
         """Make what is missing; part of a transaction, and nobody else writes."""

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,8 +20,10 @@ from data.answer_check import damaged_rows
 from data.answer_database import SCHEMA_VERSION, backup_path
 from data.answers import Answer, AnswerStore, Choice, Pair
 from data.clips import Clip
-from data.errors import AnswerError
+from data.dataset import Dataset
+from data.errors import AnswerError, AnswersUnreachable
 from data.questions import Overlap, QuestionBoard, Shown
+from data.verify import verify
 
 NOW = "2030-01-31T12:00:00Z"
 LATER = "2030-01-31T12:05:00Z"
@@ -374,6 +376,58 @@ def test_a_transaction_is_all_or_nothing(store: AnswerStore) -> None:
     assert store.count() == 2
 
 
+def test_together_each_is_whole_by_itself(store: AnswerStore) -> None:
+    """One that fails takes none of the others along, before it or behind it."""
+    with store.together():
+        store.add_answer(make_answer("1", make_pair(0)))
+        with pytest.raises(AnswerError, match="no pair"):
+            store.add_answer(make_answer("2", make_pair(9)))
+        store.add_answer(make_answer("3", make_pair(1)))
+    assert [answer.answer_id for _, answer in store.current_answers()] == ["1", "3"]
+    with AnswerStore.open(store.address) as other:
+        assert other.count() == 2
+
+
+def test_together_ends_like_a_transaction_of_its_own(store: AnswerStore) -> None:
+    """Where the block fails, what it stored before is kept; inside another
+    transaction all of it belongs to that one."""
+
+    def fail(context: AbstractContextManager[None], answer_id: str) -> None:
+        with context, store.together():
+            store.add_answer(make_answer(answer_id, make_pair(int(answer_id))))
+            raise RuntimeError("the power is gone")
+
+    with pytest.raises(RuntimeError):
+        fail(nullcontext(), "0")
+    with pytest.raises(RuntimeError):
+        fail(store.transaction(), "1")
+    assert [answer.answer_id for _, answer in store.current_answers()] == ["0"]
+
+
+def test_together_waits_for_the_disk_at_its_end(postgres_answers: str) -> None:
+    """The server tells how much of its log is on the disk."""
+
+    def on_disk(lsn: str) -> bool:
+        query = "SELECT pg_current_wal_flush_lsn() >= CAST(:lsn AS pg_lsn)"
+        return store.query(query, {"lsn": lsn})[0][0]
+
+    with AnswerStore.open(postgres_answers) as store:
+        fill(store)
+        with store.together():
+            for number in range(2):
+                store.add_answer(make_answer(str(number), make_pair(number)))
+            query = "SELECT CAST(pg_current_wal_insert_lsn() AS TEXT)"
+            written = store.query(query)[0][0]
+        assert on_disk(written)
+
+
+def test_one_by_one_waits_for_the_disk_after_together(file_store: AnswerStore) -> None:
+    """The switch that lets commits wait is per connection, and set back."""
+    with file_store.together():
+        file_store.add_answer(make_answer("1", make_pair(0)))
+    assert file_store.query("PRAGMA synchronous") == [(2,)]
+
+
 STORED = Path(__file__).parent / "stored" / "answers"
 
 
@@ -471,7 +525,7 @@ def test_the_file_is_set_up_for_safety(file_store: AnswerStore) -> None:
     connection = connection_of(file_store)
     pragmas = ("journal_mode", "synchronous", "foreign_keys", "busy_timeout")
     found = [connection.execute(f"PRAGMA {name}").fetchone()[0] for name in pragmas]
-    assert found == ["wal", 2, 1, 10_000]
+    assert found == ["wal", 2, 1, 30_000]
 
 
 def test_a_newer_version_is_refused_and_left_alone(file_store: AnswerStore) -> None:
@@ -600,7 +654,9 @@ def test_a_changed_row_on_the_server_is_noticed(postgres_answers: str) -> None:
             store.current_answers()
 
 
-def test_what_postgresql_cannot_do_is_said_in_one_line(postgres_answers: str) -> None:
+def test_what_postgresql_cannot_do_is_said_in_one_line(
+    postgres_answers: str, tmp_path: Path
+) -> None:
     """No server, no such URL, a newer version, a character it does not hold."""
     with AnswerStore.open(postgres_answers) as store:
         fill(store)
@@ -610,9 +666,14 @@ def test_what_postgresql_cannot_do_is_said_in_one_line(postgres_answers: str) ->
         store.query("INSERT INTO gaitpref_store VALUES (:v)", {"v": SCHEMA_VERSION + 1})
     with pytest.raises(AnswerError, match=f"reads up to {SCHEMA_VERSION}"):
         AnswerStore.open(postgres_answers)
-    with pytest.raises(AnswerError, match="failed: connection") as caught:
-        AnswerStore.open("postgresql://ada:secret@127.0.0.1:1/none")
+    nowhere = "postgresql://ada:secret@127.0.0.1:1/none"
+    with pytest.raises(AnswersUnreachable, match="cannot be reached: conn") as caught:
+        AnswerStore.open(nowhere)
     assert "secret" not in str(caught.value)
     assert "\n" not in str(caught.value)
+    Dataset.create(tmp_path)
+    # That says nothing about the answers: it is no damage.
+    with pytest.raises(AnswersUnreachable, match="cannot be reached"):
+        verify(tmp_path, answers=nowhere)
     with pytest.raises(AnswerError, match="--answers takes postgresql://"):
         parse_address("mysql://ada:secret@host/none")
