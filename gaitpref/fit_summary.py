@@ -25,7 +25,9 @@ def what_remains(report: FitReport) -> str:
     """Whether more answers would help, in words; nothing where it was not measured."""
     if report.agreement is None or report.open_share is None:
         return ""
-    verdict = "more answers will not help now" if report.enough else "more answers help"
+    verdict = "more answers will help"
+    if report.enough:
+        verdict = "more answers will not help now"
     return (
         f"{verdict} (the order of {report.open_share:.0%} of the newest clips' pairs is "
         f"open, rank correlation {report.agreement:.2f})"
