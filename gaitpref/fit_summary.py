@@ -29,6 +29,6 @@ def what_remains(report: FitReport) -> str:
     if report.enough:
         verdict = "more answers will not help now"
     return (
-        f"{verdict} (the order of {report.open_share:.0%} of the newest clips' pairs is "
-        f"open, rank correlation {report.agreement:.2f})"
+        f"{verdict} (the order of {report.open_share:.0%} of the newest clips' pairs "
+        f"is open, rank correlation {report.agreement:.2f})"
     )

@@ -20,7 +20,7 @@ from .pairs import AnsweredPairs
 from .report import FitReport
 from .selection import MIN_HELD_OUT
 
-SETTLED = 0.95
+SETTLED = 0.96
 """Mean rank correlation of the members from which on no order is left to be learned."""
 FORESEEN = 0.6
 """Held-out accuracy that its interval must clear before answers are called enough."""
