@@ -11,10 +11,13 @@ import numpy as np
 
 from data.answers import AnswerStore, Pair
 from data.dataset import Dataset
+from rewardmodel.cfg import FitCfg
 from rewardmodel.fit import fit_reward
 from rewardmodel.pairs import MIN_ANSWERS, count_evidence, load_pairs
+from rewardmodel.storage import load_reward
 
 from .criteria import Criterion
+from .fit_summary import what_remains
 from .people import People
 from .progress import console, counting_bar
 from .questions import ask, with_known_answer
@@ -48,7 +51,7 @@ def questions_stage(
                 cfg, round, dataset, criterion, patience, last=last
             ):
                 return
-            if last:
+            if last or (asked and _enough(cfg, round, dataset)):
                 return
             _add_pairs(cfg, round, dataset, min(cfg.batch_labels, count - asked))
 
@@ -63,7 +66,9 @@ def _add_pairs(cfg: LoopCfg, round: Round, dataset: Dataset, count: int) -> None
     model = None
     if enough:
         seed = seed_of(cfg, round.number, 7, asked_before)
-        model, _ = fit_reward(load_pairs([dataset]), cfg.fit, seed=seed)
+        fit = _fit_for_asking(cfg, round)
+        # Only its doubt is asked for here; the round's own fit is the one measured.
+        model, _ = fit_reward(load_pairs([dataset]), fit, seed=seed, measured=False)
     names = set(json.loads(round.recorded.read_text()))
     entries = [entry for entry in dataset.entries() if entry.sha256 in names]
     rng = np.random.default_rng([seed_of(cfg, round.number, 3), asked_before])
@@ -90,6 +95,31 @@ def _add_pairs(cfg: LoopCfg, round: Round, dataset: Dataset, count: int) -> None
         )
     with dataset.answers() as store:
         store.add_pairs(chosen)
+
+
+def _enough(cfg: LoopCfg, round: Round, dataset: Dataset) -> bool:
+    """Whether the round's questions end here, because more answers will not help."""
+    if not cfg.stop_asking:
+        return False
+    with dataset.answers() as store:
+        if count_evidence(store) < MIN_ANSWERS:
+            return False
+    seed = seed_of(cfg, round.number, 5)
+    _, report = fit_reward(
+        load_pairs([dataset]), _fit_for_asking(cfg, round), seed=seed
+    )
+    if report.enough:
+        console.print(
+            f"round {round.number}: {what_remains(report)}, so it stops asking"
+        )
+    return report.enough
+
+
+def _fit_for_asking(cfg: LoopCfg, round: Round) -> FitCfg:
+    """Settings of a fit between two batches: `auto` keeps the last round's choice."""
+    if cfg.fit.kind == "auto" and round.number:
+        return load_reward(round.before.reward).provenance.cfg
+    return cfg.fit
 
 
 def _answered(

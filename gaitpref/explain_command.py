@@ -15,7 +15,6 @@ from data.dataset import Dataset, EpisodeEntry
 from data.errors import GaitprefError
 from data.files import write_atomically
 from rewardmodel.clips import mean_over, pad_clips
-from rewardmodel.descriptors import DESCRIPTOR_NAMES
 from rewardmodel.explain import Explanation, explain
 from rewardmodel.model import RewardModel
 from rewardmodel.storage import load_reward
@@ -58,7 +57,7 @@ def run(command: options.Explain) -> int:
         save_picture(clip_picture(shown, entry, found.clip, found.reward), picture)
         told.append(clip_json(name, found, entry, shown))
         print(f"{picture}  reward {found.reward:+.2f}  {found.clip.key}")
-    data = {"descriptors": list(DESCRIPTOR_NAMES), "clips": told}
+    data = {"descriptors": list(model.names), "clips": told}
     write_atomically(command.out / DATA_NAME, json.dumps(data).encode())
     print(f"the figures are in {command.out / DATA_NAME}")
     return 0

@@ -16,5 +16,19 @@ def fit_summary(report: FitReport) -> str:
         )
     return (
         f"fitted {report.answers} answers in {report.seconds:.1f} s, "
-        f"accuracy {held_out}"
+        f"accuracy {held_out}{'; ' if report.agreement is not None else ''}"
+        f"{what_remains(report)}"
+    )
+
+
+def what_remains(report: FitReport) -> str:
+    """Whether more answers would help, in words; nothing where it was not measured."""
+    if report.agreement is None or report.open_share is None:
+        return ""
+    verdict = "more answers will help"
+    if report.enough:
+        verdict = "more answers will not help now"
+    return (
+        f"{verdict} (the order of {report.open_share:.0%} of the newest clips' pairs "
+        f"is open, rank correlation {report.agreement:.2f})"
     )

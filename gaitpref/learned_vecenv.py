@@ -34,7 +34,7 @@ class LearnedRewardEnv(VecEnv):
         step_dt_s: float,
         weight: float = 1.0,
         env_weight: float = 0.0,
-        history: int = 1,
+        history: int | None = None,
         key: str = "features",
     ) -> None:
         """Wrap `env`.
@@ -45,7 +45,8 @@ class LearnedRewardEnv(VecEnv):
             step_dt_s: Time between two actions; a step earns its score times this.
             weight: Of the score.
             env_weight: Of the environment's own reward, which is added.
-            history: Steps the score looks back, this one included.
+            history: Steps the score is shown, this one included; as many as it says it
+                looks at by default.
             key: Name of the rows in `extras`.
         """
         self._env, self._score = env, StepReward(score, history=history)

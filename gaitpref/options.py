@@ -47,6 +47,8 @@ class Loop:
     """Times questions are asked and the policy retrained; the preset's by default."""
     labels: int | None = None
     """Answers in all, over all rounds; the preset's by default."""
+    stop_asking: bool = False
+    """End a round's questions early where more answers will not help now."""
     rater: Literal["simulated", "human"] = "simulated"
     """Who answers: a program, or people on a labeling page that is up all the time."""
     patience: float | None = None
@@ -200,9 +202,10 @@ class Fit:
     """Data set directory; give it again for more."""
     out: Path
     """Directory of the reward."""
-    model: Literal["auto", "linear", "gp", "mlp"] = "linear"
-    """Linear in the gait descriptors, a Gaussian process or a small network on them, or
-    whichever of these foresees held-out answers best."""
+    model: Literal["auto", "linear", "gp", "mlp", "history", "transformer"] = "linear"
+    """Linear in the gait descriptors, a Gaussian process or a small network on them, a
+    network or a transformer on the last half second, for rhythms; or whichever of these
+    foresees held-out answers best."""
     json: bool = False
     """Print one JSON object and nothing else."""
     answers: str | None = None

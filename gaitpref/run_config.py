@@ -82,13 +82,15 @@ class LoopCfg:
     """Noise put back every round; None keeps what the policy has."""
     far_limit: float | None = None
     """Share of a policy's motion that is far from every judged clip, or paid more than
-    any of them, at which a round's training ends early and asks; the steps left are
-    added to the next round. The last round only reports. None lets policies go
-    anywhere, as they must from scratch."""
+    any of them, at which a round's training ends early and asks, if much of the reward
+    is for what no clip shows (`rewardmodel.trust.EXTRAPOLATED`); the steps left are
+    added to the next round. The last round only reports. None never ends a round."""
     clips: ClipCfg = field(default_factory=ClipCfg)
     """How episodes are cut into clips."""
     batch_labels: int = 10
     """Questions chosen at a time; a reward is fitted to all answers before the next."""
+    stop_asking: bool = False
+    """Whether a round asks no further batch where more answers will not help now."""
     strategy: StrategyName = "disagreement"
     """How the other pairs of a round are chosen."""
     uniform_share: float = 0.2
@@ -145,6 +147,7 @@ def resolve(options: Loop) -> LoopCfg:
         "base": options.base,
         "robot": None if options.robot is None else str(options.robot),
         "seed": options.seed,
+        "stop_asking": options.stop_asking,
     }
     if scratch:
         return LoopCfg(

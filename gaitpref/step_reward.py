@@ -25,10 +25,13 @@ class StepReward:
     it where an episode begins, as when a whole rollout is scored at once.
     """
 
-    def __init__(self, reward_fn: RewardFn, *, history: int = 1) -> None:
-        if history < 1:
+    def __init__(self, reward_fn: RewardFn, *, history: int | None = None) -> None:
+        """Pay `reward_fn`, shown `history` steps, or as many as it says it looks at."""
+        looks_at = getattr(reward_fn, "history_steps", 0) + 1
+        self._history: int = looks_at if history is None else history
+        if self._history < 1:
             raise ValueError(f"history must be at least 1 step, got {history}")
-        self._reward_fn, self._history = reward_fn, history
+        self._reward_fn = reward_fn
         self._rows: list[Tensor] = []
         self._starts: list[Tensor] = []
 

@@ -16,6 +16,7 @@ from rewardmodel.storage import load_reward
 from rewardmodel.trust import Accuracy, Foreseen, Reach, alarms, foresee, reach, spelled
 
 from . import options
+from .fit_summary import what_remains
 from .pictures import save_picture
 from .reliability import reliability_plot
 
@@ -45,11 +46,20 @@ def run(command: options.Trust) -> int:
         save_picture(reliability_plot(foreseen), command.picture)
     same = model.provenance.answers_sha256 == judged.answers_sha256
     if command.json:
-        values = {"answers_are_those_fitted": same, **as_json(foreseen, reached)}
+        report = model.provenance.report
+        values = {
+            "answers_are_those_fitted": same,
+            "enough": report.enough,
+            "agreement": report.agreement,
+            "open_share": report.open_share,
+            **as_json(foreseen, reached),
+        }
         print(json.dumps({**values, **alarm_json(reasons)}))
         return 0
     for line in _lines(command, judged, foreseen, reached, same):
         print(line)
+    if remains := what_remains(model.provenance.report):
+        print(f"left to ask     at its fit: {remains}")
     for reason in reasons:
         print(f"ALARM: {reason}")
     if not reasons:

@@ -6,6 +6,7 @@ Shapes: T steps of a rollout, N environments, F feature columns.
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from rewardmodel.model import RewardModel
 from rewardmodel.pairs import AnsweredPairs, load_pairs
 from rewardmodel.storage import load_reward
 from rewardmodel.support import Drift, Support, support_of
-from rewardmodel.trust import alarms, disagree, foresee, reach, spelled
+from rewardmodel.trust import alarms, disagree, foresee, left_for_pay, reach, spelled
 
 from .rounds import Round, seed_of
 from .run_config import LoopCfg
@@ -84,13 +85,34 @@ class WatchedReward:
         valid = ~starts.bool()
         valid[0] = True
         self.drift = self._support.drift(features.cpu(), valid.cpu())
-        far = self.drift is not None and self.drift.share_beyond > self._limit
+        far = self.drift is not None and left_for_pay(self.drift, self._limit)
         self._bad = self._bad + 1 if far and self.rise > RISE else 0
+
+    def remembered(self) -> dict[str, Any]:
+        """What it has seen so far, for a training that is resumed."""
+        drift = None if self.drift is None else asdict(self.drift)
+        return {
+            "first": self._first,
+            "bad": self._bad,
+            "rise": self.rise,
+            "drift": drift,
+        }
+
+    def recall(self, state: dict[str, Any]) -> None:
+        """Go on from what `remembered` gave."""
+        self._first, self._bad = state["first"], state["bad"]
+        self.rise = state["rise"]
+        self.drift = None if state["drift"] is None else Drift(**state["drift"])
 
     def save(self, folder: Path) -> None:
         """Leave the last figures beside the policy."""
         share = None if self.drift is None else self.drift.share_beyond
-        found = {"alarm": self.alarm, "share_beyond": share, "learned_rise": self.rise}
+        found = {
+            "alarm": self.alarm,
+            "share_beyond": share,
+            "extrapolated": None if self.drift is None else self.drift.extrapolated,
+            "learned_rise": self.rise,
+        }
         write_atomically(folder / WATCH_NAME, json.dumps(found).encode())
 
 

@@ -5,7 +5,7 @@ Shapes: T steps of a rollout, N environments, F feature columns.
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import torch
 from rsl_rl.algorithms import PPO
@@ -28,6 +28,19 @@ class RewardFn(Protocol):
         One that looks back has an attribute `history_steps` that says how far: it is
         shown as many steps of the rollout before.
         """
+        ...
+
+
+@runtime_checkable
+class Remembering(Protocol):
+    """A reward that keeps something over a rollout, and over a resume with it."""
+
+    def remembered(self) -> dict[str, Any]:
+        """Plain values."""
+        ...
+
+    def recall(self, state: dict[str, Any]) -> None:
+        """Go on from them."""
         ...
 
 
@@ -114,6 +127,8 @@ class RewardPpo(PPO):
         """Networks and optimiser, what penalty and bonus have learned, and the steps a
         reward looks back at."""
         saved = super().save()
+        if isinstance(self.reward_fn, Remembering):
+            saved["reward"] = self.reward_fn.remembered()
         if self._before is not None:
             saved["before"] = list(self._before)
         if self.bonus is not None:
@@ -130,6 +145,8 @@ class RewardPpo(PPO):
             if "before" in loaded_dict:
                 features, starts = loaded_dict["before"]
                 self._before = features.to(self.device), starts.to(self.device)
+            if isinstance(self.reward_fn, Remembering) and "reward" in loaded_dict:
+                self.reward_fn.recall(loaded_dict["reward"])
             if self.bonus is not None:
                 self.bonus.load_state_dict(loaded_dict["bonus_state_dict"])
             if self.penalty is not None:

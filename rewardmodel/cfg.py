@@ -29,13 +29,13 @@ class LinearCfg:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MlpCfg:
-    """A small network on the gait descriptors, for when answers are plenty."""
+class NetworkCfg:
+    """What the small networks have in common."""
 
     num_members: int = 3
     """Networks fitted to resampled answers."""
     hidden_size: int = 64
-    """Units in each of the two hidden layers."""
+    """Units in each hidden layer."""
     num_updates: int = 100
     """Gradient steps of a fit."""
     batch_size: int = 64
@@ -50,11 +50,64 @@ class MlpCfg:
     """On the squared mean reward of a batch: it holds what no answer fixes."""
     min_crop: float = 0.7
     """Shortest random piece of a clip a gradient step looks at, as a share of it."""
-    steps_per_clip: int = 8
-    """Steps looked at in that piece."""
 
     def __post_init__(self) -> None:
         _require_members(self.num_members)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MlpCfg(NetworkCfg):
+    """A small network on the gait descriptors, for when answers are plenty."""
+
+    steps_per_clip: int = 8
+    """Steps looked at in that piece."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SequenceCfg(NetworkCfg):
+    """What models that look back have in common."""
+
+    steps_per_clip: int = 16
+    """Steps looked at in that piece, each with what came before it."""
+    history_steps: int = 24
+    """Steps looked back: 0.48 s at 50 Hz, about a stride."""
+    stride: int = 3
+    """Of the steps looked back, every how many is looked at."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 1 <= self.stride <= self.history_steps:
+            raise ValueError(
+                f"stride must lie in [1, history_steps {self.history_steps}], "
+                f"got {self.stride}"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class HistoryCfg(SequenceCfg):
+    """The network of `MlpCfg` on the last steps at once, for rhythms."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TransformerCfg(SequenceCfg):
+    """A small causal transformer over the clip."""
+
+    hidden_size: int = 32
+    """Numbers that stand for a step; twice as many in the layer behind attention."""
+    learning_rate: float = 5e-3
+    """AdamW step size."""
+    steps_per_clip: int = 8
+    """Steps looked at in that piece, each with what came before it."""
+    num_heads: int = 8
+    """Attention heads; they divide `hidden_size`."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.num_heads < 1 or self.hidden_size % self.num_heads:
+            raise ValueError(
+                f"num_heads must divide hidden_size {self.hidden_size}, "
+                f"got {self.num_heads}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,8 +139,10 @@ class ReliabilityCfg:
     """Times reward and reliabilities are estimated in turn."""
 
 
-Kind = Literal["linear", "gp", "mlp"]
+Kind = Literal["linear", "gp", "mlp", "history", "transformer"]
 """The models there are, from the stiffest to the most flexible."""
+LOOKING_BACK: tuple[Kind, ...] = ("history", "transformer")
+"""Those to which a step is what led to it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +151,8 @@ class FitCfg:
 
     kind: Kind | Literal["auto"] = "linear"
     """Model: `linear` in the gait descriptors, a Gaussian process (`gp`) or a small
-    network (`mlp`) on them, or `auto`, whichever foresees held-out answers best."""
+    network (`mlp`) on them, one on the last steps (`history`, `transformer`), or
+    `auto`, whichever foresees held-out answers best."""
     error_share: float = 0.3
     """Share of the answers expected to be random, in [0, 1)."""
     tie_threshold: float = 1.0
@@ -112,6 +168,10 @@ class FitCfg:
     """Settings of the `gp` model."""
     mlp: MlpCfg = MlpCfg()
     """Settings of the `mlp` model."""
+    history: HistoryCfg = HistoryCfg()
+    """Settings of the `history` model."""
+    transformer: TransformerCfg = TransformerCfg()
+    """Settings of the `transformer` model."""
     reliability: ReliabilityCfg = ReliabilityCfg()
     """Where several raters answered."""
 
@@ -124,3 +184,8 @@ class FitCfg:
             )
         if self.folds < 2:
             raise ValueError(f"folds must be at least 2, got {self.folds}")
+
+    @property
+    def looks_back(self) -> bool:
+        """Whether the model sees steps before a step, and which feet are down."""
+        return self.kind in LOOKING_BACK

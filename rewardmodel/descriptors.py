@@ -206,13 +206,28 @@ DESCRIPTORS = (
 )
 
 DESCRIPTOR_NAMES = tuple(descriptor.name for descriptor in DESCRIPTORS)
+LEG_NAMES = tuple(f"contact_{leg}" for leg in ("FR", "FL", "RR", "RL"))
+"""What models that look back see besides: without telling the legs apart, a trot and a
+pace of one frequency are the same."""
 
 
-def describe(features: Tensor) -> Tensor:
+def names_seen(*, legs: bool) -> tuple[str, ...]:
+    """Names of the columns of `describe`."""
+    return DESCRIPTOR_NAMES + LEG_NAMES if legs else DESCRIPTOR_NAMES
+
+
+def describe(features: Tensor, *, legs: bool = False) -> Tensor:
     """Descriptors [..., D] of feature rows [..., F], float32, in table order.
 
     Logged clips and live batches go through this one function. A row that is not finite
     gives descriptors that are not finite.
+
+    Args:
+        features: The rows.
+        legs: Whether the contact of each foot follows, D being 4 larger.
     """
     row = Row(features)
-    return torch.stack([item.compute(row) for item in DESCRIPTORS], dim=-1)
+    values = [item.compute(row) for item in DESCRIPTORS]
+    if legs:
+        values += row["foot_contact"].unbind(dim=-1)
+    return torch.stack(values, dim=-1)

@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .descriptors import DESCRIPTOR_NAMES, describe
+from .descriptors import LEG_NAMES
 from .errors import RewardError
 from .linear import LinearScorer
 from .model import RewardModel
@@ -45,6 +45,7 @@ GROUPS = {
         "slip",
         "air_time_mean",
         "air_time_max",
+        *LEG_NAMES,
     ),
 }
 """Habits that belong together; correlated descriptors share a reward by chance, their
@@ -67,8 +68,10 @@ class Explanation:
     shares: np.ndarray
     """[K, G] what each group adds to the reward of an average judged step."""
     descriptors: np.ndarray
-    """[K, D] the same by descriptor, in table order; NaN where occlusion asked only
+    """[K, D] the same by descriptor, as `names`; NaN where occlusion asked only
     about groups."""
+    names: tuple[str, ...]
+    """Of the descriptors."""
     average: float
     """Reward of an average judged step."""
     method: str
@@ -85,13 +88,13 @@ def explain(
     """Share the reward of consecutive feature rows [K, F] of one episode.
 
     Raises:
-        RewardError: `exact` was asked of a model that is not linear, or `gradients`
-            without captum.
+        RewardError: `exact` was asked of a model that is not linear, `gradients` of
+            one that looks back, or without captum.
     """
     features = torch.tensor(rows)[:, None]
     starts = torch.zeros(len(rows), 1, dtype=torch.bool)
     starts[0] = True
-    steps = model.normaliser(describe(features[:, 0]))  # [K, D]
+    steps = model.standardised(features[:, 0])  # [K, D]
     average = float(_reward(model, torch.zeros_like(steps[:1])))
     chosen = _chosen(model, method)
     match chosen:
@@ -101,8 +104,8 @@ def explain(
             shares = _gradients(model, steps)
         case _:
             shares = torch.full_like(steps, torch.nan)
-    groups = tuple(dict.fromkeys(map(group_of, DESCRIPTOR_NAMES)))
-    members = [[group_of(n) == group for n in DESCRIPTOR_NAMES] for group in groups]
+    groups = tuple(dict.fromkeys(map(group_of, model.names)))
+    members = [[group_of(n) == group for n in model.names] for group in groups]
     if chosen == "occlusion":
         by_group = torch.stack(
             [_occluded(model, steps, torch.tensor(own)) for own in members], dim=1
@@ -115,6 +118,7 @@ def explain(
         groups=groups,
         shares=by_group.numpy(),
         descriptors=shares.numpy(),
+        names=model.names,
         average=average,
         method=chosen,
     )
@@ -126,15 +130,22 @@ def _chosen(model: RewardModel, method: Method) -> str:
         raise RewardError(
             "only a linear model has exact shares; take --method gradients or occlusion"
         )
+    if method == "gradients" and model.history_steps:
+        raise RewardError(
+            "a step of a model that looks back is several inputs, of which gradients "
+            "would name only one; take --method occlusion"
+        )
     if method != "auto":
         return method
     if linear:
         return "exact"
+    if model.history_steps:
+        return "occlusion"
     return "gradients" if _integrated_gradients() else "occlusion"
 
 
 def _reward(model: RewardModel, steps: Tensor) -> Tensor:
-    """Reward [K] of standardised descriptors [K, D]."""
+    """Reward [K] of consecutive steps, standardised [K, D]."""
     mean = model.scorer(steps).mean(dim=0)
     return (mean - model.reward_mean) / model.reward_std
 

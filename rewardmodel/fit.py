@@ -17,7 +17,9 @@ from torch import Tensor
 from .calibration import calibration, fit_temperature
 from .cfg import FitCfg as FitCfg
 from .cfg import Kind
+from .enough import enough, remaining
 from .gp import fit_gp
+from .history import fit_history
 from .linear import fit_linear
 from .mlp import fit_mlp
 from .model import Provenance, RewardModel, Scorer
@@ -28,6 +30,7 @@ from .report import FitReport as FitReport
 from .report import wilson_interval
 from .selection import MIN_HELD_OUT, choose_kind
 from .training import TrainingPairs, training_pairs
+from .transformer import fit_transformer
 
 logger = logging.getLogger(__name__)
 
@@ -39,22 +42,34 @@ def fold_of(sha256: str, folds: int = 5) -> int:
 
 
 def fit_reward(
-    pairs: AnsweredPairs, cfg: FitCfg, *, seed: int
+    pairs: AnsweredPairs, cfg: FitCfg, *, seed: int, measured: bool = True
 ) -> tuple[RewardModel, FitReport]:
     """Fit a reward to all answers, and once more without each fold to measure it.
 
     Where several raters answered, their reliabilities are estimated first; where the
     model is to be chosen, held-out answers choose it, and the reward's own settings
     name it. Equal pairs, settings and seed give equal bytes.
+
+    Args:
+        pairs: The answers.
+        cfg: Which model, and how it is fitted.
+        seed: Bootstrap draws and first weights.
+        measured: Off, no fold is fitted: the same reward in a fraction of the time,
+            for those who only ask where it is in doubt. It is then not calibrated,
+            and `auto` takes the stiffest model.
     """
     started_s = time.perf_counter()
     described, raters = with_reliability(
         training_pairs(pairs, cfg), pairs.raters, cfg, seed=seed
     )
-    cfg, considered = _chosen(described, pairs.episodes, cfg, seed)
+    cfg, considered = _chosen(described, pairs.episodes, cfg, seed, measured)
+    described = described.seen_by(cfg)
     normaliser, scorer = _fit(described, cfg, seed)
     standardised = described.transformed(normaliser)
-    held_out, held_out_lead = held_out_leads(described, pairs.episodes, cfg, seed)
+    held_out = torch.zeros(len(pairs), dtype=torch.bool)
+    held_out_lead = torch.zeros(0)
+    if measured:
+        held_out, held_out_lead = held_out_leads(described, pairs.episodes, cfg, seed)
     report = _report(
         pairs,
         described,
@@ -68,7 +83,16 @@ def fit_reward(
     seen = frozenset(sha256 for pair in pairs.episodes for sha256 in pair)
     provenance = Provenance(cfg, report, pairs.answers_sha256, seen)
     model = RewardModel(normaliser, scorer, provenance)
-    model.calibrate(standardised.scored_steps)
+    model.calibrate(standardised)
+    if measured:
+        left = remaining(model, pairs)
+        report = replace(
+            report,
+            agreement=left.agreement,
+            open_share=left.open_share,
+            enough=enough(left, report),
+        )
+        model.provenance = replace(provenance, report=report)
     logger.info("fitted a %s reward: %s", cfg.kind, report)
     return model, report
 
@@ -83,6 +107,10 @@ def _fit(pairs: TrainingPairs, cfg: FitCfg, seed: int) -> tuple[Normaliser, Scor
             scorer = fit_gp(standardised, cfg, generator=generator)
         case "mlp":
             scorer = fit_mlp(standardised, cfg, generator=generator)
+        case "history":
+            scorer = fit_history(standardised, cfg, generator=generator)
+        case "transformer":
+            scorer = fit_transformer(standardised, cfg, generator=generator)
         case _:
             scorer = fit_linear(standardised, cfg, generator=generator)
     return normaliser, scorer
@@ -93,12 +121,19 @@ def _chosen(
     episodes: tuple[tuple[str, str], ...],
     cfg: FitCfg,
     seed: int,
+    measured: bool,
 ) -> tuple[FitCfg, tuple[tuple[str, float], ...]]:
     """`cfg` with a kind of model, and what every kind foresees of held-out answers."""
     if cfg.kind != "auto":
         return cfg, ()
+    if not measured:
+        return replace(cfg, kind=get_args(Kind)[0]), ()
     foreseen: dict[Kind, Tensor] = {}
     for kind in get_args(Kind):
+        # It takes as long as all others together, and where what led to a step does
+        # not matter to the simpler of the two, it does not matter.
+        if kind == "transformer" and choose_kind(foreseen) != "history":
+            break
         own = replace(cfg, kind=kind)
         asked, leads = held_out_leads(pairs, episodes, own, seed)
         foreseen[kind] = pairs.subset(asked).log_likelihood(leads, own)
@@ -142,6 +177,7 @@ def leads_without(
 ) -> Tensor:
     """Mean leads of the pairs in `tested` [B] by a model fitted to those in `fitted`
     [B] alone (bool)."""
+    pairs = pairs.seen_by(cfg)
     normaliser, scorer = _fit(pairs.subset(fitted), cfg, seed)
     return pairs.subset(tested).transformed(normaliser).leads(scorer).mean(dim=0)
 

@@ -25,6 +25,8 @@ from .training import TrainingPairs, bootstrap_counts
 class GpScorer(nn.Module):
     """Weights of all members over descriptors and their random features."""
 
+    history_steps = 0
+
     def __init__(
         self, num_members: int, num_descriptors: int, num_features: int
     ) -> None:

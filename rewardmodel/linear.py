@@ -27,6 +27,8 @@ _TOLERANCE = 1e-4
 class LinearScorer(nn.Module):
     """Weights of all members over the standardised descriptors."""
 
+    history_steps = 0
+
     def __init__(self, num_members: int, num_descriptors: int) -> None:
         super().__init__()
         self.weights: Tensor

@@ -16,18 +16,25 @@ from torch import Tensor, nn
 
 from .cfg import FitCfg
 from .clips import ClipBatch, mean_over
-from .descriptors import DESCRIPTORS, describe
+from .descriptors import describe, names_seen
 from .gp import GpScorer
+from .history import HistoryScorer
 from .linear import LinearScorer
 from .mlp import MlpScorer
 from .normaliser import Normaliser, fill_missing
 from .report import FitReport
+from .training import TrainingPairs
+from .transformer import TransformerScorer
 
 _MIN_STD = 1e-4
 """Raw rewards, in logits, that vary less than this are no opinion."""
 
-Scorer = LinearScorer | GpScorer | MlpScorer
+StepScorer = LinearScorer | GpScorer | MlpScorer
 """Standardised descriptors [..., D] to raw rewards [M, ...] of all members at once."""
+SequenceScorer = HistoryScorer | TransformerScorer
+"""The same for sequences [..., T, D], of which `starts` [..., T] says where episodes
+begin; `history_steps` is how far it looks back."""
+Scorer = StepScorer | SequenceScorer
 
 
 def make_scorer(cfg: FitCfg) -> Scorer:
@@ -36,13 +43,19 @@ def make_scorer(cfg: FitCfg) -> Scorer:
     Raises:
         ValueError: the kind is still to be chosen.
     """
-    if cfg.kind == "mlp":
-        return MlpScorer(cfg.mlp.num_members, len(DESCRIPTORS), cfg.mlp.hidden_size)
-    if cfg.kind == "gp":
-        return GpScorer(cfg.gp.num_members, len(DESCRIPTORS), cfg.gp.num_features)
-    if cfg.kind == "auto":
-        raise ValueError("`auto` is no model: a fit says which one it chose")
-    return LinearScorer(cfg.linear.num_members, len(DESCRIPTORS))
+    count = len(names_seen(legs=cfg.looks_back))
+    match cfg.kind:
+        case "linear":
+            return LinearScorer(cfg.linear.num_members, count)
+        case "gp":
+            return GpScorer(cfg.gp.num_members, count, cfg.gp.num_features)
+        case "mlp":
+            return MlpScorer(cfg.mlp.num_members, count, cfg.mlp.hidden_size)
+        case "history":
+            return HistoryScorer(count, cfg.history)
+        case "transformer":
+            return TransformerScorer(count, cfg.transformer)
+    raise ValueError(f"`{cfg.kind}` is no model: a fit says which one it chose")
 
 
 @dataclass(frozen=True)
@@ -61,8 +74,8 @@ class RewardModel(nn.Module):
     """An ensemble that turns feature rows into a reward, in one batched pass.
 
     A reward function like any other: `(features [T, N, F], starts [T, N]) -> [T, N]`.
-    `starts` marks first steps of episodes, for models that look back; those behind this
-    class so far look at one step and never read it.
+    `starts` marks first steps of episodes, which models that look back do not look
+    across.
     """
 
     def __init__(
@@ -78,19 +91,41 @@ class RewardModel(nn.Module):
         self.register_buffer("reward_std", torch.ones(()))
         self.requires_grad_(False)
 
-    def calibrate(self, steps: Tensor) -> RewardModel:
-        """Freeze centre and scale on standardised descriptors [K, D] of fitted steps.
+    @property
+    def history_steps(self) -> int:
+        """Steps before a step that matter to its reward."""
+        return self.scorer.history_steps
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What the model looks at, a name for each of its D numbers."""
+        return names_seen(legs=self.provenance.cfg.looks_back)
+
+    def calibrate(self, pairs: TrainingPairs) -> RewardModel:
+        """Freeze centre and scale on the steps of standardised pairs.
 
         A model without any opinion gives reward 0 rather than magnified noise.
         """
-        std, mean = torch.std_mean(self.scorer(steps).mean(dim=0), correction=0)
+        if self.history_steps:
+            rewards = self.scorer(pairs.steps)[:, pairs.scored]
+        else:
+            rewards = self.scorer(pairs.scored_steps)
+        std, mean = torch.std_mean(rewards.mean(dim=0), correction=0)
         self.reward_mean.copy_(mean)
         self.reward_std.copy_(std if std > _MIN_STD else torch.ones(()))
         return self
 
+    def standardised(self, features: Tensor) -> Tensor:
+        """What the model sees [..., D] of rows [..., F]."""
+        legs = self.provenance.cfg.looks_back
+        return self.normaliser(describe(features, legs=legs))
+
     def members(self, features: Tensor, starts: Tensor) -> Tensor:
         """Raw reward [M, T, N] of every member for rows [T, N, F]."""
-        return self.scorer(self.normaliser(describe(features)))
+        steps = self.standardised(features)
+        if isinstance(self.scorer, SequenceScorer):
+            return self.scorer(steps.transpose(0, 1), starts.bool().mT).mT
+        return self.scorer(steps)
 
     def forward(self, features: Tensor, starts: Tensor) -> Tensor:
         """Reward [T, N]: ensemble mean, centred, unit deviation on the fitted clips."""
@@ -128,5 +163,4 @@ class RewardModel(nn.Module):
         Wherever the model lives, clips and result live on the CPU.
         """
         features = clips.features.to(self.reward_mean.device)
-        steps = fill_missing(self.normaliser(describe(features)))
-        return self.scorer(steps).cpu()
+        return self.scorer(fill_missing(self.standardised(features))).cpu()

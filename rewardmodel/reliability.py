@@ -44,7 +44,8 @@ def with_reliability(
         return pairs, ()
     of = torch.tensor([names.index(rater) for rater in raters])
     for _ in range(cfg.reliability.rounds):
-        leads = _cross_fitted(pairs, cfg, seed)
+        seen = pairs.seen_by(replace(cfg, kind="linear"))
+        leads = _cross_fitted(seen, cfg, seed)
         pairs = replace(pairs, errors=_estimated(pairs, leads, of, len(names), cfg))
     firsts = [int((of == index).nonzero()[0]) for index in range(len(names))]
     shares = pairs.errors.share[firsts].tolist()

@@ -42,6 +42,13 @@ class FitReport:
     raters: tuple[tuple[str, float], ...] = ()
     """Share of random answers of every rater, as estimated; empty where one answered
     alone."""
+    agreement: float | None = None
+    """Mean rank correlation, over pairs of ensemble members, of the returns of the
+    newest round's clips: 1 where no order of clips is left to be learned."""
+    open_share: float | None = None
+    """Pairs of these clips of which not all members prefer the same one."""
+    enough: bool = False
+    """Whether more answers will not help now: members agree, and foresee answers."""
     considered: tuple[tuple[str, float], ...] = ()
     """Models that were to choose from, each with its held-out log-likelihood."""
     seconds: float = field(compare=False)

@@ -21,8 +21,8 @@ from data.features import FEATURES, features_sha256
 from data.files import replace_directory, sha256_bytes
 from data.plain import from_plain, to_plain
 
-from .cfg import FitCfg
-from .descriptors import DESCRIPTOR_NAMES
+from .cfg import LOOKING_BACK, FitCfg
+from .descriptors import names_seen
 from .errors import RewardError
 from .model import Provenance, RewardModel, make_scorer
 from .normaliser import Normaliser
@@ -76,9 +76,8 @@ def load_reward(directory: Path) -> RewardModel:
             str(facts["answers_sha256"]),
             frozenset(map(str, facts["episodes"])),
         )
-        model = RewardModel(
-            Normaliser(len(DESCRIPTOR_NAMES)), make_scorer(provenance.cfg), provenance
-        )
+        count = len(names_seen(legs=provenance.cfg.looks_back))
+        model = RewardModel(Normaliser(count), make_scorer(provenance.cfg), provenance)
         model.load_state_dict(load_tensors(tensors_bytes))
     except (ValueError, KeyError, TypeError, RuntimeError, SafetensorError) as error:
         found = " ".join(f"{type(error).__name__}: {error}".split())[:200]
@@ -97,7 +96,7 @@ def _facts(model: RewardModel, tensors: bytes) -> dict[str, Any]:
         "kind": provenance.cfg.kind,
         "features": list(_FEATURE_NAMES),
         "features_sha256": features_sha256(),
-        "descriptors": list(DESCRIPTOR_NAMES),
+        "descriptors": list(model.names),
         "sizes": {k: list(v.shape) for k, v in model.state_dict().items()},
         "cfg": to_plain(provenance.cfg),
         "report": report,
@@ -124,7 +123,8 @@ def _check_readable(facts: dict[str, Any], directory: Path) -> None:
             f"reads {FORMAT_VERSION}; fit the reward again"
         )
     _check_names("feature", facts["features"], _FEATURE_NAMES, directory)
-    _check_names("descriptor", facts["descriptors"], DESCRIPTOR_NAMES, directory)
+    seen = names_seen(legs=facts["kind"] in LOOKING_BACK)
+    _check_names("descriptor", facts["descriptors"], seen, directory)
     if facts["features_sha256"] != features_sha256():
         raise RewardError(
             f"{directory} was fitted to features of the same names but other widths or "

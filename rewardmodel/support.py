@@ -17,9 +17,8 @@ import torch
 from torch import Tensor
 
 from .clips import ClipBatch
-from .descriptors import describe
 from .model import RewardModel
-from .normaliser import Normaliser
+from .normaliser import fill_missing
 from .pairs import AnsweredPairs
 
 PIECE_STEPS = 12
@@ -27,6 +26,8 @@ PIECE_STEPS = 12
 longer ones no chance to be whole."""
 FAR_QUANTILE = 0.95
 """Labelled pieces that are nearer to their own kind than a far piece is."""
+RANGE_QUANTILE = 0.01
+"""Labelled pieces left out at either end of the range of a habit."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,9 @@ class Drift:
     piece here."""
     share_overpaid: float
     """Share that the reward pays more than any labelled piece: it extrapolates."""
+    extrapolated: float
+    """What the mean piece is paid, in standard deviations of the reward, for what lies
+    beyond the judged range of some habit."""
     pieces: int
 
     @property
@@ -57,6 +61,8 @@ class Support:
         self._model = model
         self._pieces = pieces
         self._most_paid = self._paid(pieces).amax() if len(pieces) else torch.inf
+        ends = (RANGE_QUANTILE, 1 - RANGE_QUANTILE)
+        self._range = [pieces.quantile(end, dim=0) for end in ends if len(pieces)]
         distance = torch.cdist(pieces, pieces)
         distance[episode[:, None] == episode] = torch.inf
         own = distance.amin(dim=1)
@@ -77,20 +83,24 @@ class Support:
             valid: [T, N] bool, steps that exist. Pieces with one that does not are
                 left out.
         """
-        pieces, _ = _cut(self._model.normaliser, features, valid)
+        pieces, _ = _cut(self._model, features, valid)
         if not len(pieces) or not len(self._own):
             return None
         distances = torch.cdist(pieces, self._pieces).amin(dim=1)
         median = distances.median()
+        paid, usual = self._paid(pieces), self._paid(pieces.clamp(*self._range))
         return Drift(
             share_far=float((distances > self.far).float().mean()),
             quantile=float((self._own < median).float().mean()),
-            share_overpaid=float((self._paid(pieces) > self._most_paid).float().mean()),
+            share_overpaid=float((paid > self._most_paid).float().mean()),
+            extrapolated=float((paid - usual).mean() / self._model.reward_std),
             pieces=len(distances),
         )
 
     def _paid(self, pieces: Tensor) -> Tensor:
-        """Raw reward [Q] of the mean step of pieces [Q, D]."""
+        """Raw reward [Q] of the mean step of pieces [Q, D], as if it lasted."""
+        if self._model.history_steps:
+            return self._model.scorer(pieces[:, None])[..., 0].mean(dim=0)
         return self._model.scorer(pieces).mean(dim=0)
 
 
@@ -101,7 +111,7 @@ def support_of(pairs: AnsweredPairs, model: RewardModel) -> Support:
     for clips, side in ((pairs.left, 0), (pairs.right, 1)):
         names = [episode[side] for episode in pairs.episodes]
         ids = torch.tensor([numbers.setdefault(n, len(numbers)) for n in names])
-        cut, sequence = _cut(model.normaliser, *_rows(clips))
+        cut, sequence = _cut(model, *_rows(clips))
         pieces.append(cut)
         episodes.append(ids[sequence])
     return Support(model, torch.cat(pieces), torch.cat(episodes))
@@ -111,15 +121,14 @@ def _rows(clips: ClipBatch) -> tuple[Tensor, Tensor]:
     return clips.features.transpose(0, 1), clips.scored.mT
 
 
-def _cut(
-    normaliser: Normaliser, features: Tensor, valid: Tensor
-) -> tuple[Tensor, Tensor]:
-    """Means [Q, D] of whole pieces of standardised descriptors, and their sequence."""
+def _cut(model: RewardModel, features: Tensor, valid: Tensor) -> tuple[Tensor, Tensor]:
+    """Means [Q, D] of whole pieces as `model` sees them, and their sequence."""
     steps, sequences = valid.shape
     whole = steps // PIECE_STEPS
     shape = (whole, PIECE_STEPS, sequences)
     kept = valid[: whole * PIECE_STEPS].reshape(shape).all(dim=1)  # [pieces, N]
-    described = normaliser(describe(features[: whole * PIECE_STEPS]))
+    # A feature that hardware does not tell is no distance to anything.
+    described = fill_missing(model.standardised(features[: whole * PIECE_STEPS]))
     means = described.reshape(*shape, described.shape[-1]).mean(dim=1)
     sequence = torch.arange(sequences).expand(whole, -1)
     return means[kept], sequence[kept]

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from .cfg import FitCfg
 from .clips import mean_over
-from .descriptors import describe
+from .descriptors import describe, names_seen
 from .likelihood import Errors, log_likelihood
 from .normaliser import fill_missing
 from .pairs import AnsweredPairs
@@ -48,6 +48,11 @@ class TrainingPairs:
             errors=self.errors.part(chosen),
         )
 
+    def seen_by(self, cfg: FitCfg) -> TrainingPairs:
+        """The columns that the model of `cfg` looks at."""
+        count = len(names_seen(legs=cfg.looks_back))
+        return replace(self, steps=self.steps[..., :count])
+
     def transformed(self, transform: Callable[[Tensor], Tensor]) -> TrainingPairs:
         """The same pairs standardised by `transform`, missing descriptors at 0."""
         return replace(self, steps=fill_missing(transform(self.steps)))
@@ -64,7 +69,7 @@ class TrainingPairs:
         return left - right
 
     def leads(self, score: Callable[[Tensor], Tensor]) -> Tensor:
-        """Logit [M, B] of the left clips, `score` giving raw rewards [M, ...]."""
+        """Logit [M, B] of the left clips, `score` giving raw rewards [M, 2, B, T]."""
         left, right = mean_over(score(self.steps), self.scored).unbind(dim=1)
         return left - right + self.fall_lead
 
@@ -79,9 +84,11 @@ class TrainingPairs:
 
 
 def training_pairs(pairs: AnsweredPairs, cfg: FitCfg) -> TrainingPairs:
-    """Describe answered pairs, once for the fit and all its folds."""
+    """Describe answered pairs, once for the fit, all its folds and kinds of model."""
     left_fell, right_fell = pairs.fell.unbind(dim=-1)
-    steps = torch.stack([describe(pairs.left.features), describe(pairs.right.features)])
+    legs = cfg.looks_back or cfg.kind == "auto"
+    sides = (pairs.left.features, pairs.right.features)
+    steps = torch.stack([describe(features, legs=legs) for features in sides])
     if steps.isnan().any():
         missing = steps.isnan().any(dim=2).any(dim=0)
         steps.masked_fill_(missing[:, None], torch.nan)

@@ -32,7 +32,10 @@ ENOUGH_NEWEST = 10
 exceed one half."""
 FAR_SHARE = 0.9
 """A policy of which more than this is far from every judged clip, or paid more than any
-of them, does what nobody has judged."""
+of them, has left what was judged: any that learned something has."""
+EXTRAPOLATED = 0.6
+"""Standard deviations of reward, paid for what no judged clip shows of some habit, from
+which on leaving is no longer believed: see docs/trust.md for where this comes from."""
 SPREAD_RATIO = 1.5
 """Ensemble spread, over that on the judged clips, that counts as doubt."""
 
@@ -205,15 +208,22 @@ def _no_better(newest: Accuracy) -> bool:
 
 
 def beyond_judgement(drift: Drift) -> bool:
-    """Whether nearly all a policy does is far from what was judged."""
-    return drift.share_beyond > FAR_SHARE
+    """Whether a policy left what was judged, and is paid for just that."""
+    return left_for_pay(drift, FAR_SHARE)
+
+
+def left_for_pay(drift: Drift, share: float) -> bool:
+    """Whether more than `share` of the motion is beyond what was judged, and the reward
+    of it is largely a guess."""
+    return drift.share_beyond > share and drift.extrapolated > EXTRAPOLATED
 
 
 def spelled(drift: Drift) -> str:
     """The drift in words."""
     return (
         f"{drift.share_far:.0%} of its motion is far from every judged clip, "
-        f"{drift.share_overpaid:.0%} is paid more than any of them"
+        f"{drift.share_overpaid:.0%} is paid more than any of them, and "
+        f"{drift.extrapolated:.2f} of its reward is for habits beyond their range"
     )
 
 

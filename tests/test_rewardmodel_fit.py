@@ -119,6 +119,20 @@ def test_the_linear_model_recovers_a_planted_taste(
     assert np.mean(found) > least
 
 
+def test_a_fit_that_is_not_measured_is_the_same_reward() -> None:
+    """For choosing questions: equal weights, no fold fitted, and `auto` stays stiff."""
+    pairs = answered(60, seed=1)
+    model, _ = fit_reward(pairs, FitCfg(), seed=3)
+    quick, report = fit_reward(pairs, FitCfg(), seed=3, measured=False)
+    assert report.held_out_pairs == 0
+    assert report.held_out_accuracy is None
+    assert report.temperature == 1.0
+    for name, values in model.state_dict().items():
+        assert torch.equal(values, quick.state_dict()[name]), name
+    auto, _ = fit_reward(pairs, FitCfg(kind="auto"), seed=3, measured=False)
+    assert auto.provenance.cfg.kind == "linear"
+
+
 def graded(pairs: AnsweredPairs) -> AnsweredPairs:
     """The same answers, "much better" (1, 0) or "better" (0.75, 0.25), by the lead."""
     lead = (taste(pairs.left) - taste(pairs.right)).abs()

@@ -146,7 +146,7 @@ def rollouts(scale: float) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def test_motion_beyond_what_was_judged_is_far() -> None:
-    """The same motion is near, ten times faster is far: people must be asked."""
+    """The same motion is near, ten times faster is far."""
     pairs = answered(60, seed=0, steps=2 * PIECE_STEPS)
     model, _ = fit_reward(pairs, FitCfg(), seed=0)
     near, far = (reach(model, pairs, *rollouts(scale)) for scale in (1.0, 10.0))
@@ -157,7 +157,23 @@ def test_motion_beyond_what_was_judged_is_far() -> None:
     assert far.drift.quantile > near.drift.quantile
     assert far.spread > near.spread
     assert alarms(None, near) == ()
-    assert "nobody has judged" in alarms(None, far)[0]
+
+
+def test_pay_beyond_the_range_of_a_habit_is_extrapolated() -> None:
+    """Torques three times what anybody judged are paid, or cost, by what is beyond."""
+    pairs = answered(100, seed=0)
+    model, _ = fit_reward(pairs, FitCfg(folds=2), seed=0)
+    rng = np.random.default_rng(5)
+    rows = torch.tensor(np.stack([gait(rng, 48) for _ in range(8)], axis=1))
+    valid = torch.ones(rows.shape[:2], dtype=torch.bool)
+    usual = support_of(pairs, model).drift(rows, valid)
+    rows[..., column("joint_torque")] *= 3
+    strained = support_of(pairs, model).drift(rows, valid)
+    assert usual is not None
+    assert strained is not None
+    assert abs(usual.extrapolated) < 0.2
+    # The planted taste dislikes torque, and the model has learned so.
+    assert strained.extrapolated < -0.5
 
 
 def test_pieces_that_are_not_whole_say_nothing() -> None:
@@ -175,6 +191,13 @@ def test_pieces_that_are_not_whole_say_nothing() -> None:
 
 def test_a_policy_nobody_trained_on_is_no_alarm() -> None:
     """Where the learned return did not rise, drift misleads nobody."""
-    far = Reach(drift=Drift(1.0, 1.0, 0.0, 10), spread=9.0, spread_judged=1.0)
+    far = Reach(drift=Drift(1.0, 1.0, 0.0, 1.5, 10), spread=9.0, spread_judged=1.0)
     assert len(alarms(None, far)) == 2
+    assert "nobody has judged" in alarms(None, far)[0]
     assert alarms(None, far, return_rose=False) == ()
+
+
+def test_leaving_what_was_judged_is_no_alarm_where_it_is_not_paid_for() -> None:
+    """A robot that learned to walk is far from clips of one that stood: not a fault."""
+    walks = Reach(drift=Drift(1.0, 1.0, 0.0, 0.3, 10), spread=1.0, spread_judged=1.0)
+    assert alarms(None, walks) == ()

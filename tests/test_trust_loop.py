@@ -77,7 +77,7 @@ def exploitable(model: RewardModel, pairs: AnsweredPairs) -> RewardModel:
     model.scorer.weights.copy_(weights)
     # Unit deviation on the judged steps, as every fitted reward has.
     steps = training_pairs(pairs, FitCfg()).transformed(model.normaliser)
-    return model.calibrate(steps.scored_steps)
+    return model.calibrate(steps)
 
 
 def test_an_exploited_reward_is_noticed_before_it_hurts(tmp_path: Path) -> None:
@@ -130,6 +130,10 @@ def test_an_exploited_reward_is_noticed_before_it_hurts(tmp_path: Path) -> None:
 
     before = true_return(policy)
     alarmed_at, at_alarm = trained(lambda stats: watch.alarm is not None)
+    # A restarted process measures the rise from where the first one began.
+    watch = WatchedReward(total, model, support_of(pairs, model), FAR_LIMIT)
+    trained(lambda stats: True)
+    assert watch.rise != 0.0
     end, at_end = trained(lambda stats: False)
     assert alarmed_at < end
     assert at_alarm > 0.9 * before

@@ -1,0 +1,77 @@
+"""Whether more answers would still change what is wanted.
+
+Members of the ensemble are fitted to resampled answers, so that they differ as much as
+rewards of other answers of the same person would. Where they all order the clips alike,
+the next answer is foreseen by each of them and moves none. Members that were taught
+nothing may agree by chance, but do not foresee answers.
+
+Shapes: M ensemble members, C clips, K pairs of clips.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from .model import RewardModel
+from .pairs import AnsweredPairs
+from .report import FitReport
+from .selection import MIN_HELD_OUT
+
+SETTLED = 0.96
+"""Mean rank correlation of the members from which on no order is left to be learned."""
+FORESEEN = 0.6
+"""Held-out accuracy that its interval must clear before answers are called enough."""
+_MAX_CLIPS = 500
+
+
+@dataclass(frozen=True, kw_only=True)
+class Remaining:
+    """What there is left to ask about the newest clips."""
+
+    agreement: float
+    """Mean rank correlation (Spearman) of the clips' returns, over pairs of members."""
+    open_share: float
+    """Pairs of clips of which not all members prefer the same one."""
+
+    @property
+    def settled(self) -> bool:
+        """Whether the members order the clips alike."""
+        return self.agreement >= SETTLED
+
+
+def remaining(model: RewardModel, pairs: AnsweredPairs) -> Remaining:
+    """What the members still disagree about, of the clips of the newest round."""
+    rounds = torch.tensor(pairs.rounds)
+    newest = pairs.subset(rounds == rounds.max())
+    returns = torch.cat(
+        [model.clip_returns(newest.left), model.clip_returns(newest.right)], dim=1
+    )[:, :_MAX_CLIPS]
+    left, right = torch.triu_indices(returns.shape[1], returns.shape[1], 1)
+    preferred = returns[:, left] > returns[:, right]  # [M, K]
+    alike = preferred.all(dim=0) | ~preferred.any(dim=0)
+    return Remaining(
+        agreement=_rank_correlation(returns),
+        open_share=float((~alike).float().mean()),
+    )
+
+
+def enough(left: Remaining, report: FitReport) -> bool:
+    """Whether more answers of the same kind will not help now.
+
+    Never without enough held-out answers that were foreseen: a rater who answers at
+    random teaches nothing, however many answers there are.
+    """
+    interval = report.held_out_interval
+    foreseen = interval is not None and interval[0] > FORESEEN
+    return left.settled and foreseen and report.held_out_pairs >= MIN_HELD_OUT
+
+
+def _rank_correlation(returns: Tensor) -> float:
+    """Mean over pairs of members of the correlation of ranks of returns [M, C]."""
+    ranks = returns.argsort(dim=1).argsort(dim=1).double()
+    correlation = torch.corrcoef(ranks)
+    first, second = torch.triu_indices(len(returns), len(returns), 1)
+    return float(correlation[first, second].mean())

@@ -1,0 +1,84 @@
+"""A small network on the last steps at once, for rhythms that no single step shows.
+
+Shapes: M ensemble members, B pairs, T steps, D descriptors, L steps of a window.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+from torch import Tensor, nn
+
+from .cfg import FitCfg, HistoryCfg, SequenceCfg
+from .mlp import MlpScorer
+from .network import fit_network, glimpses
+from .training import TrainingPairs
+
+
+def lags_of(cfg: SequenceCfg) -> Tensor:
+    """[L] how many steps before a step its window looks, the step itself first."""
+    return torch.arange(0, cfg.history_steps + 1, cfg.stride)
+
+
+def _since_start(starts: Tensor) -> Tensor:
+    """[..., T] index of the newest start at or before each step of `starts` [..., T].
+
+    Steps before the first start belong to a sequence that began earlier; the first of
+    them stands for what is not seen.
+    """
+    index = torch.arange(starts.shape[-1], device=starts.device)
+    return (starts * index).cummax(dim=-1).values
+
+
+def windows(steps: Tensor, lags: Tensor, starts: Tensor | None = None) -> Tensor:
+    """Each step with those before it, [..., T, L, D], for steps [..., T, D].
+
+    Nobody looks across a start: before it, the first step of the episode is repeated,
+    as if the robot had been like that for ever.
+
+    Args:
+        steps: Sequences.
+        lags: [L] how many steps before.
+        starts: [..., T] bool; None where only the first step of each begins.
+    """
+    length = steps.shape[-2]
+    index = torch.arange(length, device=steps.device)[:, None] - lags
+    if starts is None:
+        return steps[..., index.clamp_min(0), :]
+    index = torch.maximum(index, _since_start(starts)[..., None])  # [..., T, L]
+    flat = steps.take_along_dim(index.flatten(-2)[..., None], dim=-2)
+    return flat.unflatten(-2, (length, len(lags)))
+
+
+class HistoryScorer(nn.Module):
+    """A network on windows, all members evaluated by one batched product."""
+
+    def __init__(self, num_descriptors: int, cfg: HistoryCfg) -> None:
+        super().__init__()
+        self.history_steps = cfg.history_steps
+        self.lags: Tensor
+        self.register_buffer("lags", lags_of(cfg), persistent=False)
+        self.network = MlpScorer(
+            cfg.num_members, num_descriptors * len(self.lags), cfg.hidden_size
+        )
+
+    def forward(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
+        """Raw rewards [M, ..., T] of standardised sequences [..., T, D]."""
+        return self.network(windows(steps, self.lags, starts).flatten(-2))
+
+
+def fit_history(
+    pairs: TrainingPairs, cfg: FitCfg, *, generator: torch.Generator
+) -> HistoryScorer:
+    """Fit each member to its own bootstrap of standardised `pairs`, by AdamW."""
+    own = cfg.history
+    scorer = HistoryScorer(pairs.steps.shape[-1], own)
+    scorer.network.initialise(generator)
+
+    def look(batch: TrainingPairs, rng: torch.Generator) -> TrainingPairs:
+        seen = replace(batch, steps=windows(batch.steps, scorer.lags).flatten(-2))
+        return glimpses(seen, own.steps_per_clip, own.min_crop, rng)
+
+    fit_network(scorer.network, pairs, cfg, own, look=look, generator=generator)
+    return scorer
