@@ -58,7 +58,7 @@ class VariedSim(BatchSim):
     def __init__(self, robot: Robot, num_envs: int, *, threads: int = 0) -> None:
         """See `BatchSim`."""
         super().__init__(robot, num_envs, threads=threads)
-        mj_model, batch = robot.mj_model, self._batch
+        mj_model, batch = self._mj_model, self._batch
         self._bodies = bodies_below(mj_model, robot.base_body_id)
         names = ("geom_friction", "body_mass", "body_inertia", "body_ipos")
         names += ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange")
