@@ -13,8 +13,8 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from .config import EnvCfg, Range
-from .features import base_state, feature_row, observation
-from .reward import task_reward_for, weighted_terms
+from .features import BaseState, base_state, feature_row, observation
+from .reward import task_reward_for, weighted
 from .robot import Robot
 from .sim import BatchSim, Sim, SimState
 
@@ -70,6 +70,7 @@ class QuadrupedEnv(VecEnv):
         self.action = zeros
         self._air_time = zeros[:, :4].clone()
         self._starting = torch.ones(num_envs, dtype=torch.bool, device=self.device)
+        self._no_reward = torch.zeros(num_envs, device=self.device)
         self._commands_fixed = False
         self._keep_final = keep_final
         self._reset(torch.arange(num_envs, device=self.device))
@@ -103,14 +104,15 @@ class QuadrupedEnv(VecEnv):
         self._obs = self._observe(self.sim.read())
         return self.get_observations()
 
-    def step(
-        self, actions: Tensor
+    def step(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, actions: Tensor, *, score: bool = True
     ) -> tuple[TensorDict, Tensor, Tensor, dict[str, Any]]:
         """Apply `actions` [N, 12] for one control step.
 
         Returns observations after any reset, the task reward [N], `dones` [N] and
         extras: `features` [N, F] and `starts` [N] of this step, `time_outs`, `aborted`
-        (the simulation diverged; its row is all zeros) and `log`.
+        (the simulation diverged; its row is all zeros) and `log`. Without `score` the
+        reward is 0 and the log empty: for who scores whole rollouts.
         """
         previous, starts = self.action, self._starting
         self.action = actions.clamp(-self.cfg.action_limit, self.cfg.action_limit)
@@ -121,14 +123,16 @@ class QuadrupedEnv(VecEnv):
         self.episode_length_buf += 1
 
         state = self.sim.read()
-        features, fallen, finite = self._features(state, previous)
-        # A diverged simulation was reset behind our back: nothing of it is usable.
+        base = base_state(state)
+        features, fallen, finite = self._features(base, state, previous)
         aborted |= ~finite
-        features[aborted] = 0.0
-        fallen &= ~aborted
+        if aborted.any():
+            # A diverged simulation was reset behind our back: nothing is usable.
+            features[aborted] = 0.0
+            fallen &= ~aborted
         time_outs = (self.episode_length_buf >= self.max_episode_length) & ~fallen
         dones = fallen | time_outs | aborted
-        rewards, log = self._reward(features)
+        rewards, log = self.score(features) if score else (self._no_reward, {})
         extras = {
             "features": features,
             "starts": starts,
@@ -140,13 +144,13 @@ class QuadrupedEnv(VecEnv):
             "log": log,
         }
         if self._keep_final:
-            extras["final"] = (*self.sim.raw_state(), self._observe(state))
+            extras["final"] = (*self.sim.raw_state(), self._observe(state, base))
         self._resample_commands()
         if dones.any():
             self._reset(dones.nonzero().flatten())
-            state = self.sim.read()
+            state, base = self.sim.read(), None
         self._starting = dones
-        self._obs = self._observe(state)
+        self._obs = self._observe(state, base)
         return self.get_observations(), rewards, dones, extras
 
     def snapshot(self) -> dict[str, Tensor]:
@@ -173,14 +177,13 @@ class QuadrupedEnv(VecEnv):
         self._obs = self._observe(self.sim.read())
 
     def _features(
-        self, state: SimState, previous: Tensor
+        self, base: BaseState, state: SimState, previous: Tensor
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Feature rows [N, F], fallen [N] and finite [N] of the state reached."""
-        base = base_state(state)
         in_air = 1.0 - state.foot_contact
         self._air_time = (self._air_time + self.step_dt) * in_air
         fallen = (
-            (-base.gravity_b[:, 2] < self._fall_cosine)
+            (base.gravity_b[:, 2] > -self._fall_cosine)
             | (state.base_pos_w[:, 2] < self._fall_height)
             | (state.base_contact > 0)
         )
@@ -195,22 +198,22 @@ class QuadrupedEnv(VecEnv):
             foot_air_time=self._air_time,
             fallen=fallen,
         )
-        return features, fallen, features.isfinite().all(dim=-1)
+        # One number that is not finite makes the sum of its row so.
+        return features, fallen, features.sum(dim=-1).isfinite()
 
-    def _reward(self, features: Tensor) -> tuple[Tensor, dict[str, Tensor]]:
-        terms = weighted_terms(features, self.task, control_dt_s=self.step_dt)
-        stacked = torch.stack(tuple(terms.values())) * self.step_dt
-        means = stacked.mean(dim=1) / self.step_dt
-        log = {f"task/{name}": means[i] for i, name in enumerate(terms)}
-        error = self._tracking_error(features)
-        return stacked.sum(dim=0), {**log, "track/planar_error_m_s": error.mean()}
+    def score(self, features: Tensor) -> tuple[Tensor, dict[str, Tensor]]:
+        """Task reward [...] of feature rows [..., F], and the mean of every term."""
+        terms = weighted(features, self.task, control_dt_s=self.step_dt) * self.step_dt
+        means = terms.flatten(1).mean(dim=1) / self.step_dt
+        log = {f"task/{k}": v for k, v in zip(self.task.weights, means, strict=True)}
+        missed = features[..., 10:12] - features[..., 0:2]
+        error = torch.linalg.vector_norm(missed, dim=-1).mean()
+        return terms.sum(dim=0), {**log, "track/planar_error_m_s": error}
 
-    def _tracking_error(self, features: Tensor) -> Tensor:
-        return torch.linalg.vector_norm(features[:, 10:12] - features[:, 0:2], dim=-1)
-
-    def _observe(self, state: SimState) -> Tensor:
+    def _observe(self, state: SimState, base: BaseState | None = None) -> Tensor:
+        """Observations [N, 48]; `base` where it is known already."""
         return observation(
-            base_state(state),
+            base or base_state(state),
             state,
             home_joint_pos=self._home_joint_pos,
             action=self.action,
