@@ -56,6 +56,8 @@ class QuadrupedEnv(VecEnv):
         self.device = self.sim.device
         self._rng = torch.Generator(device=self.device).manual_seed(seed)
         self._home_joint_pos = self._constant(robot.home_joint_pos)
+        home_qpos = torch.tensor(robot.home_qpos, dtype=torch.float64)
+        self._home_qpos = home_qpos.to(self.device)
         self._joint_qpos = torch.tensor(robot.qpos_adr)
         self._joint_qvel = torch.tensor(robot.qvel_adr)
         self._joint_low, self._joint_high = self._constant(robot.joint_range).unbind(-1)
@@ -231,25 +233,34 @@ class QuadrupedEnv(VecEnv):
     def _draw_commands(self, count: int) -> Tensor:
         cfg = self.cfg.commands
         ranges = (cfg.forward_m_s, cfg.left_m_s, cfg.yaw_rad_s)
-        return torch.stack([self._uniform(count, 1, r)[:, 0] for r in ranges], dim=-1)
+        return torch.cat(self._uniforms(count, *((1, r) for r in ranges)), dim=-1)
 
     def _reset(self, ids: Tensor) -> None:
         """Start new episodes in the environments `ids` [K]."""
         cfg, count = self.cfg.reset, len(ids)
-        home = torch.from_numpy(self.robot.home_qpos.copy())
-        qpos = home.to(self.device, torch.float64).repeat(count, 1)
+        offsets, lift, half_tilts, lin_vel, ang_vel, joint_vel = self._uniforms(
+            count,
+            (12, _around_zero(cfg.joint_pos_rad)),
+            (1, (0.0, cfg.height_m)),
+            (2, _around_zero(cfg.tilt_rad)),
+            (3, _around_zero(cfg.base_lin_vel_m_s)),
+            (3, _around_zero(cfg.base_ang_vel_rad_s)),
+            (12, _around_zero(cfg.joint_vel_rad_s)),
+        )
+        half_tilts = half_tilts / 2
+        joints = (self._home_joint_pos + offsets).clamp(
+            self._joint_low, self._joint_high
+        )
+        qpos = self._home_qpos.repeat(count, 1)
         qvel = torch.zeros(count, self.robot.mj_model.nv, dtype=torch.float64)
-        noise = self._noise(count, 12, cfg.joint_pos_rad)
-        joints = (self._home_joint_pos + noise).clamp(self._joint_low, self._joint_high)
         qpos[:, self._joint_qpos] = joints.double()
-        qpos[:, 2] += self._uniform(count, 1, (0.0, cfg.height_m))[:, 0]
-        half_angles = self._noise(count, 2, cfg.tilt_rad) / 2
-        qpos[:, 3] = (1 - half_angles.square().sum(-1)).sqrt()
-        qpos[:, 4:6] = half_angles
+        qpos[:, 2:3] += lift
+        qpos[:, 3] = (1 - half_tilts.square().sum(-1)).sqrt()
+        qpos[:, 4:6] = half_tilts
         qpos[:, 6] = 0.0
-        qvel[:, 0:3] = self._noise(count, 3, cfg.base_lin_vel_m_s)
-        qvel[:, 3:6] = self._noise(count, 3, cfg.base_ang_vel_rad_s)
-        qvel[:, self._joint_qvel] = self._noise(count, 12, cfg.joint_vel_rad_s).double()
+        qvel[:, 0:3] = lin_vel
+        qvel[:, 3:6] = ang_vel
+        qvel[:, self._joint_qvel] = joint_vel.double()
         self.sim.reset(ids, qpos, qvel)
         self.episode_length_buf[ids] = 0
         self.action = self.action.clone()
@@ -259,12 +270,25 @@ class QuadrupedEnv(VecEnv):
             self.command[ids] = self._draw_commands(count)
 
     def _noise(self, rows: int, width: int, amplitude: float) -> Tensor:
-        return self._uniform(rows, width, (-amplitude, amplitude))
+        return self._uniform(rows, width, _around_zero(amplitude))
 
     def _uniform(self, rows: int, width: int, interval: Range) -> Tensor:
-        low, high = interval
-        unit = torch.rand(rows, width, generator=self._rng, device=self.device)
-        return low + (high - low) * unit
+        return self._uniforms(rows, (width, interval))[0]
+
+    def _uniforms(self, rows: int, *parts: tuple[int, Range]) -> list[Tensor]:
+        """Uniform draws [rows, width] for each (width, interval), made at once."""
+        sizes = [rows * width for width, _ in parts]
+        units = torch.rand(sum(sizes), generator=self._rng, device=self.device)
+        return [
+            low + (high - low) * unit.view(rows, width)
+            for unit, (width, (low, high)) in zip(
+                units.split(sizes), parts, strict=True
+            )
+        ]
 
     def _constant(self, values: Any) -> Tensor:
         return torch.tensor(values, dtype=torch.float32, device=self.device)
+
+
+def _around_zero(amplitude: float) -> Range:
+    return -amplitude, amplitude

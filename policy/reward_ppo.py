@@ -15,6 +15,7 @@ from torch import Tensor
 
 from data.features import FEATURE_DIM
 
+from .clipped_update import clipped_update
 from .exploration import ExplorationBonus
 from .kl_penalty import KlPenalty
 
@@ -108,7 +109,7 @@ class RewardPpo(PPO):
     def update(self) -> dict[str, float]:
         """Update both networks, and after it the weight of a KL penalty."""
         if self.penalty is None:
-            return super().update()
+            return clipped_update(self)
         losses = super().update()
         losses["kl"] = self.penalty.adapt(self.num_mini_batches)
         losses["kl_beta"] = self.penalty.beta
