@@ -20,7 +20,8 @@ SCHEMA_VERSION = 3
 APPLICATION_ID = 0x50524546
 """"PREF" in ASCII."""
 _OLDEST_SQLITE = (3, 37, 0)
-BUSY_TIMEOUT_MS = 10_000
+BUSY_TIMEOUT_MS = 30_000
+"""SQLite is not fair: one of several writers waits while the others take turns."""
 
 
 def backup_path(path: Path, version: int) -> Path:

@@ -17,12 +17,12 @@ from typing import Any
 import psycopg as psycopg
 from sqlalchemy import Connection, Engine, create_engine, text
 from sqlalchemy.engine import make_url
-from sqlalchemy.exc import ArgumentError, SQLAlchemyError
+from sqlalchemy.exc import ArgumentError, OperationalError, SQLAlchemyError
 
 from data.answer_backend import Address, Values, failure
 from data.answer_database import APPLICATION_ID, BUSY_TIMEOUT_MS, SCHEMA_VERSION
 from data.answer_rows import ANSWER_COLUMNS, PAIR_COLUMNS, RATER_COLUMNS
-from data.errors import AnswerError
+from data.errors import AnswerError, AnswersUnreachable
 
 OLDEST_VERSION = 3
 """Version of the first schema that was written for PostgreSQL."""
@@ -51,7 +51,8 @@ class PostgresBackend:
         """Connect, and make the tables if there are none.
 
         Raises:
-            AnswerError: nothing answers there, or the tables are of a newer version.
+            AnswersUnreachable: no server is there, or it does not let us in.
+            AnswerError: the tables are of a newer version.
         """
         try:
             url = make_url(address).set(drivername="postgresql+psycopg")
@@ -66,6 +67,7 @@ class PostgresBackend:
             ) from None
         backend = PostgresBackend(engine, address)
         try:
+            backend._reach()
             with backend.transaction():
                 backend._bring_up_to_date()
         except BaseException:
@@ -136,6 +138,16 @@ class PostgresBackend:
 
     def close(self) -> None:
         self._engine.dispose()
+
+    def _reach(self) -> None:
+        try:
+            self._engine.connect().close()
+        except OperationalError as error:
+            found = " ".join(str(error.orig or error).split())
+            raise AnswersUnreachable(
+                f"{self.name} cannot be reached: {found}; start the server, or mend "
+                "the address, and try again"
+            ) from error
 
     def _bring_up_to_date(self) -> None:
         """Make what is missing; part of a transaction, and nobody else writes."""

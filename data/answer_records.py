@@ -29,7 +29,7 @@ _ALLOWED = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Pair:
     """Two clips to be compared; make one with `Pair.make`.
 
@@ -54,6 +54,10 @@ class Pair:
             )
         if self.round < 0:
             raise ValueError(f"round must not be negative, got {self.round}")
+        if self.info:
+            self._require_info()
+
+    def _require_info(self) -> None:
         if self.gold not in (None, *_PREFERENCES):
             known = ", ".join(_PREFERENCES)
             raise ValueError(f"info['gold'] is one of {known}, got {self.gold!r}")
@@ -83,7 +87,7 @@ class Pair:
         return Pair(pair_id, a, b, strategy, round, {} if info is None else dict(info))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Answer:
     """What one rater said about one pair.
 

@@ -27,6 +27,7 @@ from data.answer_rows import (
     SELECT_ALL,
     SELECT_CURRENT,
     checked,
+    decode_all,
     decode_answer,
     decode_pair,
     decode_pair_and_answer,
@@ -222,12 +223,12 @@ class AnswerStore:
             "ORDER BY p.position, c.position",
             {"round": round},
         )
-        return [decode_pair_and_answer(row) for row in rows]
+        return decode_all(rows)
 
     def all_answers(self) -> list[tuple[Pair, Answer]]:
         """Every answer as it came, those corrected later included."""
         rows = self.query(f"{SELECT_ALL} ORDER BY c.position")
-        return [decode_pair_and_answer(row) for row in rows]
+        return decode_all(rows)
 
     def current_answer(self, answer_id: str) -> tuple[Pair, Answer] | None:
         """The answer with this id; None if there is none, or it was corrected."""
@@ -242,7 +243,7 @@ class AnswerStore:
             "ORDER BY c.position DESC LIMIT :limit",
             {"rater": rater_id, "limit": limit},
         )
-        return [decode_pair_and_answer(row) for row in rows]
+        return decode_all(rows)
 
     def count(
         self,

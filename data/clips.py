@@ -10,7 +10,7 @@ from typing import Protocol
 from data.episode_records import EndReason
 
 
-@dataclass(frozen=True, order=True)
+@dataclass(frozen=True, order=True, slots=True)
 class Clip:
     """A stretch of one episode; describes itself, so it outlives any data base.
 
@@ -27,8 +27,9 @@ class Clip:
 
     def __post_init__(self) -> None:
         # An index out of an array becomes a plain one, which SQLite and JSON can hold.
-        for name in ("start", "steps"):
-            object.__setattr__(self, name, operator.index(getattr(self, name)))
+        if type(self.start) is not int or type(self.steps) is not int:
+            for name in ("start", "steps"):
+                object.__setattr__(self, name, operator.index(getattr(self, name)))
         if not self.rollout or self.start < 0 or self.steps < 1:
             raise ValueError(
                 "a clip needs the sha256 of its episode, start >= 0 and steps >= 1, "

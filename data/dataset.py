@@ -112,22 +112,20 @@ class Dataset:
             DatasetError: the manifest is damaged, or the disk is full or not writable.
         """
         added: list[EpisodeEntry] = []
-        # Checksums, hashes and waiting for the disk hold no lock of the interpreter.
+        # Only waiting for the disk is left to the writers: encoding holds the
+        # interpreter's lock, and threads that want it at once lose a fifth to that.
         with ThreadPoolExecutor(_WRITERS) as pool:
-            writes: deque[Future[EpisodeEntry]] = deque()
+            writes: deque[Future[None]] = deque()
             for episode in episodes:
-                writes.append(pool.submit(self._write, episode, compression))
+                content = encode_episode(episode, compression=compression)
+                added.append(_entry_of(content, episode))
+                writes.append(pool.submit(self._store, added[-1], content))
                 if len(writes) > 2 * _WRITERS:
-                    added.append(writes.popleft().result())
-            added += (write.result() for write in writes)
+                    writes.popleft().result()
+            for write in writes:
+                write.result()
         self._list(added)
         return added
-
-    def _write(self, episode: Episode, compression: Compression) -> EpisodeEntry:
-        content = encode_episode(episode, compression=compression)
-        entry = _entry_of(content, episode)
-        self._store(entry, content)
-        return entry
 
     def add_from(self, source: Dataset, hashes: Iterable[str]) -> list[EpisodeEntry]:
         """Copy episode files as they are, so that answers about them stay valid.
@@ -267,7 +265,13 @@ class Dataset:
         return AnswerStore.snapshot(self.answers_address)
 
     def _list(self, added: Iterable[EpisodeEntry]) -> None:
+        """Name episodes in the manifest, once their files cannot be lost any more."""
         new = {entry.sha256: entry for entry in added}
+        # Files share directories: one wait for each, not one for every file.
+        folders = {(self.root / entry.path).parent for entry in new.values()}
+        with writable(self.root):
+            for folder in sorted(folders | {folder.parent for folder in folders}):
+                fsync_directory(folder)
         self._manifest.change(lambda known: known | new)
 
     def path_of(self, entry: EpisodeEntry) -> Path:
@@ -287,15 +291,13 @@ class Dataset:
         return path
 
     def _store(self, entry: EpisodeEntry, content: bytes) -> None:
-        """Put the episode's file in its place; the manifest does not know it yet."""
+        """Put the episode's file in its place; `_list` makes its name lasting."""
         path = self.root / entry.path
         # A file of another length was damaged after it was renamed into place.
         if not path.is_file() or path.stat().st_size != len(content):
             with writable(self.root):
-                if not path.parent.is_dir():
-                    path.parent.mkdir(parents=True, exist_ok=True)
-                    fsync_directory(path.parent.parent)
-                write_atomically(path, content)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                write_atomically(path, content, sync_name=False)
 
     @contextmanager
     def _file_expected(self, entry: EpisodeEntry) -> Iterator[Path]:

@@ -7,6 +7,7 @@ GaitprefError            what went wrong lies in the user's input or files
 │   └── CorruptEpisode       its bytes are not what was written
 ├── DatasetError         a data set directory or its manifest cannot be used
 └── AnswerError          the answer store cannot be used
+    └── AnswersUnreachable   no server of answers is there
 """
 
 
@@ -39,3 +40,7 @@ class DatasetError(GaitprefError):
 
 class AnswerError(GaitprefError):
     """The answer store cannot be used."""
+
+
+class AnswersUnreachable(AnswerError):
+    """No server of answers is there; nothing is known about the answers themselves."""

@@ -34,11 +34,17 @@ def fsync_directory(path: Path) -> None:
         os.close(descriptor)
 
 
-def write_atomically(path: Path, content: bytes, *, mode: int = 0o666) -> None:
+def write_atomically(
+    path: Path, content: bytes, *, mode: int = 0o666, sync_name: bool = True
+) -> None:
     """Write a file so that a reader, or a crash, sees all of it or what was before.
 
     Args:
+        path: Where it shall be.
+        content: What shall be in it.
         mode: Permissions of the file, less those the process never gives.
+        sync_name: Wait until its name is on the disk too. Who writes many files into a
+            directory calls `fsync_directory` once instead.
 
     Raises:
         OSError: the directory is missing, or the disk is full.
@@ -57,7 +63,8 @@ def write_atomically(path: Path, content: bytes, *, mode: int = 0o666) -> None:
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
-    fsync_directory(path.parent)
+    if sync_name:
+        fsync_directory(path.parent)
 
 
 def replace_directory(partial: Path, final: Path) -> None:

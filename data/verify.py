@@ -14,7 +14,7 @@ from typing import Literal
 from data.answer_backend import Address
 from data.answer_check import Asked, asked, damaged_rows
 from data.dataset import ANSWERS_NAME, Dataset
-from data.errors import AnswerError, DatasetError
+from data.errors import AnswerError, AnswersUnreachable, DatasetError
 from data.files import sha256_file
 from data.manifest import EpisodeEntry
 from data.manifest_file import MANIFEST_NAME
@@ -57,6 +57,7 @@ def verify(root: Path, *, answers: Address | None = None) -> Verified:
 
     Raises:
         DatasetError: `root` is no data set, or of another version.
+        AnswersUnreachable: the server of its answers is not there.
     """
     damages: list[Damage] = []
     dataset = Dataset.open(root)
@@ -128,6 +129,8 @@ def _answers(address: Address) -> tuple[list[Asked], list[Damage]]:
             for row in damaged_rows(address)
         ]
         return asked(address), damages
+    except AnswersUnreachable:
+        raise
     except (AnswerError, sqlite3.Error, UnicodeDecodeError) as error:
         message = f"it cannot be read: {' '.join(str(error).split())}"
         return [], [*damages, Damage("answers", ANSWERS_NAME, message)]

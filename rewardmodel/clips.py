@@ -9,6 +9,7 @@ Shapes: B clips, T steps of the longest, F features, M ensemble members.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import InitVar, dataclass
 
@@ -131,7 +132,7 @@ def fill_clips(
         own = features[position, : steps[position]]
         own[:] = clip
         # While it is in the cache: looking at all clips once more takes longer.
-        finite &= bool(np.isfinite(np.vdot(own, own)))
+        finite &= math.isfinite(np.vdot(own, own))
     lengths = torch.tensor(steps)
     valid = torch.arange(features.shape[1]) < lengths[:, None]
     return ClipBatch(torch.from_numpy(features), valid, checked=finite)

@@ -139,9 +139,10 @@ def _evidence(
     targets: dict[tuple[str, str], list[float]] = defaultdict(list)
     pairs: dict[str, Pair] = {}
     for pair, answer in answered:
-        if answer.target is not None and pair.gold is None:
+        target = answer.target
+        if target is not None and pair.gold is None:
             pairs[pair.pair_id] = pair
-            targets[pair.pair_id, answer.rater_id].append(answer.target)
+            targets[pair.pair_id, answer.rater_id].append(target)
     evidence = [
         (pairs[pair_id], rater_id, sum(of_both) / len(of_both))
         for (pair_id, rater_id), of_both in targets.items()

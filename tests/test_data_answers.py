@@ -20,8 +20,10 @@ from data.answer_check import damaged_rows
 from data.answer_database import SCHEMA_VERSION, backup_path
 from data.answers import Answer, AnswerStore, Choice, Pair
 from data.clips import Clip
-from data.errors import AnswerError
+from data.dataset import Dataset
+from data.errors import AnswerError, AnswersUnreachable
 from data.questions import Overlap, QuestionBoard, Shown
+from data.verify import verify
 
 NOW = "2030-01-31T12:00:00Z"
 LATER = "2030-01-31T12:05:00Z"
@@ -471,7 +473,7 @@ def test_the_file_is_set_up_for_safety(file_store: AnswerStore) -> None:
     connection = connection_of(file_store)
     pragmas = ("journal_mode", "synchronous", "foreign_keys", "busy_timeout")
     found = [connection.execute(f"PRAGMA {name}").fetchone()[0] for name in pragmas]
-    assert found == ["wal", 2, 1, 10_000]
+    assert found == ["wal", 2, 1, 30_000]
 
 
 def test_a_newer_version_is_refused_and_left_alone(file_store: AnswerStore) -> None:
@@ -600,7 +602,9 @@ def test_a_changed_row_on_the_server_is_noticed(postgres_answers: str) -> None:
             store.current_answers()
 
 
-def test_what_postgresql_cannot_do_is_said_in_one_line(postgres_answers: str) -> None:
+def test_what_postgresql_cannot_do_is_said_in_one_line(
+    postgres_answers: str, tmp_path: Path
+) -> None:
     """No server, no such URL, a newer version, a character it does not hold."""
     with AnswerStore.open(postgres_answers) as store:
         fill(store)
@@ -610,9 +614,14 @@ def test_what_postgresql_cannot_do_is_said_in_one_line(postgres_answers: str) ->
         store.query("INSERT INTO gaitpref_store VALUES (:v)", {"v": SCHEMA_VERSION + 1})
     with pytest.raises(AnswerError, match=f"reads up to {SCHEMA_VERSION}"):
         AnswerStore.open(postgres_answers)
-    with pytest.raises(AnswerError, match="failed: connection") as caught:
-        AnswerStore.open("postgresql://ada:secret@127.0.0.1:1/none")
+    nowhere = "postgresql://ada:secret@127.0.0.1:1/none"
+    with pytest.raises(AnswersUnreachable, match="cannot be reached: conn") as caught:
+        AnswerStore.open(nowhere)
     assert "secret" not in str(caught.value)
     assert "\n" not in str(caught.value)
+    Dataset.create(tmp_path)
+    # That says nothing about the answers: it is no damage.
+    with pytest.raises(AnswersUnreachable, match="cannot be reached"):
+        verify(tmp_path, answers=nowhere)
     with pytest.raises(AnswerError, match="--answers takes postgresql://"):
         parse_address("mysql://ada:secret@host/none")

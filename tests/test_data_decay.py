@@ -399,7 +399,7 @@ def test_errors_of_the_disk_that_say_something_else_stay_as_they_are(
     """Only what making room or rights would mend is called not writable."""
     dataset = Dataset.create(tmp_path / "set")
 
-    def fail(*_: object) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise OSError(errno.EIO, "Input/output error")
 
     monkeypatch.setattr("data.dataset.write_atomically", fail)
