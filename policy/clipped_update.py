@@ -48,6 +48,8 @@ def clipped_update(alg: PPO) -> dict[str, float]:
 
 def _actor_gradients(alg: PPO, batch: Batch) -> tuple[float, float]:
     """Set the actor's gradients and the learning rate; surrogate loss and entropy."""
+    assert batch.actions is not None
+    assert batch.old_distribution_params is not None
     alg.actor(batch.observations, stochastic_output=True)
     log_prob = alg.actor.get_output_log_prob(batch.actions)
     entropy = alg.actor.output_entropy.mean()

@@ -106,7 +106,7 @@ class QuadrupedEnv(VecEnv):
         self._obs = self._observe(self.sim.read())
         return self.get_observations()
 
-    def step(  # pyright: ignore[reportIncompatibleMethodOverride]
+    def step(
         self, actions: Tensor, *, score: bool = True
     ) -> tuple[TensorDict, Tensor, Tensor, dict[str, Any]]:
         """Apply `actions` [N, 12] for one control step.

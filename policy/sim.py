@@ -153,20 +153,21 @@ class BatchSim:
 
     def read(self) -> SimState:
         """See `Sim.read`."""
-        qpos, qvel, sensors = map(_float32, (self._qpos, self._qvel, self._sensors))
+        qpos, qvel = self._qpos.astype(np.float32), self._qvel.astype(np.float32)
+        sensors = self._sensors.astype(np.float32)
         free, free_vel = self._base_adr
         return SimState(
-            base_pos_w=qpos[:, free : free + 3],
-            base_wxyz_w=qpos[:, free + 3 : free + 7],
-            base_lin_vel_w=qvel[:, free_vel : free_vel + 3],
-            base_ang_vel_b=qvel[:, free_vel + 3 : free_vel + 6],
-            joint_pos=qpos[:, self._qpos_cols],
-            joint_vel=qvel[:, self._qvel_cols],
-            joint_torque=_float32(self._torque[:, self._qvel_cols]),
-            foot_pos_w=_float32(self._sites[:, self._site_cols]),
-            foot_vel_w=sensors[:, self._velocity_cols].view(-1, 4, 3),
-            foot_contact=(sensors[:, self._contact_cols] > 0).float(),
-            base_contact=(sensors[:, self._base_contact_col] > 0).float(),
+            base_pos_w=_tensor(qpos[:, free : free + 3]),
+            base_wxyz_w=_tensor(qpos[:, free + 3 : free + 7]),
+            base_lin_vel_w=_tensor(qvel[:, free_vel : free_vel + 3]),
+            base_ang_vel_b=_tensor(qvel[:, free_vel + 3 : free_vel + 6]),
+            joint_pos=_tensor(qpos[:, self._qpos_cols]),
+            joint_vel=_tensor(qvel[:, self._qvel_cols]),
+            joint_torque=_tensor(self._torque[:, self._qvel_cols]),
+            foot_pos_w=_tensor(self._sites[:, self._site_cols]),
+            foot_vel_w=_tensor(sensors[:, self._velocity_cols].reshape(-1, 4, 3)),
+            foot_contact=_tensor(sensors[:, self._contact_cols] > 0),
+            base_contact=_tensor(sensors[:, self._base_contact_col] > 0),
         )
 
     def reset(self, ids: Tensor, qpos: Tensor, qvel: Tensor) -> None:
@@ -220,5 +221,6 @@ def _columns(ids: np.ndarray) -> slice | np.ndarray:
     return ids
 
 
-def _float32(values: np.ndarray) -> Tensor:
-    return torch.from_numpy(values.astype(np.float32))
+def _tensor(values: np.ndarray) -> Tensor:
+    """`values` as float32; a view of what is float32 already."""
+    return torch.from_numpy(values.astype(np.float32, copy=False))
