@@ -14,15 +14,17 @@ import time
 from dataclasses import asdict, dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tyro
 
 from data.dataset import Dataset
+from labeling_ui.desk import Desk
 from labeling_ui.judgement import Judgement, Outcome
-from labeling_ui.queue import RaterSession
 from labeling_ui.server import LabelCfg, LabelServer
 from labeling_ui.tokens import TokenStore
+from labeling_ui.worker import Worker
 
 from .visitor import Visitor
 from .walks import walking_dataset
@@ -55,6 +57,12 @@ class Figures:
     """Delivered to the worst served of eight raters."""
     commit_p99_ms: float
     """From the key press to the committed row."""
+    commit_median_ms: float
+    fsync_ms: float
+    """What one bare fsync takes in the same folder, median: a commit holds one."""
+    processor_wait_share: float
+    """While raters answer: of the time that threads of the server could have run, the
+    part they waited for a processor. On a machine without other work it is near 0."""
     next_pair_ms: float
     """From the committed row to the first pose of the next pair, 95th percentile."""
     first_pair_s: float
@@ -72,6 +80,9 @@ def main(options: Options) -> Figures:
         cores_1_rater=round(one.cores, 3),
         poses_per_second_min=round(eight.poses_per_second_min, 1),
         commit_p99_ms=round(float(np.percentile(busy.commits_ms, 99)), 1),
+        commit_median_ms=round(float(np.median(busy.commits_ms)), 1),
+        fsync_ms=round(busy.fsync_ms, 1),
+        processor_wait_share=round(busy.processor_wait_share, 2),
         next_pair_ms=round(float(np.percentile(busy.next_ms, 95)), 1),
         first_pair_s=round(busy.first_pair_s, 2),
     )
@@ -88,6 +99,8 @@ class _Run:
     cores: float
     poses_per_second_min: float
     commits_ms: list[float]
+    fsync_ms: float
+    processor_wait_share: float
     next_ms: list[float]
     first_pair_s: float
 
@@ -125,12 +138,15 @@ async def _measured(raters: int, watch_s: float, answers: int, clip_steps: int) 
             else sum(begin <= at < begin + span for at in visitor.pose_times) / span
             for visitor in visitors
         ]
+        fsync_ms = _fsync_ms(root)
+        ran, waited = _scheduled_s(server.pid)
         presses = await asyncio.gather(
             *(
                 _answer(visitor, index, answers)
                 for index, visitor in enumerate(visitors)
             )
         )
+        ran, waited = np.subtract(_scheduled_s(server.pid), (ran, waited))
         for task in tasks:
             task.cancel()
         here.send("stop")
@@ -147,6 +163,8 @@ async def _measured(raters: int, watch_s: float, answers: int, clip_steps: int) 
             cores=used / max(span, 1e-9),
             poses_per_second_min=min(rates),
             commits_ms=commit_ms,
+            fsync_ms=fsync_ms,
+            processor_wait_share=float(waited / (ran + waited)),
             next_ms=next_ms,
             first_pair_s=max(visitor.first_pose_s or np.inf for visitor in visitors),
         )
@@ -170,20 +188,50 @@ async def _answer(
 def _serve(root: Path, pipe: Connection) -> None:
     """Serve until told to stop; then tell when each rater's answers were committed."""
     commits: dict[str, list[float]] = {}
-    answer = RaterSession.answer
+    fresh: list[str] = []
+    answer, store_all = Desk.answer, Worker.store_all
 
-    def timed(session: RaterSession, judgement: Judgement) -> Outcome:
-        outcome = answer(session, judgement)
+    def noted(desk: Desk, judgement: Judgement) -> Outcome:
+        outcome = answer(desk, judgement)
         if outcome.accepted:
-            commits.setdefault(session.rater_id, []).append(time.monotonic())
+            fresh.append(desk.rater_id)
         return outcome
 
-    # The one place that knows when a row is committed.
-    setattr(RaterSession, "answer", timed)  # noqa: B010
+    def timed(worker: Worker, stores: list[Any]) -> None:
+        store_all(worker, stores)
+        for rater_id in fresh:
+            commits.setdefault(rater_id, []).append(time.monotonic())
+        fresh.clear()
+
+    # The two places that know whose row is stored, and when it is on the disk.
+    setattr(Desk, "answer", noted)  # noqa: B010
+    setattr(Worker, "store_all", timed)  # noqa: B010
     with LabelServer(Dataset.open(root), LabelCfg(port=0)) as server:
         pipe.send(server.url)
         pipe.recv()
     pipe.send(commits)
+
+
+def _fsync_ms(folder: Path) -> float:
+    """Median time to write what an answer takes and wait for the disk, ms."""
+    times_ms = []
+    with (folder / "bare").open("wb", buffering=0) as file:
+        for _ in range(50):
+            begin = time.monotonic()
+            file.write(bytes(16384))
+            os.fsync(file.fileno())
+            times_ms.append(1000 * (time.monotonic() - begin))
+    return float(np.median(times_ms))
+
+
+def _scheduled_s(pid: int) -> tuple[float, float]:
+    """Time that the threads of a process ran, and that they waited to run, s."""
+    stats = [
+        (task / "schedstat").read_text().split()
+        for task in Path(f"/proc/{pid}/task").iterdir()
+    ]
+    ran, waited = np.array(stats, dtype=float)[:, :2].sum(axis=0) / 1e9
+    return float(ran), float(waited)
 
 
 def _cpu_s(pid: int) -> float:

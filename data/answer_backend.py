@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol
 
-from data.answer_database import connect, connect_copy
+from data.answer_database import SCHEMA_VERSION, connect, connect_copy
 from data.errors import AnswerError
 
 Values = Mapping[str, Any]
@@ -49,6 +49,15 @@ class Backend(Protocol):
 
         No other process or thread writes meanwhile. Inside another one it is a part of
         that one. Raises AnswerError if the data base fails.
+        """
+        ...
+
+    def together(self) -> Any:
+        """A context whose transactions are on the disk when it ends, not before.
+
+        Each is whole by itself, and one that fails takes none of the others along; the
+        disk is waited for once. Inside a transaction it changes nothing. Raises
+        AnswerError if the data base fails.
         """
         ...
 
@@ -152,6 +161,25 @@ class SqliteBackend:
                     raise
             except (sqlite3.Error, UnicodeDecodeError) as error:
                 raise failure(self.name, error) from error
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        with self._lock:
+            if self.connection.in_transaction:
+                yield
+                return
+            (waits,) = self.execute("PRAGMA synchronous", {})[0]
+            before = self.connection.total_changes
+            self.execute("PRAGMA synchronous = NORMAL", {})
+            try:
+                yield
+            finally:
+                self.execute(f"PRAGMA synchronous = {waits}", {})
+                if self.connection.total_changes != before:
+                    # The log is one file: a commit that waits for it takes along what
+                    # was written to it before.
+                    with self.transaction():
+                        self.execute(f"PRAGMA user_version = {SCHEMA_VERSION}", {})
 
     def close(self) -> None:
         with self._lock:

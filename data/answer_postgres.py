@@ -45,6 +45,8 @@ class PostgresBackend:
         self._lock = threading.RLock()
         self._open: Connection | None = None
         """Of the transaction that is going on; only for who holds the lock."""
+        self._waits = True
+        """A commit waits for the disk; only for who holds the lock."""
 
     @staticmethod
     def open(address: str) -> PostgresBackend:
@@ -105,6 +107,8 @@ class PostgresBackend:
                         text("SELECT pg_advisory_xact_lock(:key)"),
                         {"key": APPLICATION_ID},
                     )
+                    if not self._waits:
+                        connection.execute(text("SET LOCAL synchronous_commit = off"))
                     self._open = connection
                     try:
                         yield
@@ -112,6 +116,22 @@ class PostgresBackend:
                         self._open = None
             except (SQLAlchemyError, UnicodeError) as error:
                 raise self._failure(error) from error
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        with self._lock:
+            if self._open is not None or not self._waits:
+                yield
+                return
+            self._waits = False
+            try:
+                yield
+            finally:
+                self._waits = True
+                # The log is one stream: a commit that waits for it, and has written to
+                # it, takes along what was written before.
+                with self.transaction():
+                    self.execute("UPDATE gaitpref_store SET version = version", {})
 
     def copy_to(self, copy: sqlite3.Connection) -> None:
         """Put raters, pairs and answers, as of one moment, into an empty SQLite store.

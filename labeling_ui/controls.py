@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Callable, Coroutine
+from datetime import datetime
 from typing import Any
 
 import viser
@@ -114,6 +115,10 @@ class Controls:
         self._keep.visible = question is not None and question.corrects is not None
         self._fill_history(showing.history)
 
+    def warn(self, text: str) -> None:
+        """Show a sentence until something else is shown."""
+        self._head.content += _boxed(_warning(text))
+
     def clear_remarks(self) -> None:
         """Start the next pair without note and confidence."""
         self.note.value = ""
@@ -158,9 +163,7 @@ def head(rater_id: str, showing: Showing) -> str:
         said = WORDS[question.earlier].lower()
         lines.append(f"<i>Reopened: you said “{said}”. Answer again, or keep it.</i>")
     if showing.notice:
-        lines.append(
-            f'<span style="color:#e8590c">{html.escape(showing.notice)}</span>'
-        )
+        lines.append(_warning(showing.notice))
     top = (
         f'<div style="display:flex;justify-content:space-between;opacity:.65;'
         f'font-size:12px"><span>{html.escape(rater_id)}</span><span>{count}</span></div>'
@@ -181,7 +184,8 @@ def command_words(command: tuple[float, float, float]) -> str:
 
 def past_words(past: Past) -> str:
     """An answer in the history."""
-    at = past.answer.created_utc[11:16]
+    # The server's own time: who serves and who answers are mostly in one place.
+    at = datetime.fromisoformat(past.answer.created_utc).astimezone().strftime("%H:%M")
     role = {"repeat": " · again"}.get(past.answer.role, "")
     return f"{at} · {verdict_words(past.verdict)}{role}"
 
@@ -189,6 +193,10 @@ def past_words(past: Past) -> str:
 def verdict_words(verdict: Verdict) -> str:
     """An answer in words."""
     return WORDS[verdict]
+
+
+def _warning(text: str) -> str:
+    return f'<span style="color:#e8590c">{html.escape(text)}</span>'
 
 
 def _boxed(inner: str) -> str:

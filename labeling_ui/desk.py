@@ -68,21 +68,26 @@ class Desk:
             return self.look()
         return None
 
-    def answer(self, judgement: Judgement) -> Showing:
+    def answer(self, judgement: Judgement) -> Outcome:
         """Store an answer."""
-        return self._after(self._session.answer(judgement))
+        return self._session.answer(judgement)
 
-    def undo(self) -> Showing:
+    def undo(self) -> Outcome:
         """Take the last answer back."""
-        return self._after(self._session.undo())
+        return self._session.undo()
 
-    def reopen(self, answer_id: str) -> Showing:
-        """Show an earlier question again."""
-        return self._after(self._session.reopen(answer_id))
+    def reopen(self, answer_id: str) -> Outcome:
+        """Put an earlier question on the desk again."""
+        return self._session.reopen(answer_id)
 
-    def keep(self) -> Showing:
+    def keep(self) -> Outcome:
         """Leave a reopened question as it was."""
-        return self._after(self._session.cancel())
+        return self._session.cancel()
+
+    def after(self, outcome: Outcome) -> Showing:
+        """What is on the desk now that `outcome` is on the disk."""
+        accepted = outcome.answer if outcome.accepted else None
+        return self._showing(outcome.reason, accepted)
 
     def upcoming(self) -> list[Pair]:
         """The pairs that probably come next."""
@@ -95,10 +100,6 @@ class Desk:
                 self._motions.of_pair(pair)
             except (GaitprefError, OSError) as error:
                 logger.warning("pair %s cannot be shown: %s", pair.pair_id[:12], error)
-
-    def _after(self, outcome: Outcome) -> Showing:
-        accepted = outcome.answer if outcome.accepted else None
-        return self._showing(outcome.reason, accepted)
 
     def _showing(self, notice: str, accepted: Answer | None) -> Showing:
         question = self._session.current()
@@ -120,5 +121,7 @@ class Desk:
         )
 
 
-Task = Callable[[Desk], Showing | None]
-"""Something to do at the desk; None changes nothing on the page."""
+Look = Callable[[Desk], Showing | None]
+"""Asks what is on the desk; None changes nothing on the page."""
+Act = Callable[[Desk], Outcome]
+"""Stores something at the desk."""

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from viser import BatchedMeshHandle, SceneApi
-from viser._messages import SceneNodeUpdateMessage
 
 from .geometry import Rgb, linear_rgb
+from .moves import Mover
 from .solids import box
 
 LINE_SPACING_M = 0.25
@@ -53,6 +53,7 @@ class Floor:
         self._plates = self._boxes("plates", *_plates(rectangles), LIGHT.plate)
         middles = self._grid.middles(np.zeros((len(rectangles), 2)))
         self._lines = self._boxes("lines", middles, self._grid.sizes, LIGHT.line)
+        self._mover = Mover(scene, self._lines.name)
 
     @property
     def visible(self) -> bool:
@@ -70,11 +71,7 @@ class Floor:
 
     def scroll(self, offsets: np.ndarray) -> None:
         """Move the lines so that ground point `offsets` [R, 2] m is in each middle."""
-        # The handle's own setter converts and compares what changes in every frame.
-        update = {"batched_positions": self._grid.middles(offsets)}
-        self._scene._queue_scene_message(
-            SceneNodeUpdateMessage(self._lines.name, update)
-        )
+        self._mover.move(self._grid.middles(offsets))
 
     def _boxes(
         self, name: str, positions: np.ndarray, sizes: np.ndarray, rgb: Rgb

@@ -67,7 +67,7 @@ class Motion:
         share = np.float32(place - row)
         positions = _between(self.positions, row, share)
         wxyzs = _between(self.wxyzs, row, share)
-        wxyzs /= np.linalg.norm(wxyzs, axis=-1, keepdims=True)
+        wxyzs /= np.sqrt(np.einsum("ij,ij->i", wxyzs, wxyzs))[:, None]
         return positions, wxyzs, _between(self.path, row, share)
 
 
@@ -104,8 +104,9 @@ def load_motion(dataset: Dataset, clip: Clip) -> Motion:
         command=episode.meta.command,
         fell=episode.end_reason == "terminated" and clip.stop == episode.num_steps,
         contact=rows[:, column("foot_contact")] > 0.5,
-        speed_m_s=rows[:, column("base_lin_vel_b")][:, 0],
-        height_m=rows[:, column("base_height")][:, 0],
+        # Copies: a view would keep the whole episode in memory.
+        speed_m_s=rows[:, column("base_lin_vel_b")][:, 0].copy(),
+        height_m=rows[:, column("base_height")][:, 0].copy(),
         torque_nm=np.abs(rows[:, column("joint_torque")]).mean(axis=-1),
     )
 
@@ -139,7 +140,8 @@ class MotionCache:
 
 
 def _between(rows: np.ndarray, row: int, share: np.float32) -> np.ndarray:
-    return rows[row] + share * (rows[row + 1] - rows[row])
+    here = rows[row]
+    return here + share * (rows[row + 1] - here)
 
 
 def _heading_wxyz(base_wxyz: np.ndarray) -> np.ndarray:

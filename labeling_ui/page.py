@@ -16,15 +16,17 @@ import viser
 
 from .actions import CONFIDENCE_OF, CONFIDENCES, Name
 from .controls import Controls
-from .desk import Desk, Showing, Task
+from .desk import Act, Desk, Look, Showing
 from .dialogs import Dialog, bad_clip_dialog, guidelines_dialog
 from .judgement import Judgement, Verdict
 from .motion import Motion
+from .moves import Frames
 from .playback import Playback
 from .scene import PairScene, Pose
 from .status import LoopStatus
 from .theme import set_theme
 from .transport import Transport
+from .worker import Worker
 
 ACTIVE_S = 300.0
 """Without an event for longer than this, nobody is there."""
@@ -34,6 +36,12 @@ NOTE_LATE_S = 0.1
 NOTE_RECENT_S = 0.3
 """A note's last letters may be on their way for 50 ms: an answer that soon after one
 waits for them."""
+
+
+_NOT_STORED = (
+    "The last answer could not be stored. Give it again; if this goes on, tell whoever "
+    "runs the page."
+)
 
 
 @dataclass(frozen=True)
@@ -47,8 +55,8 @@ class Habits:
 class Shared:
     """What all pages of a server use."""
 
-    submit: Callable[[Callable[[], None]], None]
-    """Has a worker do something, one thing after the other."""
+    worker: Worker
+    """Asks and stores, one thing after the other."""
     submit_late: Callable[[Callable[[], None]], None]
     """Has another worker do what nobody waits for."""
     wake: Callable[[], None]
@@ -80,13 +88,14 @@ class Page:
         self._refresh_in_s = REFRESH_S
         self._status: LoopStatus | None = None
         self._habits = shared.habits.get(desk.rater_id, Habits())
+        self._frames = Frames(client)
         with client.atomic():
             set_theme(client.gui, dark=self._habits.dark)
             self._scene = PairScene(client)
             self._scene.darken(self._habits.dark)
             self._controls = Controls(client, self.post)
             self._transport = Transport(client, self.post)
-        self._at_desk(Desk.look)
+        self._look(Desk.look)
 
     def post(self, name: str, value: Any = None) -> None:
         """Hand an event in; from any thread."""
@@ -111,24 +120,25 @@ class Page:
         if motions is None or self._drawn_at == self._clock.time_s:
             return
         self._drawn_at = self._clock.time_s
-        with self.client.atomic():
-            self._scene.draw(*(self._pose(motion) for motion in motions))
+        poses = [self._pose(motion) for motion in motions]
+        with self._frames.frame():
+            self._scene.draw(*poses)
             self._transport.tick(self._clock, elapsed_s)
-        # After the block: inside it, frames would wait for viser's own 60 Hz.
-        self.client.flush()
 
     def _pose(self, motion: Motion) -> Pose:
         over = self._clock.time_s >= motion.duration_s
         return Pose(*motion.pose(self._clock.time_s), fallen=motion.fell and over)
 
     def _handle(self, name: str, value: Any) -> None:
-        if name not in ("showing", "idle"):
+        if name not in ("showing", "idle", "failed"):
             self._sign_of_life = time.monotonic()
         match name:
             case "showing":
                 self._show(value)
             case "idle":
                 self._busy = False
+            case "failed":
+                self._controls.warn(_NOT_STORED)
             case "verdict":
                 self._verdict(value)
             case "hotkey_verdict":
@@ -163,9 +173,9 @@ class Page:
             if self._showing is not None and self._showing.question is not None:
                 self._modal = bad_clip_dialog(self.client, self.post)
         elif name == "undo":
-            self._at_desk(Desk.undo)
+            self._store(Desk.undo)
         elif name == "keep":
-            self._at_desk(Desk.keep)
+            self._store(Desk.keep)
         else:
             self._change_view(name)
 
@@ -212,37 +222,58 @@ class Page:
             response_ms=round(1000 * (time.monotonic() - self._shown_at)),
             client={"replays": clock.replays, "speed": clock.speed},
         )
-        self._at_desk(lambda desk: desk.answer(judgement))
+        self._store(lambda desk: desk.answer(judgement))
 
     def _reopen(self, index: int) -> None:
         history = () if self._showing is None else self._showing.history
         if index < len(history) and self._modal is None:
             answer_id = history[index].answer.answer_id
-            self._at_desk(lambda desk: desk.reopen(answer_id))
+            self._store(lambda desk: desk.reopen(answer_id))
 
     def _refresh(self, elapsed_s: float) -> None:
         self._refresh_in_s -= elapsed_s
-        if self._refresh_in_s <= 0 and self._showing is not None and not self._busy:
+        if self._refresh_in_s <= 0 and not self._busy:
             self._refresh_in_s = REFRESH_S
             shown = self._showing
             active = time.monotonic() - self._sign_of_life < ACTIVE_S
-            self._at_desk(lambda desk: desk.changed(shown, active=active))
+            self._look(
+                lambda desk: (
+                    desk.look() if shown is None else desk.changed(shown, active=active)
+                )
+            )
 
-    def _at_desk(self, task: Task) -> None:
-        """Have a worker do `task`, then show what came of it, then load ahead."""
+    def _look(self, look: Look) -> None:
+        """Have the worker look at the desk, and show what is new on it."""
         self._busy = True
+        self._shared.worker.submit(lambda: self._seen(look))
 
-        def work() -> None:
-            try:
-                showing = task(self._desk)
-                if showing is not None:
-                    self.post("showing", showing)
-                    pairs = self._desk.upcoming()
-                    self._shared.submit_late(lambda: self._desk.load(pairs))
-            finally:
-                self.post("idle")
+    def _store(self, act: Act) -> None:
+        """Have the worker store something, then show what came of it."""
+        self._busy = True
+        self._shared.worker.store(
+            lambda: act(self._desk),
+            lambda outcome: self._seen(lambda desk: desk.after(outcome)),
+            lambda error: self._failed(),
+        )
 
-        self._shared.submit(work)
+    def _seen(self, look: Look) -> None:
+        """Post what is on the desk, and have what comes next loaded."""
+        try:
+            showing = look(self._desk)
+            if showing is not None:
+                self.post("showing", showing)
+                # Behind what others wait for.
+                self._shared.worker.submit(self._load_ahead)
+        finally:
+            self.post("idle")
+
+    def _load_ahead(self) -> None:
+        pairs = self._desk.upcoming()
+        self._shared.submit_late(lambda: self._desk.load(pairs))
+
+    def _failed(self) -> None:
+        self.post("failed")
+        self.post("idle")
 
     def _show(self, showing: Showing) -> None:
         before = None if self._showing is None else self._showing.question_id

@@ -123,6 +123,9 @@ class Relay:
             async with await self._reach(protocol, rater) as viser:
                 await browser.prepare(request)
                 await _pump(browser, viser)
+        except ConnectionResetError:
+            # It left while viser was being reached; its next try is a visit of its own.
+            return browser
         except (aiohttp.ClientError, TimeoutError) as error:
             if not browser.prepared:
                 logger.warning("no page for %s: %s", rater, str(error) or repr(error))
@@ -149,6 +152,9 @@ class Relay:
                 except aiohttp.ClientError as error:
                     logger.info("viser is tried again for %s: %s", rater, error)
                     await asyncio.sleep(_REACH_AGAIN_S)
+                    if self._client.closed:
+                        # Meanwhile the server has stopped.
+                        raise
 
     async def _watched(self, rater_of: Callable[[web.Request], str | None]) -> None:
         while True:

@@ -12,12 +12,10 @@ import numpy as np
 import viser
 from viser import BatchedGlbHandle, SceneApi
 
-# The one private name: its message moves and turns a mesh in one, the setters need two.
-from viser._messages import SceneNodeUpdateMessage
-
 from .floor import DARK, LIGHT, Floor, Rectangle
 from .geometry import Rgb, RobotGeometry
 from .glb import LEFT_RGB, RIGHT_RGB, tinted_glbs
+from .moves import Mover
 
 View = Literal["treadmill", "lanes"]
 """`treadmill`: side by side, seen from the side, each on its own floor. `lanes`: one
@@ -72,6 +70,7 @@ class RobotView:
         self.geometry = geometry
         files = tinted_glbs(geometry, COLOURS[side])
         self._handles: list[BatchedGlbHandle] = []
+        self._parts: list[tuple[Mover, slice]] = []
         for index, (file, mesh) in enumerate(zip(files, geometry.meshes, strict=True)):
             count = len(mesh.body_ids)
             handle = scene.add_batched_glb(
@@ -84,6 +83,8 @@ class RobotView:
                 visible=False,
             )
             self._handles.append(handle)
+            rows = geometry.instance_slices[index]
+            self._parts.append((Mover(scene, handle.name), rows))
 
     def show(self, visible: bool) -> None:
         """Draw it or not."""
@@ -92,15 +93,8 @@ class RobotView:
 
     def move(self, positions: np.ndarray, wxyzs: np.ndarray) -> None:
         """Put the instances at `positions` [I, 3], turned by `wxyzs` [I, 4]."""
-        parts = zip(self._handles, self.geometry.instance_slices, strict=True)
-        for handle, rows in parts:
-            update = {
-                "batched_positions": positions[rows],
-                "batched_wxyzs": wxyzs[rows],
-            }
-            handle._impl.api._queue_scene_message(
-                SceneNodeUpdateMessage(handle.name, update)
-            )
+        for mover, rows in self._parts:
+            mover.move(positions[rows], wxyzs[rows])
 
 
 class PairScene:
@@ -162,8 +156,9 @@ class PairScene:
             self._floors["treadmill"].scroll(np.array(paths[: len(self._plates)]))
         for side, pose in enumerate(poses):
             if pose is not None:
-                shift = np.array([*(np.array(centers[side]) - grounds[side]), 0.0])
-                self._draw_robot(side, pose, shift.astype(np.float32))
+                (x, y), (ground_x, ground_y) = centers[side], grounds[side].tolist()
+                shift = np.array([x - ground_x, y - ground_y, 0.0], dtype=np.float32)
+                self._draw_robot(side, pose, shift)
 
     def look(self, view: View) -> None:
         """Show this view from where it is best seen."""

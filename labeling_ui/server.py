@@ -91,10 +91,11 @@ class LabelServer:
             tokens=TokenStore(self._dataset.root),
             figures=lambda rater_id: rater_figures(self._store, rater_id),
             status=self._status,
+            together=self._store.together,
             shadows=cfg.shadows,
         )
         self._shared = Shared(
-            submit=self._site.submit,
+            worker=self._site.worker,
             submit_late=self._site.submit_late,
             wake=self._site.wake,
             guidelines=self._guidelines,

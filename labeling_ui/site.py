@@ -9,7 +9,7 @@ import threading
 import warnings
 from collections.abc import Callable, Coroutine
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import redirect_stdout
+from contextlib import AbstractContextManager, nullcontext, redirect_stdout
 from typing import Any, TypeVar
 
 import viser
@@ -23,6 +23,7 @@ from .status import StatusSource
 from .theme import set_theme
 from .ticker import Ticker, Ticking
 from .tokens import TokenStore
+from .worker import Work, Worker, logged
 
 logger = logging.getLogger(__name__)
 T = TypeVar("T")
@@ -41,11 +42,13 @@ class Site:
         tokens: TokenStore,
         figures: Callable[[str], RaterFigures],
         status: StatusSource,
+        together: Callable[[], AbstractContextManager[None]] = nullcontext,
         shadows: bool = True,
     ) -> None:
         """Start viser on loopback; nobody gets a page before `start`.
 
         Args:
+            together: What pages store in this context is on the disk when it ends.
             shadows: Draw them; without a graphics card they take most of the time.
         """
         # A visitor may leave between two writes; viser would warn about each.
@@ -63,7 +66,7 @@ class Site:
             figures=figures,
         )
         self._ticker = Ticker(status)
-        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="desk")
+        self.worker = Worker(together)
         # Loading ahead must not keep an answer waiting.
         self._loader = ThreadPoolExecutor(max_workers=1, thread_name_prefix="loader")
         self._loop = _LoopThread()
@@ -84,7 +87,7 @@ class Site:
         def connected(client: viser.ClientHandle) -> None:
             rater = proxied_rater(self._viser, client.client_id, self._secret)
             if rater is not None:
-                self.submit(lambda: self._open(client, rater, new_page))
+                self.worker.submit(lambda: self._open(client, rater, new_page))
 
         async def disconnected(client: viser.ClientHandle) -> None:
             self._ticker.remove(client.client_id)
@@ -104,13 +107,12 @@ class Site:
         self._loop.run(self._proxy.stop())
         self._shut()
 
-    def submit(self, work: Callable[[], None]) -> None:
-        """Have the worker do something; errors end up in the log."""
-        _submit(self._worker, work)
-
-    def submit_late(self, work: Callable[[], None]) -> None:
-        """Have the loader do something nobody waits for."""
-        _submit(self._loader, work)
+    def submit_late(self, work: Work) -> None:
+        """Have the loader do something nobody waits for; errors end up in the log."""
+        try:
+            self._loader.submit(logged, work)
+        except RuntimeError:
+            logger.debug("the server is stopping; a task is dropped")
 
     def wake(self) -> None:
         """Have the ticker handle what was posted."""
@@ -130,7 +132,7 @@ class Site:
     def _shut(self) -> None:
         self._ticker.stop()
         self._loader.shutdown(wait=True, cancel_futures=True)
-        self._worker.shutdown(wait=True, cancel_futures=True)
+        self.worker.stop()
         self._loop.stop()
         with redirect_stdout(io.StringIO()):
             self._viser.stop()
@@ -140,19 +142,6 @@ class Site:
         # It may have left while the page was made, before there was one to remove.
         if client.client_id not in self._viser.get_clients():
             self._ticker.remove(client.client_id)
-
-
-def _submit(pool: ThreadPoolExecutor, work: Callable[[], None]) -> None:
-    def logged() -> None:
-        try:
-            work()
-        except Exception:
-            logger.exception("a task of the page failed")
-
-    try:
-        pool.submit(logged)
-    except RuntimeError:
-        logger.debug("the server is stopping; a task is dropped")
 
 
 class _LoopThread:

@@ -39,8 +39,8 @@ opacity:.6;font-size:10px}
 background:currentColor;opacity:.85;pointer-events:none}
 .gp .speed{position:absolute;left:4px;top:108px;font-size:10px;opacity:.7}
 </style>"""
-FOOTFALLS_PX, CURVES_PX = 108, 66
-"""Heights of the drawings, which their playheads span."""
+FOOTFALLS_PX, CURVES_PX, TITLE_PX = 108, 48, 16
+"""Heights of the drawings, which their playheads span, and of a curve's title."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,10 @@ def curves(left: Motion, right: Motion, duration_s: float) -> str:
     )
     dts = (left.dt_s, right.dt_s)
     columns = "".join(_curve(curve, dts, duration_s) for curve in table)
-    return f'{_STYLE}<div class="gp"><div class="cols">{columns}</div></div>'
+    return (
+        f'{_STYLE}<div class="gp" style="padding-bottom:10px">'
+        f'<div class="cols">{columns}</div></div>'
+    )
 
 
 def playhead(playback: Playback) -> str:
@@ -108,7 +111,10 @@ def playhead(playback: Playback) -> str:
 
 def curve_playheads(playback: Playback) -> str:
     """A line through each of the curves, which are drawn right below."""
-    line = f'<div style="position:relative;flex:1">{_line(playback, CURVES_PX)}</div>'
+    line = (
+        f'<div style="position:relative;flex:1;top:{TITLE_PX}px">'
+        f"{_line(playback, CURVES_PX)}</div>"
+    )
     return (
         f'{_STYLE}<div class="gp" style="position:relative;height:0;z-index:1">'
         f'<div class="cols">{3 * line}</div></div>'

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -374,6 +374,58 @@ def test_a_transaction_is_all_or_nothing(store: AnswerStore) -> None:
         store.add_answer(make_answer("1", make_pair(0)))
         store.add_answer(make_answer("2", make_pair(1)))
     assert store.count() == 2
+
+
+def test_together_each_is_whole_by_itself(store: AnswerStore) -> None:
+    """One that fails takes none of the others along, before it or behind it."""
+    with store.together():
+        store.add_answer(make_answer("1", make_pair(0)))
+        with pytest.raises(AnswerError, match="no pair"):
+            store.add_answer(make_answer("2", make_pair(9)))
+        store.add_answer(make_answer("3", make_pair(1)))
+    assert [answer.answer_id for _, answer in store.current_answers()] == ["1", "3"]
+    with AnswerStore.open(store.address) as other:
+        assert other.count() == 2
+
+
+def test_together_ends_like_a_transaction_of_its_own(store: AnswerStore) -> None:
+    """Where the block fails, what it stored before is kept; inside another
+    transaction all of it belongs to that one."""
+
+    def fail(context: AbstractContextManager[None], answer_id: str) -> None:
+        with context, store.together():
+            store.add_answer(make_answer(answer_id, make_pair(int(answer_id))))
+            raise RuntimeError("the power is gone")
+
+    with pytest.raises(RuntimeError):
+        fail(nullcontext(), "0")
+    with pytest.raises(RuntimeError):
+        fail(store.transaction(), "1")
+    assert [answer.answer_id for _, answer in store.current_answers()] == ["0"]
+
+
+def test_together_waits_for_the_disk_at_its_end(postgres_answers: str) -> None:
+    """The server tells how much of its log is on the disk."""
+
+    def on_disk(lsn: str) -> bool:
+        query = "SELECT pg_current_wal_flush_lsn() >= CAST(:lsn AS pg_lsn)"
+        return store.query(query, {"lsn": lsn})[0][0]
+
+    with AnswerStore.open(postgres_answers) as store:
+        fill(store)
+        with store.together():
+            for number in range(2):
+                store.add_answer(make_answer(str(number), make_pair(number)))
+            query = "SELECT CAST(pg_current_wal_insert_lsn() AS TEXT)"
+            written = store.query(query)[0][0]
+        assert on_disk(written)
+
+
+def test_one_by_one_waits_for_the_disk_after_together(file_store: AnswerStore) -> None:
+    """The switch that lets commits wait is per connection, and set back."""
+    with file_store.together():
+        file_store.add_answer(make_answer("1", make_pair(0)))
+    assert file_store.query("PRAGMA synchronous") == [(2,)]
 
 
 STORED = Path(__file__).parent / "stored" / "answers"

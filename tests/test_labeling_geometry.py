@@ -140,6 +140,16 @@ def test_between_two_states_a_pose_is_between(dataset: Dataset) -> None:
     assert middle == pytest.approx(motion.positions[:2].mean(axis=0), abs=1e-6)
 
 
+def test_a_motion_keeps_nothing_else_of_its_episode(dataset: Dataset) -> None:
+    """Hundreds are kept ready, and an episode is many times as long."""
+    motion = load_motion(dataset, Clip(dataset.entries()[0].sha256, 0, 40))
+    arrays = [value for value in vars(motion).values() if isinstance(value, np.ndarray)]
+    assert len(arrays) == 7
+    for array in arrays:
+        owner = array if array.base is None else array.base
+        assert owner.nbytes <= 4 * array.nbytes
+
+
 def test_the_cache_forgets_what_was_used_longest_ago(dataset: Dataset) -> None:
     cache = MotionCache(dataset, max_clips=2)
     sha256 = dataset.entries()[0].sha256

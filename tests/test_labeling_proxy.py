@@ -10,6 +10,7 @@ from typing import Any
 
 import aiohttp
 import pytest
+from aiohttp import web
 
 from data.errors import GaitprefError
 from labeling_ui.figures import figures
@@ -18,7 +19,7 @@ from labeling_ui.visitors import Attempts, Visitors
 from labeling_ui.web_checks import address_block, host_name, is_loopback, same_origin
 from labeling_ui.web_pages import guidelines_page, login_page
 
-from .labeling_visitor import house
+from .labeling_visitor import PROTOCOL, house
 from .test_labeling_figures import row
 
 
@@ -160,6 +161,43 @@ def test_a_page_that_is_not_up_yet_is_said_so(tmp_path: Path) -> None:
             assert (await built.get("/"))[0] == 502
 
     asyncio.run(scenario())
+
+
+def test_who_leaves_while_viser_is_reached_leaves_no_trace(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A browser gives up and tries again, as often as the machine is slow."""
+
+    async def scenario() -> None:
+        reached, go = asyncio.Event(), asyncio.Event()
+
+        async def slow(request: web.Request) -> web.StreamResponse:
+            reached.set()
+            await go.wait()
+            viser = web.WebSocketResponse(protocols=[PROTOCOL])
+            await viser.prepare(request)
+            async for _ in viser:
+                pass
+            return viser
+
+        app = web.Application()
+        app.router.add_get("/", slow)
+        runner = web.AppRunner(app, shutdown_timeout=0.1)
+        await runner.setup()
+        await web.TCPSite(runner, "127.0.0.1", 0).start()
+        port = runner.addresses[0][1]
+        async with house(tmp_path, auth=False, upstream_port=port) as built:
+            knocking = asyncio.create_task(built.knock())
+            await reached.wait()
+            knocking.cancel()
+            await asyncio.sleep(0.2)
+            go.set()
+            await asyncio.sleep(0.2)
+            assert len(built.proxy._relay._visitors) == 0
+        await runner.cleanup()
+
+    asyncio.run(scenario())
+    assert not [record for record in caplog.records if record.exc_info]
 
 
 def test_guidelines_cannot_bring_scripts() -> None:
