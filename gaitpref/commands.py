@@ -99,6 +99,7 @@ def _train(command: options.Train) -> int:
             privileged_critic=command.randomize != "off",
         ),
         seed=command.seed,
+        checkpoints=command.checkpoints,
     )
     with training_bar("training", command.steps) as bar:
         result = train(

@@ -88,6 +88,8 @@ class Train:
     """Environment steps, counted over all environments."""
     envs: int = 256
     """Environments side by side."""
+    checkpoints: int = 4
+    """Policies kept on the way, evenly spaced."""
     init: Path | None = None
     """Policy file to start from."""
     keep_task: bool = False

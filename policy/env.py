@@ -14,9 +14,9 @@ from torch import Tensor
 
 from .config import EnvCfg, Range
 from .curriculum import Curriculum
-from .features import base_state, feature_row, observation
+from .features import BaseState, base_state, feature_row, observation
 from .getup import Lying
-from .reward import task_reward_for, weighted_terms
+from .reward import task_reward_for, weighted
 from .robot import Robot
 from .sim import BatchSim, Sim, SimState
 from .terrain import Starts, near_edge
@@ -60,6 +60,8 @@ class QuadrupedEnv(VecEnv):
         self.device = self.sim.device
         self._rng = torch.Generator(device=self.device).manual_seed(seed)
         self._home_joint_pos = self._constant(robot.home_joint_pos)
+        home_qpos = torch.tensor(robot.home_qpos, dtype=torch.float64)
+        self._home_qpos = home_qpos.to(self.device)
         self._joint_qpos = torch.tensor(robot.qpos_adr)
         self._joint_qvel = torch.tensor(robot.qvel_adr)
         self._joint_low, self._joint_high = self._constant(robot.joint_range).unbind(-1)
@@ -80,6 +82,7 @@ class QuadrupedEnv(VecEnv):
         self.action = zeros
         self._air_time = zeros[:, :4].clone()
         self._starting = torch.ones(num_envs, dtype=torch.bool, device=self.device)
+        self._no_reward = torch.zeros(num_envs, device=self.device)
         self._commands_fixed = False
         self._keep_final = keep_final
         self._reset(torch.arange(num_envs, device=self.device))
@@ -114,13 +117,14 @@ class QuadrupedEnv(VecEnv):
         return self.get_observations()
 
     def step(
-        self, actions: Tensor
+        self, actions: Tensor, *, score: bool = True
     ) -> tuple[TensorDict, Tensor, Tensor, dict[str, Any]]:
         """Apply `actions` [N, 12] for one control step.
 
         Returns observations after any reset, the task reward [N], `dones` [N] and
         extras: `features` [N, F] and `starts` [N] of this step, `time_outs`, `aborted`
-        (the simulation diverged; its row is all zeros) and `log`.
+        (the simulation diverged; its row is all zeros) and `log`. Without `score` the
+        reward is 0 and the log empty: for who scores whole rollouts.
         """
         previous, starts = self.action, self._starting
         self.action = actions.clamp(-self.cfg.action_limit, self.cfg.action_limit)
@@ -131,17 +135,19 @@ class QuadrupedEnv(VecEnv):
         self.episode_length_buf += 1
 
         state = self.sim.read()
-        features, fallen, finite = self._features(state, previous)
-        # A diverged simulation was reset behind our back: nothing of it is usable.
+        base = base_state(state)
+        features, fallen, finite = self._features(base, state, previous)
         aborted |= ~finite
-        features[aborted] = 0.0
-        fallen &= ~aborted
+        if aborted.any():
+            # A diverged simulation was reset behind our back: nothing is usable.
+            features[aborted] = 0.0
+            fallen &= ~aborted
         ends = self.episode_length_buf >= self.max_episode_length
         if self.robot.ground is not None:
             ends |= near_edge(self.robot.ground, state.base_pos_w)
         time_outs = ends & ~fallen
         dones = fallen | time_outs | aborted
-        rewards, log = self._reward(features)
+        rewards, log = self.score(features) if score else (self._no_reward, {})
         if self._curriculum is not None:
             self._curriculum.observe(features)
             log["command/share"] = torch.tensor(self._curriculum.share)
@@ -156,13 +162,13 @@ class QuadrupedEnv(VecEnv):
             "log": log,
         }
         if self._keep_final:
-            extras["final"] = (*self.sim.raw_state(), self._observe(state))
+            extras["final"] = (*self.sim.raw_state(), self._observe(state, base))
         self._resample_commands()
         if dones.any():
             self._reset(dones.nonzero().flatten())
-            state = self.sim.read()
+            state, base = self.sim.read(), None
         self._starting = dones
-        self._obs = self._observe(state)
+        self._obs = self._observe(state, base)
         return self.get_observations(), rewards, dones, extras
 
     def snapshot(self) -> dict[str, Tensor]:
@@ -194,14 +200,13 @@ class QuadrupedEnv(VecEnv):
         self._obs = self._observe(self.sim.read())
 
     def _features(
-        self, state: SimState, previous: Tensor
+        self, base: BaseState, state: SimState, previous: Tensor
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Feature rows [N, F], fallen [N] and finite [N] of the state reached."""
-        base = base_state(state)
         in_air = 1.0 - state.foot_contact
         self._air_time = (self._air_time + self.step_dt) * in_air
         fallen = (
-            (-base.gravity_b[:, 2] < self._fall_cosine)
+            (base.gravity_b[:, 2] > -self._fall_cosine)
             | (state.base_height < self._fall_height)
             | (state.base_contact > 0)
         )
@@ -218,22 +223,22 @@ class QuadrupedEnv(VecEnv):
             foot_air_time=self._air_time,
             fallen=fallen,
         )
-        return features, fallen, features.isfinite().all(dim=-1)
+        # One number that is not finite makes the sum of its row so.
+        return features, fallen, features.sum(dim=-1).isfinite()
 
-    def _reward(self, features: Tensor) -> tuple[Tensor, dict[str, Tensor]]:
-        terms = weighted_terms(features, self.task, control_dt_s=self.step_dt)
-        stacked = torch.stack(tuple(terms.values())) * self.step_dt
-        means = stacked.mean(dim=1) / self.step_dt
-        log = {f"task/{name}": means[i] for i, name in enumerate(terms)}
-        error = self._tracking_error(features)
-        return stacked.sum(dim=0), {**log, "track/planar_error_m_s": error.mean()}
+    def score(self, features: Tensor) -> tuple[Tensor, dict[str, Tensor]]:
+        """Task reward [...] of feature rows [..., F], and the mean of every term."""
+        terms = weighted(features, self.task, control_dt_s=self.step_dt) * self.step_dt
+        means = terms.flatten(1).mean(dim=1) / self.step_dt
+        log = {f"task/{k}": v for k, v in zip(self.task.weights, means, strict=True)}
+        missed = features[..., 10:12] - features[..., 0:2]
+        error = torch.linalg.vector_norm(missed, dim=-1).mean()
+        return terms.sum(dim=0), {**log, "track/planar_error_m_s": error}
 
-    def _tracking_error(self, features: Tensor) -> Tensor:
-        return torch.linalg.vector_norm(features[:, 10:12] - features[:, 0:2], dim=-1)
-
-    def _observe(self, state: SimState) -> Tensor:
+    def _observe(self, state: SimState, base: BaseState | None = None) -> Tensor:
+        """Observations [N, 48]; `base` where it is known already."""
         return observation(
-            base_state(state),
+            base or base_state(state),
             state,
             home_joint_pos=self._home_joint_pos,
             action=self.action,
@@ -253,7 +258,7 @@ class QuadrupedEnv(VecEnv):
         ranges = (cfg.forward_m_s, cfg.left_m_s, cfg.yaw_rad_s)
         if self._curriculum is not None:
             ranges = tuple(map(self._curriculum.range, ranges))
-        return torch.stack([self._uniform(count, 1, r)[:, 0] for r in ranges], dim=-1)
+        return torch.cat(self._uniforms(count, *((1, r) for r in ranges)), dim=-1)
 
     def _reset(self, ids: Tensor) -> None:
         """Start new episodes in the environments `ids` [K]."""
@@ -268,33 +273,55 @@ class QuadrupedEnv(VecEnv):
     def _start_states(self, count: int) -> tuple[Tensor, Tensor]:
         """States [K, nq] and [K, nv] that episodes begin in."""
         cfg = self.cfg.reset
-        home = torch.from_numpy(self.robot.home_qpos.copy())
-        qpos = home.to(self.device, torch.float64).repeat(count, 1)
         qvel = torch.zeros(count, self.robot.mj_model.nv, dtype=torch.float64)
         if self._lying is not None:
             return self._lying.draw(count, self._rng), qvel
-        noise = self._noise(count, 12, cfg.joint_pos_rad)
-        joints = (self._home_joint_pos + noise).clamp(self._joint_low, self._joint_high)
+        offsets, lift, half_tilts, lin_vel, ang_vel, joint_vel = self._uniforms(
+            count,
+            (12, _around_zero(cfg.joint_pos_rad)),
+            (1, (0.0, cfg.height_m)),
+            (2, _around_zero(cfg.tilt_rad)),
+            (3, _around_zero(cfg.base_lin_vel_m_s)),
+            (3, _around_zero(cfg.base_ang_vel_rad_s)),
+            (12, _around_zero(cfg.joint_vel_rad_s)),
+        )
+        half_tilts = half_tilts / 2
+        joints = (self._home_joint_pos + offsets).clamp(
+            self._joint_low, self._joint_high
+        )
+        qpos = self._home_qpos.repeat(count, 1)
         qpos[:, self._joint_qpos] = joints.double()
-        qpos[:, 2] += self._uniform(count, 1, (0.0, cfg.height_m))[:, 0]
-        half_angles = self._noise(count, 2, cfg.tilt_rad) / 2
-        qpos[:, 3] = (1 - half_angles.square().sum(-1)).sqrt()
-        qpos[:, 4:6] = half_angles
+        qpos[:, 2:3] += lift
+        qpos[:, 3] = (1 - half_tilts.square().sum(-1)).sqrt()
+        qpos[:, 4:6] = half_tilts
         qpos[:, 6] = 0.0
         if self._starts is not None:
             self._starts.place(qpos, lambda rows, width: self._noise(rows, width, 1.0))
-        qvel[:, 0:3] = self._noise(count, 3, cfg.base_lin_vel_m_s)
-        qvel[:, 3:6] = self._noise(count, 3, cfg.base_ang_vel_rad_s)
-        qvel[:, self._joint_qvel] = self._noise(count, 12, cfg.joint_vel_rad_s).double()
+        qvel[:, 0:3] = lin_vel
+        qvel[:, 3:6] = ang_vel
+        qvel[:, self._joint_qvel] = joint_vel.double()
         return qpos, qvel
 
     def _noise(self, rows: int, width: int, amplitude: float) -> Tensor:
-        return self._uniform(rows, width, (-amplitude, amplitude))
+        return self._uniform(rows, width, _around_zero(amplitude))
 
     def _uniform(self, rows: int, width: int, interval: Range) -> Tensor:
-        low, high = interval
-        unit = torch.rand(rows, width, generator=self._rng, device=self.device)
-        return low + (high - low) * unit
+        return self._uniforms(rows, (width, interval))[0]
+
+    def _uniforms(self, rows: int, *parts: tuple[int, Range]) -> list[Tensor]:
+        """Uniform draws [rows, width] for each (width, interval), made at once."""
+        sizes = [rows * width for width, _ in parts]
+        units = torch.rand(sum(sizes), generator=self._rng, device=self.device)
+        return [
+            low + (high - low) * unit.view(rows, width)
+            for unit, (width, (low, high)) in zip(
+                units.split(sizes), parts, strict=True
+            )
+        ]
 
     def _constant(self, values: Any) -> Tensor:
         return torch.tensor(values, dtype=torch.float32, device=self.device)
+
+
+def _around_zero(amplitude: float) -> Range:
+    return -amplitude, amplitude

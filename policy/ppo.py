@@ -12,7 +12,8 @@ from typing import Any
 import torch
 from rsl_rl.runners import OnPolicyRunner
 from tensordict import TensorDict
-from torch import Tensor
+
+from data.features import column
 
 from .env import QuadrupedEnv
 from .exploration import ExplorationBonusCfg, make_bonus
@@ -161,21 +162,17 @@ class Runner(OnPolicyRunner):
                 return
 
     def _collect(self, obs: TensorDict) -> tuple[TensorDict, dict[str, float]]:
-        sums: dict[str, Tensor] = {}
-        falls = torch.zeros((), device=self.env.device)
-        aborts = torch.zeros((), device=self.env.device)
         for _ in range(self.ppo.steps_per_env):
             actions = self.alg.act(obs)
-            obs, rewards, dones, extras = self.env.step(actions)
+            obs, rewards, dones, extras = self.env.step(actions, score=False)
             self.alg.process_env_step(obs, rewards, dones, extras)
-            for name, value in extras["log"].items():
-                sums[name] = sums.get(name, 0.0) + value
-            falls += extras["fallen"].sum()
-            aborts += extras["aborted"].sum()
-        scalars = {name: float(v) / self.ppo.steps_per_env for name, v in sums.items()}
+        rewards, log = self.env.score(self.alg.features)
+        self.alg.storage.rewards.copy_(rewards[..., None])
+        scalars = {name: float(value) for name, value in log.items()}
         minutes = self.ppo.steps_per_iteration * self.env.step_dt / 60.0
-        scalars["episode/falls_per_minute"] = float(falls) / minutes
-        scalars["episode/aborted"] = float(aborts)
+        falls = float(self.alg.features[..., column("fallen")].sum())
+        scalars["episode/falls_per_minute"] = falls / minutes
+        scalars["episode/aborted"] = float((1.0 - self.alg.valid).sum())
         return obs, scalars
 
     def _stats(

@@ -19,6 +19,7 @@ from torch import Tensor
 
 from .config import EnvCfg, NoiseCfg, RandomiseCfg
 from .env import QuadrupedEnv
+from .features import BaseState
 from .robot import Robot
 from .robots.anatomy import bodies_below
 from .sim import BatchSim, SimState
@@ -59,7 +60,7 @@ class VariedSim(BatchSim):
     def __init__(self, robot: Robot, num_envs: int, *, threads: int = 0) -> None:
         """See `BatchSim`."""
         super().__init__(robot, num_envs, threads=threads)
-        mj_model, batch = robot.mj_model, self._batch
+        mj_model, batch = self._mj_model, self._batch
         self._bodies = bodies_below(mj_model, robot.base_body_id)
         names = ("geom_friction", "body_mass", "body_inertia", "body_ipos")
         names += ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange")
@@ -153,7 +154,7 @@ class RandomisedEnv(QuadrupedEnv):
         return TensorDict(groups, batch_size=[self.num_envs])
 
     def step(
-        self, actions: Tensor
+        self, actions: Tensor, *, score: bool = True
     ) -> tuple[TensorDict, Tensor, Tensor, dict[str, Any]]:
         """See `QuadrupedEnv.step`."""
         cfg = self._cfg
@@ -163,7 +164,7 @@ class RandomisedEnv(QuadrupedEnv):
             ids = due.nonzero().flatten()
             if len(ids):
                 self.sim.push(ids, self._noise(len(ids), 2, cfg.push_m_s))
-        return super().step(actions)
+        return super().step(actions, score=score)
 
     def snapshot(self) -> dict[str, Tensor]:
         """See `QuadrupedEnv.snapshot`."""
@@ -200,8 +201,8 @@ class RandomisedEnv(QuadrupedEnv):
             encoder_bias_rad=self._noise(count, 12, cfg.encoder_bias_rad),
         )
 
-    def _observe(self, state: SimState) -> Tensor:
-        true = super()._observe(state)
+    def _observe(self, state: SimState, base: BaseState | None = None) -> Tensor:
+        true = super()._observe(state, base)
         draw = self.sim.draw
         self._privileged = torch.cat(
             (

@@ -155,13 +155,12 @@ def task_terms(
     """
     if cfg.height_m is None:
         raise ValueError("height_m is not set: `task_reward_for` sets it for a robot")
-    command = features[..., column("command")]
     velocity = features[..., column("base_lin_vel_b")]
     rates = features[..., column("base_ang_vel_b")]
-    contact = features[..., column("foot_contact")]
-    speed = features[..., column("foot_speed")]
-    lift = features[..., column("foot_height")] - cfg.clearance_m
-    air = features[..., column("foot_air_time")]
+    command = features[..., column("command")]
+    pose, _, torque, _, action_rate = _squares(features).unbind(-1)
+    feet = features[..., column("foot_contact").start : column("foot_air_time").stop]
+    contact, height, speed, air = feet.unflatten(-1, (4, 4)).unbind(-2)
     lift_off = (air > 0) & (air < 1.5 * control_dt_s)
     supported = contact.sum(dim=-1, keepdim=True) >= 2
     swinging = (air > 0) & (air < 0.5) & supported
@@ -179,11 +178,11 @@ def task_terms(
         "height": (
             features[..., column("base_height")][..., 0] - cfg.height_m
         ).square(),
-        "torque": _square(features[..., column("joint_torque")]),
-        "action_rate": _square(features[..., column("action_rate")]),
-        "pose": _square(features[..., column("joint_pos_offset")]),
+        "torque": torque,
+        "action_rate": action_rate,
+        "pose": pose,
         "slip": (contact * speed.square()).sum(dim=-1),
-        "clearance": (lift.square() * speed).sum(dim=-1),
+        "clearance": ((height - cfg.clearance_m).square() * speed).sum(dim=-1),
         "swing": (
             swinging.float() * control_dt_s - lift_off.float() * cfg.swing_min_s
         ).sum(dim=-1),
@@ -210,18 +209,33 @@ def getup_terms(features: Tensor, *, height_m: float) -> dict[str, Tensor]:
     }
 
 
+def _squares(features: Tensor) -> Tensor:
+    """Sums of squares [..., 5] over the joints: offsets from the home pose,
+    velocities, torques, actions and their rates, neighbours in the row."""
+    joints = slice(column("joint_pos_offset").start, column("action_rate").stop)
+    return _square(features[..., joints].unflatten(-1, (5, 12)))
+
+
+def weighted(features: Tensor, cfg: TaskRewardCfg, *, control_dt_s: float) -> Tensor:
+    """The terms of `task_terms` times their weights, [K, ...] in the order of
+    `cfg.weights`; their sum is the task score."""
+    terms = task_terms(features, cfg, control_dt_s=control_dt_s)
+    stacked = torch.stack([terms[name] for name in cfg.weights])
+    weights = stacked.new_tensor(tuple(cfg.weights.values()))
+    return stacked * weights.view(-1, *[1] * (stacked.ndim - 1))
+
+
 def weighted_terms(
     features: Tensor, cfg: TaskRewardCfg, *, control_dt_s: float
 ) -> dict[str, Tensor]:
     """The terms of `task_terms` times their weights; their sum is the task score."""
-    terms = task_terms(features, cfg, control_dt_s=control_dt_s)
-    return {name: weight * terms[name] for name, weight in cfg.weights.items()}
+    terms = weighted(features, cfg, control_dt_s=control_dt_s)
+    return dict(zip(cfg.weights, terms, strict=True))
 
 
 def task_score(features: Tensor, cfg: TaskRewardCfg, *, control_dt_s: float) -> Tensor:
     """Task reward per second of `features [..., F]`, [...]."""
-    terms = weighted_terms(features, cfg, control_dt_s=control_dt_s)
-    return torch.stack(tuple(terms.values())).sum(dim=0)
+    return weighted(features, cfg, control_dt_s=control_dt_s).sum(dim=0)
 
 
 @dataclass(frozen=True, kw_only=True)

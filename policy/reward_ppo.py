@@ -15,6 +15,7 @@ from torch import Tensor
 
 from data.features import FEATURE_DIM
 
+from .clipped_update import clipped_update
 from .exploration import ExplorationBonus
 from .kl_penalty import KlPenalty
 
@@ -56,6 +57,10 @@ class RewardPpo(PPO):
     reference_kl_weight: float = 0.0
     bonus: ExplorationBonus | None = None
     penalty: KlPenalty | None = None
+    features: Tensor
+    """Feature rows [T, N, F] of the rollout."""
+    valid: Tensor
+    """[T, N] 0 where a simulation diverged, else 1."""
     _before: tuple[Tensor, Tensor] | None = None
     """Features [H, N, F] and starts [H, N] of the last steps before the rollout."""
 
@@ -66,14 +71,14 @@ class RewardPpo(PPO):
         step = self.storage.step
         if step == 0:
             shape = (self.storage.num_transitions_per_env, self.storage.num_envs)
-            self._features = torch.zeros(*shape, FEATURE_DIM, device=self.device)
+            self.features = torch.zeros(*shape, FEATURE_DIM, device=self.device)
             self._starts = torch.zeros(shape, dtype=torch.bool, device=self.device)
             self._time_outs = torch.zeros(shape, device=self.device)
-            self._valid = torch.ones(shape, device=self.device)
-        self._features[step] = extras["features"]
+            self.valid = torch.ones(shape, device=self.device)
+        self.features[step] = extras["features"]
         self._starts[step] = extras["starts"]
         self._time_outs[step] = extras["time_outs"].float()
-        self._valid[step] = 1.0 - extras["aborted"].float()
+        self.valid[step] = 1.0 - extras["aborted"].float()
         # The parent would bootstrap time-outs now; `compute_returns` does it instead,
         # when the reward is known.
         untimed = {key: value for key, value in extras.items() if key != "time_outs"}
@@ -86,14 +91,14 @@ class RewardPpo(PPO):
             rewards = self._scored(self.reward_fn)
             if rewards.shape != self._time_outs.shape:
                 raise ValueError(
-                    f"the reward of features {tuple(self._features.shape)} must be "
+                    f"the reward of features {tuple(self.features.shape)} must be "
                     f"{tuple(self._time_outs.shape)}, got {tuple(rewards.shape)}"
                 )
-        rewards = _require_finite(rewards) * self._valid
+        rewards = _require_finite(rewards) * self.valid
         self.mean_reward = float(rewards.mean())
         rewards = rewards - self._reference_penalty()
         if self.bonus is not None:
-            rewards = rewards + self.bonus(self._features) * self._valid
+            rewards = rewards + self.bonus(self.features) * self.valid
         values = self.storage.values[..., 0]
         bootstrap = self.gamma * values * self._time_outs
         self.storage.rewards.copy_((rewards + bootstrap)[..., None])
@@ -101,14 +106,14 @@ class RewardPpo(PPO):
 
     def _scored(self, reward_fn: RewardFn) -> Tensor:
         """Reward [T, N] of the rollout, seen behind what came before it."""
-        features, starts = self._features, self._starts
+        features, starts = self.features, self._starts
         history = getattr(reward_fn, "history_steps", 0)
         if history and self._before is not None:
             features = torch.cat([self._before[0], features])
             starts = torch.cat([self._before[1], starts])
         if history:
             self._before = features[-history:].clone(), starts[-history:].clone()
-        return reward_fn(features, starts)[len(features) - len(self._features) :]
+        return reward_fn(features, starts)[len(features) - len(self.features) :]
 
     def penalise(self, penalty: KlPenalty) -> None:
         """Add a KL penalty to the loss, where RSL-RL has its mirror loss."""
@@ -117,7 +122,7 @@ class RewardPpo(PPO):
     def update(self) -> dict[str, float]:
         """Update both networks, and after it the weight of a KL penalty."""
         if self.penalty is None:
-            return super().update()
+            return clipped_update(self)
         losses = super().update()
         losses["kl"] = self.penalty.adapt(self.num_mini_batches)
         losses["kl_beta"] = self.penalty.beta

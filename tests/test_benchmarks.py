@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from benchmarks import hour, robots, throughput
+from benchmarks import hour, robots, throughput, walk
 from benchmarks.preference_plan import HELD_BACK, plan
 from benchmarks.preference_table import BEGIN, END, publish_rows, together
 from benchmarks.wishes import carried_right_foot, nose_up_when_slow
@@ -167,3 +167,27 @@ def test_a_step_costs_a_small_multiple_of_its_physics() -> None:
     batch = throughput.measure_part("batch", 64, 0.5)
     env = throughput.measure_part("env", 64, 0.5)
     assert env["cpu_us"] < 4 * batch["cpu_us"]
+
+
+def test_the_time_to_a_walk(tmp_path: Path) -> None:
+    """A robot that has hardly learned does not walk, and a finished seed is kept."""
+    figures, work = tmp_path / "walk.json", tmp_path / "work"
+    command = [sys.executable, "-m", "benchmarks.walk", "--quick", "--work", str(work)]
+    subprocess.run([*command, "--json", str(figures)], check=True)
+    result = json.loads(figures.read_text())
+    assert result["walked"] == 0
+    assert result["wall_s_median"] is result["wall_s_worst"] is None
+    assert result["steps_0"] == 12_288
+    assert result["tracking_error_m_s_0"] > walk.MOST_ERROR_M_S
+    assert len(list((work / "seed-0" / "checkpoints").glob("*.pt"))) == 1
+    finished = (work / "seed-0" / "policy.pt").stat().st_mtime_ns
+    subprocess.run(command, check=True)
+    assert (work / "seed-0" / "policy.pt").stat().st_mtime_ns == finished
+
+
+def test_a_seed_that_never_walks_is_the_worst() -> None:
+    """The median stands as long as most seeds walk."""
+    seeds = [walk.Outcome(wall_s, 1, 0.1, 9.0) for wall_s in (90.0, None, 120.0)]
+    figures = walk.figures_of(seeds)
+    assert (figures["wall_s_median"], figures["wall_s_worst"]) == (120.0, None)
+    assert figures["walked"] == 2

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 import torch
@@ -15,6 +16,8 @@ from policy.env import QuadrupedEnv
 from policy.features import OBS_DIM
 from policy.reward import TaskRewardCfg, task_reward_for, task_score, weighted_terms
 from policy.robot import Robot, load_robot
+from policy.robots.bare import bare_model
+from policy.sim import BatchSim
 
 CFG = EnvCfg(commands=CommandCfg(resample_s=math.inf))
 
@@ -105,6 +108,60 @@ def test_a_robot_on_its_back_has_fallen(robot: Robot) -> None:
     assert obs["policy"][1, 8] < -0.9
     _, _, _, extras = env.step(torch.zeros(2, 12))
     assert extras["starts"].tolist() == [False, True]
+
+
+def test_visual_geoms_change_no_bit_of_the_motion(robot: Robot) -> None:
+    """What is simulated has few geoms and moves like the model as it is drawn."""
+    bare = bare_model(robot.mjcf, robot.mj_model)
+    assert bare.ngeom < 10 < robot.mj_model.ngeom
+    states = []
+    for mj_model in (bare, robot.mj_model):
+        mj_data, rng = mujoco.MjData(mj_model), np.random.default_rng(0)
+        mj_data.qpos[:] = robot.home_qpos
+        for _ in range(50):
+            mj_data.ctrl[:] = robot.home_joint_pos + 0.3 * rng.standard_normal(12)
+            mujoco.mj_step(mj_model, mj_data, nstep=4)
+        states.append(np.concatenate([mj_data.qpos, mj_data.qvel, mj_data.sensordata]))
+    assert (states[0] == states[1]).all()
+
+
+def test_a_reset_leaves_nothing_of_what_was_before(robot: Robot) -> None:
+    """A simulation that was reset is a new one, to the last number of its state."""
+    used, new = BatchSim(robot, 2), BatchSim(robot, 2)
+    used.set_targets(torch.full((2, 12), 0.5))
+    used.advance(100)
+    qpos = torch.from_numpy(robot.home_qpos.copy())[None]
+    qvel = torch.full((1, robot.mj_model.nv), 0.1, dtype=torch.float64)
+    for sim in (used, new):
+        sim.reset(torch.tensor([1]), qpos, qvel)
+        sim.advance(4)
+    assert used.snapshot()[1].equal(new.snapshot()[1])
+    assert not used.snapshot()[0].equal(new.snapshot()[0])
+
+
+def test_a_simulation_that_diverges_again_is_noticed_again(robot: Robot) -> None:
+    """The count of MuJoCo's warnings starts anew with an episode."""
+    env = _env(robot, 2)
+    for _ in range(2):
+        env.sim._batch.bind("qpos")[1, 2] = np.nan  # type: ignore[attr-defined]
+        _, _, _, extras = env.step(torch.zeros(2, 12))
+        assert extras["aborted"].tolist() == [False, True]
+
+
+def test_a_rollout_is_scored_as_its_steps_were(robot: Robot) -> None:
+    """Who goes without the reward of steps gets the same from the rows of all."""
+    env, rng = _env(robot, 4), torch.Generator().manual_seed(0)
+    rows, rewards = [], []
+    for _ in range(30):
+        _, reward, _, extras = env.step(torch.randn(4, 12, generator=rng))
+        rows.append(extras["features"])
+        rewards.append(reward)
+    at_once, log = env.score(torch.stack(rows))
+    assert at_once.allclose(torch.stack(rewards))
+    assert log["task/torque"] < 0
+    _, nothing, _, extras = env.step(torch.zeros(4, 12), score=False)
+    assert nothing.eq(0).all()
+    assert extras["log"] == {}
 
 
 def test_a_time_out_is_no_fall(robot: Robot) -> None:

@@ -1,0 +1,99 @@
+"""RSL-RL's clipped update with actor and critic in a thread each.
+
+Its loss is a sum of what concerns the actor alone and what concerns the critic alone,
+and the networks share no weight. Taken apart, each gets the same gradients to the last
+bit, whatever the number of cores; with two of them an update takes half as long.
+
+Shapes: B steps of a minibatch.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import torch
+from rsl_rl.algorithms import PPO
+from rsl_rl.storage import RolloutStorage
+from torch import Tensor, nn
+
+Batch = RolloutStorage.Batch
+
+_LEAST_RATE, _HIGHEST_RATE = 1e-5, 1e-2
+"""Bounds of the adapted learning rate, those of RSL-RL."""
+
+
+def clipped_update(alg: PPO) -> dict[str, float]:
+    """Run all epochs over the stored rollout; mean losses by name.
+
+    For feed-forward networks without RSL-RL's extensions; others need its own update.
+    """
+    # Every epoch takes the same minibatches, so they are gathered once.
+    batches = list(alg.storage.mini_batch_generator(alg.num_mini_batches, 1))
+    sums = torch.zeros(3, dtype=torch.float64)
+    threads = torch.get_num_threads()
+    with ThreadPoolExecutor(1, "critic", torch.set_num_threads, (threads,)) as pool:
+        for batch in batches * alg.num_learning_epochs:
+            alg.optimizer.zero_grad()
+            critic = pool.submit(_critic_gradients, alg, batch)
+            surrogate, entropy = _actor_gradients(alg, batch)
+            sums += torch.tensor([critic.result(), surrogate, entropy])
+            alg.optimizer.step()
+    obs = alg.storage.observations.flatten(0, 1)
+    alg.actor.update_normalization(obs)
+    alg.critic.update_normalization(obs)
+    alg.storage.clear()
+    means = (sums / (len(batches) * alg.num_learning_epochs)).tolist()
+    return dict(zip(("value", "surrogate", "entropy"), means, strict=True))
+
+
+def _actor_gradients(alg: PPO, batch: Batch) -> tuple[float, float]:
+    """Set the actor's gradients and the learning rate; surrogate loss and entropy."""
+    assert batch.actions is not None
+    assert batch.old_distribution_params is not None
+    alg.actor(batch.observations, stochastic_output=True)
+    log_prob = alg.actor.get_output_log_prob(batch.actions)
+    entropy = alg.actor.output_entropy.mean()
+    if alg.desired_kl is not None and alg.schedule == "adaptive":
+        with torch.inference_mode():
+            kl = alg.actor.get_kl_divergence(
+                batch.old_distribution_params, alg.actor.output_distribution_params
+            )
+            _adapt_rate(alg, float(kl.mean()), alg.desired_kl)
+    gain = -_flat(batch.advantages)
+    ratio = torch.exp(log_prob - _flat(batch.old_actions_log_prob))
+    clipped = ratio.clamp(1.0 - alg.clip_param, 1.0 + alg.clip_param)
+    surrogate = torch.max(gain * ratio, gain * clipped).mean()
+    (surrogate - alg.entropy_coef * entropy).backward()
+    nn.utils.clip_grad_norm_(alg.actor.parameters(), alg.max_grad_norm)
+    return float(surrogate.detach()), float(entropy.detach())
+
+
+def _critic_gradients(alg: PPO, batch: Batch) -> float:
+    """Set the critic's gradients; its loss."""
+    assert batch.values is not None
+    assert batch.returns is not None
+    values = alg.critic(batch.observations)
+    losses = (values - batch.returns).pow(2)
+    if alg.use_clipped_value_loss:
+        change = (values - batch.values).clamp(-alg.clip_param, alg.clip_param)
+        losses = torch.max(losses, (batch.values + change - batch.returns).pow(2))
+    loss = losses.mean()
+    (alg.value_loss_coef * loss).backward()
+    nn.utils.clip_grad_norm_(alg.critic.parameters(), alg.max_grad_norm)
+    return float(loss.detach())
+
+
+def _adapt_rate(alg: PPO, kl: float, desired: float) -> None:
+    """A smaller step where the last one moved the policy too far, and vice versa."""
+    if kl > 2.0 * desired:
+        alg.learning_rate = max(_LEAST_RATE, alg.learning_rate / 1.5)
+    elif 0.0 < kl < desired / 2.0:
+        alg.learning_rate = min(_HIGHEST_RATE, alg.learning_rate * 1.5)
+    for group in alg.optimizer.param_groups:
+        group["lr"] = alg.learning_rate
+
+
+def _flat(column: Tensor | None) -> Tensor:
+    """[B] of [B, 1]."""
+    assert column is not None
+    return column[:, 0]
