@@ -10,7 +10,7 @@ import yaml
 
 from data.errors import GaitprefError
 from data.files import write_atomically
-from data.plain import from_plain, to_plain
+from data.plain import ADDED_LATER, from_plain, to_plain
 from policy.config import EnvCfg
 from policy.ppo import PpoCfg
 from policy.record import RecordCfg
@@ -89,7 +89,7 @@ class LoopCfg:
     """How episodes are cut into clips."""
     batch_labels: int = 10
     """Questions chosen at a time; a reward is fitted to all answers before the next."""
-    stop_asking: bool = False
+    stop_asking: bool = field(default=False, metadata=ADDED_LATER)
     """Whether a round asks no further batch where more answers will not help now."""
     strategy: StrategyName = "disagreement"
     """How the other pairs of a round are chosen."""

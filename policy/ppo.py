@@ -162,12 +162,15 @@ class Runner(OnPolicyRunner):
                 return
 
     def _collect(self, obs: TensorDict) -> tuple[TensorDict, dict[str, float]]:
+        extras: dict[str, Any] = {}
         for _ in range(self.ppo.steps_per_env):
             actions = self.alg.act(obs)
             obs, rewards, dones, extras = self.env.step(actions, score=False)
             self.alg.process_env_step(obs, rewards, dones, extras)
         rewards, log = self.env.score(self.alg.features)
         self.alg.storage.rewards.copy_(rewards[..., None])
+        # What the environment itself tells, as of the last step.
+        log |= extras["log"]
         scalars = {name: float(value) for name, value in log.items()}
         minutes = self.ppo.steps_per_iteration * self.env.step_dt / 60.0
         falls = float(self.alg.features[..., column("fallen")].sum())

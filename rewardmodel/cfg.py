@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
+
+from data.plain import ADDED_LATER
 
 
 def _require_members(num_members: int) -> None:
@@ -168,9 +170,9 @@ class FitCfg:
     """Settings of the `gp` model."""
     mlp: MlpCfg = MlpCfg()
     """Settings of the `mlp` model."""
-    history: HistoryCfg = HistoryCfg()
+    history: HistoryCfg = field(default=HistoryCfg(), metadata=ADDED_LATER)
     """Settings of the `history` model."""
-    transformer: TransformerCfg = TransformerCfg()
+    transformer: TransformerCfg = field(default=TransformerCfg(), metadata=ADDED_LATER)
     """Settings of the `transformer` model."""
     reliability: ReliabilityCfg = ReliabilityCfg()
     """Where several raters answered."""

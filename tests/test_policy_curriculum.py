@@ -14,7 +14,9 @@ from policy.checkpoint import load_policy, read_plain
 from policy.config import CommandCfg, EnvCfg
 from policy.curriculum import Curriculum, CurriculumCfg
 from policy.env import QuadrupedEnv
+from policy.ppo import IterationStats, PpoCfg
 from policy.robot import Robot, load_robot
+from policy.train import TrainCfg, train
 
 CFG = CurriculumCfg(start=0.4, end=1.0, widen=0.2, good=0.8, window_s=0.1)
 
@@ -95,6 +97,22 @@ def test_a_resumed_training_goes_on_where_the_curriculum_was(tmp_path: Path) -> 
     assert (share, steps) == (CurriculumCfg().start, 96)
     assert 0 < total < 96
     assert load_policy(tmp_path / "twice/policy.pt").info.env.curriculum is not None
+
+
+def test_training_tells_how_far_the_commands_have_come(
+    robot: Robot, tmp_path: Path
+) -> None:
+    """Beside the terms of the reward, for TensorBoard."""
+    told: list[dict[str, float]] = []
+
+    def note(stats: IterationStats) -> None:
+        told.append(dict(stats.scalars))
+
+    ppo = PpoCfg(num_envs=8)
+    env = EnvCfg(curriculum=CurriculumCfg())
+    cfg = TrainCfg(steps=ppo.steps_per_iteration, env=env, ppo=ppo)
+    train(tmp_path / "policy", robot, cfg, on_iteration=note)
+    assert [row["command/share"] for row in told] == [pytest.approx(0.4)]
 
 
 @pytest.mark.parametrize(
