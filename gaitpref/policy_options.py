@@ -1,0 +1,123 @@
+"""Options of the commands about policies and robots."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import tyro
+
+
+@dataclass(frozen=True, kw_only=True)
+class Train:
+    """Train a policy with PPO; writes policy.pt, checkpoints and TensorBoard files."""
+
+    out: Path
+    """Directory of the training run."""
+    reward: str
+    """`task`, a criterion (built-in name or package.module:function), or the directory
+    of a learned reward. Others than `task` are added to the known safety terms."""
+    steps: int = 1_500_000
+    """Environment steps, counted over all environments."""
+    envs: int = 256
+    """Environments side by side."""
+    checkpoints: int = 4
+    """Policies kept on the way, evenly spaced."""
+    init: Path | None = None
+    """Policy file to start from."""
+    keep_task: bool = False
+    """Keep the hand-written walking reward beside the given one, so that a style does
+    not cost the walk."""
+    exploration: Literal["none", "rnd", "entropy"] = "none"
+    """Bonus for base motion that is new: the error of a network that learns to predict
+    a random one, or the distance to the nearest states seen so far."""
+    kl_penalty: Literal["none", "fixed", "adaptive"] = "none"
+    """Clip the policy ratio, or penalise the KL from the policy before the update with
+    a fixed or an adapted weight."""
+    randomize: Literal["off", "light", "full"] = "off"
+    """How much robots, sensors and pushes differ from episode to episode."""
+    terrain: Literal["flat", "slopes", "steps", "rough"] = "flat"
+    """What is walked on: a plane, gentle hills, terraces of low steps, or rubble."""
+    curriculum: bool = False
+    """Ask for slow walks first, and for more as commands are followed better, in the
+    end for half as much again."""
+    getup: bool = False
+    """Begin lying after a fall, and be paid for getting up; no fall ends an episode."""
+    resume: bool = False
+    """Go on from where an interrupted run in the same directory stopped."""
+    robot: Path | None = None
+    """MJCF of the robot; the Go1 that ships by default."""
+    seed: int = 0
+    """Where all chance comes from."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record:
+    """Roll a policy and its earlier checkpoints out; log the episodes to a data set."""
+
+    policy: Path
+    """Policy file."""
+    dataset: Path
+    """Data set directory; made if it is not there."""
+    episodes: int = 64
+    """Episodes in all."""
+    compression: Literal["none", "zstd"] = "none"
+    """zstd saves a fifth of the space and takes about eight times as long to write."""
+    seed: int = 0
+    """Start states and exploration noise."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluate:
+    """Roll a policy out over a fixed grid of commands and measure it."""
+
+    policy: Path
+    """Policy file."""
+    reward: str = "task"
+    """Criterion or learned reward the return is measured under."""
+    episodes: int = 64
+    """Episodes, spread evenly over the grid."""
+    terrain: Literal["flat", "slopes", "steps", "rough"] | None = None
+    """What is walked on; by default what the policy was trained on."""
+    json: bool = False
+    """Print one JSON object and nothing else."""
+    seed: int = 0
+    """Start states."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Play:
+    """Drive a policy from the browser, push it, compare it with another."""
+
+    policy: Path
+    """Policy file."""
+    against: Path | None = None
+    """Policy file shown beside it, on the same commands."""
+    port: int = 8080
+    """TCP port on this machine; 0 takes a free one."""
+    robot: Path | None = None
+    """MJCF of the robot; the one the policy was trained on by default."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Export:
+    """Write a policy as ONNX, TorchScript and JSON, for the robot's own computer."""
+
+    policy: Path
+    """Policy file."""
+    out: Path
+    """Directory that gets policy.onnx, policy.pt, policy.json and robot.xml."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Robot:
+    """Show what was found in a foreign MJCF, before anything is trained on it."""
+
+    action: tyro.conf.Positional[Literal["inspect"]]
+    """inspect prints legs, feet, home pose, limits, masses and servos, and draws it."""
+    xml: tyro.conf.Positional[Path]
+    """MJCF of the robot."""
+    out: Path | None = None
+    """Directory that gets NAME.png and the completed model NAME.xml; the working
+    directory gets the picture alone by default."""

@@ -1,0 +1,152 @@
+"""Options of the commands about questions, answers and rewards."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pairs:
+    """Choose pairs of clips to ask about."""
+
+    dataset: Path
+    """Data set directory."""
+    count: int
+    """Pairs to add."""
+    gold: int = 0
+    """Pairs with a known answer to add as well, to measure raters: of the two robots,
+    one falls. Fewer where not so many fell."""
+    strategy: (
+        Literal[
+            "uniform", "disagreement", "entropy", "bald", "kcenter", "medoids", "dpp"
+        ]
+        | None
+    ) = None
+    """At random; where the ensemble disagrees, where the answer is most open, or where
+    it would tell most about the reward (bald); the pairs farthest apart, those that
+    stand for most others, or a determinantal batch that is both unsure and various.
+    disagreement where --reward is given, else uniform."""
+    reward: Path | None = None
+    """Learned reward whose ensemble is asked; disagreement, entropy and bald need it,
+    kcenter and dpp take it into account."""
+    answers: str | None = None
+    """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
+    file by default."""
+    seed: int = 0
+    """Which of equally good pairs are taken."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """Let the simulated rater answer every open pair."""
+
+    dataset: Path
+    """Data set directory."""
+    criterion: str
+    """task, smooth, high_step, crouch, low_energy, trot, pace, get_up, a trot of
+    another frequency as trot@HZ, or your own as package.module:function."""
+    rater: Literal["perfect", "stochastic"] = "perfect"
+    """Takes the better clip, or is the less sure the closer the two are."""
+    beta: float | None = None
+    """How sure the stochastic rater is: P(a) = sigmoid(BETA * lead), the lead in units
+    of the median lead of the pairs asked so far. 1 by default: about 30 % of the
+    answers are wrong, most of them on close pairs; with 3 about 14 %."""
+    gamma: float = 1.0
+    """Myopia in (0, 1]: a step counts GAMMA times as much as the one after it."""
+    mistakes: float = 0.0
+    """Share of the answers that are turned round, however clear the pair."""
+    skip: float = 0.0
+    """"Can't tell" where both clips are among the worst SKIP (a share) of those asked
+    about."""
+    equal: float = 0.0
+    """"Equal" where the lead is below EQUAL times the median lead."""
+    answers: str | None = None
+    """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
+    file by default."""
+    seed: int = 0
+    """All chance of the answers, and which clip of a pair was shown left."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """Fit a reward model to the answers of one or more data sets."""
+
+    dataset: Annotated[list[Path], tyro.conf.UseAppendAction]
+    """Data set directory; give it again for more."""
+    out: Path
+    """Directory of the reward."""
+    model: Literal["auto", "linear", "gp", "mlp", "history", "transformer"] = "linear"
+    """Linear in the gait descriptors, a Gaussian process or a small network on them, a
+    network or a transformer on the last half second, for rhythms; or whichever of these
+    foresees held-out answers best."""
+    json: bool = False
+    """Print one JSON object and nothing else."""
+    answers: str | None = None
+    """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
+    file by default."""
+    seed: int = 0
+    """Bootstrap draws."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Relabel:
+    """Write the learned reward of every step of every episode to a Parquet file.
+
+    The data set stays as it is. A row names the episode and the step.
+    """
+
+    dataset: Path
+    """Data set directory."""
+    reward: Path
+    """Directory of the learned reward."""
+    out: Path
+    """Parquet file; needs the extra `parquet`."""
+    json: bool = False
+    """Print one JSON object and nothing else."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trust:
+    """Say how far a learned reward can be trusted, and raise an alarm where it cannot.
+
+    Accuracy and calibration on held-out answers, and how far a policy has left what
+    was judged."""
+
+    reward: Path
+    """Directory of the learned reward."""
+    dataset: Path
+    """Data set directory with answers."""
+    policy: Path | None = None
+    """Policy file to compare with the judged clips."""
+    picture: Path | None = None
+    """Write the reliability plot to this file, .svg or .png."""
+    json: bool = False
+    """Print one JSON object and nothing else; `alarm` is a reason, or null."""
+    seed: int = 0
+    """Bootstrap draws and start states."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Explain:
+    """Show which moments and which habits a learned reward likes.
+
+    Writes pictures of the best and the worst clips and the figures behind them."""
+
+    reward: Path
+    """Directory of the learned reward."""
+    dataset: Path
+    """Data set directory."""
+    out: Path
+    """Directory to write to; made if it is not there."""
+    clip: str | None = None
+    """One clip instead: EPISODE:START+STEPS, or the beginning of the hash of an
+    episode, which is then shown whole."""
+    count: int = 3
+    """Best and worst clips that are drawn."""
+    method: Literal["auto", "exact", "gradients", "occlusion"] = "auto"
+    """How the reward is shared among habits: exact where the model is linear, else
+    integrated gradients (needs the extra `explain`), or occlusion."""
