@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 from collections.abc import Sequence
 
@@ -14,6 +15,8 @@ from . import options
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
+EXIT_NOT_READ = 141
+"""As of a program that SIGPIPE ends."""
 
 
 def parse(args: Sequence[str] | None = None) -> options.Command:
@@ -31,7 +34,13 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run one command; the exit code is 0 only on success."""
     command = parse(args)
     try:
-        return run(command)
+        code = run(command)
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:
+        # Whoever read along has had enough; nothing more can be said to them.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_NOT_READ
     except GaitprefError as error:
         print(f"gaitpref: {' '.join(str(error).split())}", file=sys.stderr)
         if error.lines:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -282,3 +283,16 @@ def test_json_is_all_there_is_on_standard_output(policy: Path) -> None:
         check=True,
     )
     assert json.loads(done.stdout)["episodes"] == 2
+
+
+def test_a_reader_who_has_had_enough_is_no_error(tmp_path: Path) -> None:
+    """As with `gaitpref ... | head -0`: no traceback, and no success either."""
+    root = Dataset.create(tmp_path / "set").root
+    command = [sys.executable, "-m", "gaitpref.cli", "data", "info", "--dataset", root]
+    read, write = os.pipe()
+    os.close(read)
+    with os.fdopen(write, "wb") as gone:
+        done = subprocess.run(
+            [*command, "--json"], stdout=gone, stderr=subprocess.PIPE, text=True
+        )
+    assert (done.returncode, done.stderr) == (141, "")
