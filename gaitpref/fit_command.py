@@ -7,13 +7,15 @@ they are not installed.
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
+import numpy as np
 import torch
 
 from data.dataset import Dataset
 from data.manifest_file import writable
-from rewardmodel.cfg import FitCfg
+from rewardmodel.acquisition import unanswered_pairs
+from rewardmodel.cfg import FitCfg, SemiSupervisedCfg
 from rewardmodel.fit import fit_reward
 from rewardmodel.pairs import load_pairs
 from rewardmodel.storage import load_reward, save_reward
@@ -38,8 +40,13 @@ def run(command: options.Command) -> int:
 def _fit(command: options.Fit) -> None:
     answers = address(command.answers)
     datasets = [Dataset.open(path, answers=answers) for path in command.dataset]
-    cfg = FitCfg(kind=command.model)
-    model, report = fit_reward(load_pairs(datasets), cfg, seed=command.seed)
+    cfg, pairs, unanswered = FitCfg(kind=command.model), load_pairs(datasets), None
+    if command.semi_supervised:
+        semi = SemiSupervisedCfg()
+        cfg = replace(cfg, semi_supervised=semi)
+        rng = np.random.default_rng(command.seed)
+        unanswered = unanswered_pairs(datasets, pairs, semi, rng=rng)
+    model, report = fit_reward(pairs, cfg, seed=command.seed, unanswered=unanswered)
     save_reward(model, command.out)
     kind = model.provenance.cfg.kind
     if command.json:

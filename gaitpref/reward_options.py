@@ -83,6 +83,9 @@ class Fit:
     """Linear in the gait descriptors, a Gaussian process or a small network on them, a
     network or a transformer on the last half second, for rhythms; or whichever of these
     foresees held-out answers best."""
+    semi_supervised: bool = False
+    """Let what the reward is sure of in pairs nobody answered count a little too. Where
+    it was measured (docs/benchmarks.md) it did not pay."""
     json: bool = False
     """Print one JSON object and nothing else."""
     answers: str | None = None

@@ -148,6 +148,29 @@ LOOKING_BACK: tuple[Kind, ...] = ("history", "transformer")
 
 
 @dataclass(frozen=True, kw_only=True)
+class SemiSupervisedCfg:
+    """Pairs nobody answered, on which the reward's own opinion counts (SURF)."""
+
+    confidence: float = 0.95
+    """Probability from which on the ensemble's opinion counts as an answer."""
+    error_share: float = 0.8
+    """Share of such opinions taken for random: how much less than answers they say."""
+    pairs_per_answer: int = 4
+    """Pairs nobody answered that are looked at for every answer."""
+
+    def __post_init__(self) -> None:
+        if not 0.5 < self.confidence < 1.0 or not 0.0 <= self.error_share < 1.0:
+            raise ValueError(
+                "confidence must lie in (0.5, 1) and error_share in [0, 1), got "
+                f"{self.confidence} and {self.error_share}"
+            )
+        if self.pairs_per_answer < 1:
+            raise ValueError(
+                f"pairs_per_answer must be at least 1, got {self.pairs_per_answer}"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
 class FitCfg:
     """How a reward model is fitted to the answers collected so far."""
 
@@ -176,6 +199,10 @@ class FitCfg:
     """Settings of the `transformer` model."""
     reliability: ReliabilityCfg = ReliabilityCfg()
     """Where several raters answered."""
+    semi_supervised: SemiSupervisedCfg | None = field(
+        default=None, metadata=ADDED_LATER
+    )
+    """How much the reward's own opinion counts; None, not at all."""
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.error_share < 1.0:

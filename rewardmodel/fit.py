@@ -29,6 +29,7 @@ from .reliability import with_reliability
 from .report import FitReport as FitReport
 from .report import wilson_interval
 from .selection import MIN_HELD_OUT, choose_kind
+from .semi_supervised import Unanswered, with_opinions
 from .training import TrainingPairs, training_pairs
 from .transformer import fit_transformer
 
@@ -42,7 +43,12 @@ def fold_of(sha256: str, folds: int = 5) -> int:
 
 
 def fit_reward(
-    pairs: AnsweredPairs, cfg: FitCfg, *, seed: int, measured: bool = True
+    pairs: AnsweredPairs,
+    cfg: FitCfg,
+    *,
+    seed: int,
+    measured: bool = True,
+    unanswered: AnsweredPairs | None = None,
 ) -> tuple[RewardModel, FitReport]:
     """Fit a reward to all answers, and once more without each fold to measure it.
 
@@ -57,6 +63,8 @@ def fit_reward(
         measured: Off, no fold is fitted: the same reward in a fraction of the time,
             for those who only ask where it is in doubt. It is then not calibrated,
             and `auto` takes the stiffest model.
+        unanswered: Pairs nobody answered, for `cfg.semi_supervised`. Those with a clip
+            in a fold are kept from the models the fold measures.
     """
     started_s = time.perf_counter()
     described, raters = with_reliability(
@@ -64,12 +72,15 @@ def fit_reward(
     )
     cfg, considered = _chosen(described, pairs.episodes, cfg, seed, measured)
     described = described.seen_by(cfg)
-    normaliser, scorer = _fit(described, cfg, seed)
+    others = _described(unanswered, cfg)
+    normaliser, scorer = _fit(described, cfg, seed, others)
     standardised = described.transformed(normaliser)
     held_out = torch.zeros(len(pairs), dtype=torch.bool)
     held_out_lead = torch.zeros(0)
     if measured:
-        held_out, held_out_lead = held_out_leads(described, pairs.episodes, cfg, seed)
+        held_out, held_out_lead = held_out_leads(
+            described, pairs.episodes, cfg, seed, others
+        )
     report = _report(
         pairs,
         described,
@@ -97,7 +108,28 @@ def fit_reward(
     return model, report
 
 
-def _fit(pairs: TrainingPairs, cfg: FitCfg, seed: int) -> tuple[Normaliser, Scorer]:
+def _described(pairs: AnsweredPairs | None, cfg: FitCfg) -> Unanswered | None:
+    if pairs is None or cfg.semi_supervised is None:
+        return None
+    folds = [[fold_of(sha256, cfg.folds) for sha256 in pair] for pair in pairs.episodes]
+    return Unanswered(training_pairs(pairs, cfg).seen_by(cfg), torch.tensor(folds))
+
+
+def _fit(
+    pairs: TrainingPairs, cfg: FitCfg, seed: int, others: Unanswered | None = None
+) -> tuple[Normaliser, Scorer]:
+    """Normaliser and ensemble for described `pairs`; with `others`, once more with what
+    the first is sure of in them."""
+    normaliser, scorer = _fit_once(pairs, cfg, seed)
+    if others is None or len(others.pairs) == 0:
+        return normaliser, scorer
+    leads = others.pairs.transformed(normaliser).leads(scorer)
+    return _fit_once(with_opinions(pairs, others.pairs, leads, cfg), cfg, seed)
+
+
+def _fit_once(
+    pairs: TrainingPairs, cfg: FitCfg, seed: int
+) -> tuple[Normaliser, Scorer]:
     """Normaliser and ensemble for described `pairs`, from their own steps alone."""
     generator = torch.Generator().manual_seed(seed)
     normaliser = Normaliser(pairs.steps.shape[-1]).fit(pairs.scored_steps)
@@ -148,6 +180,7 @@ def held_out_leads(
     episodes: tuple[tuple[str, str], ...],
     cfg: FitCfg,
     seed: int,
+    others: Unanswered | None = None,
 ) -> tuple[Tensor, Tensor]:
     """Leads of described pairs by models that have seen neither of their two episodes.
 
@@ -167,18 +200,24 @@ def held_out_leads(
         tested = (folds == fold).all(dim=1)
         fitted = (folds != fold).all(dim=1)
         if tested.any() and fitted.any():
-            leads[tested] = leads_without(pairs, fitted, tested, cfg, seed)
+            kept = others.without(fold) if others else None
+            leads[tested] = leads_without(pairs, fitted, tested, cfg, seed, kept)
             asked |= tested
     return asked, leads[asked]
 
 
 def leads_without(
-    pairs: TrainingPairs, fitted: Tensor, tested: Tensor, cfg: FitCfg, seed: int
+    pairs: TrainingPairs,
+    fitted: Tensor,
+    tested: Tensor,
+    cfg: FitCfg,
+    seed: int,
+    others: Unanswered | None = None,
 ) -> Tensor:
     """Mean leads of the pairs in `tested` [B] by a model fitted to those in `fitted`
-    [B] alone (bool)."""
+    [B] alone (bool), and to its opinions on `others`."""
     pairs = pairs.seen_by(cfg)
-    normaliser, scorer = _fit(pairs.subset(fitted), cfg, seed)
+    normaliser, scorer = _fit(pairs.subset(fitted), cfg, seed, others)
     return pairs.subset(tested).transformed(normaliser).leads(scorer).mean(dim=0)
 
 

@@ -42,6 +42,13 @@ class Errors:
         guess = torch.tensor(offered)[:, None].expand(3, count)
         return Errors(torch.full((count,), share), guess)
 
+    def joined(self, others: Errors) -> Errors:
+        """These, and those of other answers behind them."""
+        return Errors(
+            torch.cat([self.share, others.share]),
+            torch.cat([self.guess, others.guess], dim=1),
+        )
+
     def part(self, chosen: Tensor) -> Errors:
         """Those of the answers `chosen` [B] (bool or indices)."""
         return Errors(self.share[chosen], self.guess[:, chosen])

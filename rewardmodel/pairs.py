@@ -106,21 +106,36 @@ def load_pairs(
     used = _evidence(answered)
     if len(used) < max(1, at_least):
         raise RewardError(_too_few(datasets, len(used), len(answered), at_least))
+    gathered = gather_pairs(datasets, [pair for _, pair, _, _ in used])
+    return replace(
+        gathered,
+        target=torch.tensor([target for _, _, _, target in used]),
+        raters=tuple(rater_id for _, _, rater_id, _ in used),
+        num_without_target=sum(answer.target is None for _, answer in answered),
+        answers_sha256=_label_set(line for line, _, _, _ in used),
+    )
+
+
+def gather_pairs(datasets: Sequence[Dataset], pairs: Sequence[Pair]) -> AnsweredPairs:
+    """The clips of `pairs`, at least one, as if nobody had answered: a tie by "".
+
+    Raises:
+        DatasetError, EpisodeError: an episode is missing or damaged.
+    """
     owner = _owners(datasets)
-    pairs = [pair for _, pair, _, _ in used]
     sides = [pair.a for pair in pairs] + [pair.b for pair in pairs]
     clips = fill_clips([clip.steps for clip in sides], _rows(sides, owner))
     entries = [owner(pair.a.rollout).entry(pair.a.rollout) for pair in pairs]
     return AnsweredPairs(
         left=clips.part(slice(len(pairs))),
         right=clips.part(slice(len(pairs), None)),
-        target=torch.tensor([target for _, _, _, target in used]),
+        target=torch.full((len(pairs),), 0.5),
         episodes=tuple((pair.a.rollout, pair.b.rollout) for pair in pairs),
-        raters=tuple(rater_id for _, _, rater_id, _ in used),
+        raters=("",) * len(pairs),
         commands=torch.tensor([entry.meta.command for entry in entries]),
         rounds=tuple(pair.round for pair in pairs),
-        num_without_target=sum(answer.target is None for _, answer in answered),
-        answers_sha256=_label_set(line for line, _, _, _ in used),
+        num_without_target=0,
+        answers_sha256="",
     )
 
 

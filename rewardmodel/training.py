@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from .cfg import FitCfg
 from .clips import mean_over
@@ -46,6 +47,26 @@ class TrainingPairs:
             fall_lead=self.fall_lead[chosen],
             target=self.target[chosen],
             errors=self.errors.part(chosen),
+        )
+
+    def joined(self, others: TrainingPairs) -> TrainingPairs:
+        """These pairs with `others` behind them, padded to one length."""
+        num_steps = max(self.steps.shape[2], others.steps.shape[2])
+        ours, theirs = self._padded(num_steps), others._padded(num_steps)
+        return TrainingPairs(
+            steps=torch.cat([ours.steps, theirs.steps], dim=1),
+            scored=torch.cat([ours.scored, theirs.scored], dim=1),
+            fall_lead=torch.cat([ours.fall_lead, theirs.fall_lead]),
+            target=torch.cat([ours.target, theirs.target]),
+            errors=ours.errors.joined(theirs.errors),
+        )
+
+    def _padded(self, num_steps: int) -> TrainingPairs:
+        missing = num_steps - self.steps.shape[2]
+        return replace(
+            self,
+            steps=functional.pad(self.steps, (0, 0, 0, missing)),
+            scored=functional.pad(self.scored, (0, missing)),
         )
 
     def seen_by(self, cfg: FitCfg) -> TrainingPairs:

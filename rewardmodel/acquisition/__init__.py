@@ -14,6 +14,7 @@ from .batches import Medoids as Medoids
 from .choose import choose_pairs as choose_pairs
 from .strategy import Strategy as Strategy
 from .strategy import Uniform as Uniform
+from .unanswered import unanswered_pairs as unanswered_pairs
 from .uncertainty import Bald as Bald
 from .uncertainty import Disagreement as Disagreement
 from .uncertainty import Entropy as Entropy

@@ -1,0 +1,58 @@
+"""Pairs nobody was asked about, for a fit that also hears its own opinion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from data.answers import Pair
+from data.clips import cut_clips
+from data.dataset import Dataset
+from rewardmodel.cfg import SemiSupervisedCfg
+from rewardmodel.pairs import AnsweredPairs, gather_pairs
+
+from .choose import choose_pairs
+from .strategy import Uniform
+
+
+def unanswered_pairs(
+    datasets: Sequence[Dataset],
+    answered: AnsweredPairs,
+    cfg: SemiSupervisedCfg,
+    *,
+    rng: np.random.Generator,
+) -> AnsweredPairs | None:
+    """Pairs of equal command that nobody was asked about, drawn at random.
+
+    Clips are as long as the longest that was judged. None if the data sets have no
+    such pairs.
+
+    Args:
+        datasets: Where the answers came from.
+        answered: The answers.
+        cfg: How many pairs for each of them.
+        rng: Which ones.
+
+    Raises:
+        RewardError, DatasetError, EpisodeError: as for `load_pairs`.
+    """
+    steps = answered.left.valid.shape[1]
+    wanted = max(1, cfg.pairs_per_answer * len(answered) // len(datasets))
+    chosen: list[Pair] = []
+    for dataset in datasets:
+        entries = dataset.entries()
+        with dataset.answers_copy() as store:
+            known = store.pairs()
+        clips = cut_clips(entries, steps=steps, stride=max(1, steps // 2), min_steps=1)
+        if clips:
+            chosen += choose_pairs(
+                entries,
+                clips,
+                wanted,
+                strategy=Uniform(),
+                round=0,
+                known_pairs=known,
+                rng=rng,
+            )
+    return gather_pairs(datasets, chosen) if chosen else None
