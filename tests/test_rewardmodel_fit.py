@@ -24,7 +24,7 @@ from rewardmodel import (
     load_reward,
     save_reward,
 )
-from rewardmodel.cfg import LinearCfg, MlpCfg, ReliabilityCfg
+from rewardmodel.cfg import HistoryCfg, LinearCfg, MlpCfg, ReliabilityCfg
 from rewardmodel.clips import ClipBatch, mean_over, pad_clips
 from rewardmodel.descriptors import DESCRIPTOR_NAMES, describe
 from rewardmodel.linear import LinearScorer, fit_linear
@@ -227,11 +227,18 @@ def test_a_gaussian_process_learns_what_no_weighted_sum_says() -> None:
 
 def test_the_model_is_chosen_by_held_out_answers(tmp_path: Path) -> None:
     """The stiff one for a weighted sum, a bending one for what bends; both say why."""
-    auto = replace(QUICK, kind="auto", mlp=MlpCfg(num_updates=5))
+    auto = replace(
+        QUICK,
+        kind="auto",
+        mlp=MlpCfg(num_updates=5),
+        history=HistoryCfg(num_updates=5),
+    )
     pairs = answered(150, seed=1)
     stiff, report = fit_reward(pairs, auto, seed=0)
     assert stiff.provenance.cfg.kind == "linear"
-    assert [kind for kind, _ in report.considered] == ["linear", "gp", "mlp"]
+    # A transformer is tried only where looking back was worth it.
+    tried = [kind for kind, _ in report.considered]
+    assert tried == ["linear", "gp", "mlp", "history"]
     bending, report = fit_reward(likes_the_middle(pairs), auto, seed=0)
     assert bending.provenance.cfg.kind == "gp"
     found = dict(report.considered)
