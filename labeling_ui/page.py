@@ -76,6 +76,8 @@ class Page:
         self._desk, self._shared = desk, shared
         self._events: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
         self._busy = False
+        # One of each at most waits for a worker that is busy with answers.
+        self._look_waits = self._load_waits = False
         self._sign_of_life = time.monotonic()
         self._modal: Dialog | None = None
         self._showing: Showing | None = None
@@ -232,7 +234,7 @@ class Page:
 
     def _refresh(self, elapsed_s: float) -> None:
         self._refresh_in_s -= elapsed_s
-        if self._refresh_in_s <= 0 and not self._busy:
+        if self._refresh_in_s <= 0 and not (self._busy or self._look_waits):
             self._refresh_in_s = REFRESH_S
             shown = self._showing
             active = time.monotonic() - self._sign_of_life < ACTIVE_S
@@ -244,8 +246,13 @@ class Page:
 
     def _look(self, look: Look) -> None:
         """Have the worker look at the desk, and show what is new on it."""
-        self._busy = True
-        self._shared.worker.submit(lambda: self._seen(look))
+        self._busy = self._look_waits = True
+
+        def looked() -> None:
+            self._look_waits = False
+            self._seen(look)
+
+        self._shared.worker.submit(looked)
 
     def _store(self, act: Act) -> None:
         """Have the worker store something, then show what came of it."""
@@ -262,12 +269,15 @@ class Page:
             showing = look(self._desk)
             if showing is not None:
                 self.post("showing", showing)
-                # Behind what others wait for.
-                self._shared.worker.submit(self._load_ahead)
+                if not self._load_waits:
+                    # Behind what others wait for.
+                    self._load_waits = True
+                    self._shared.worker.submit(self._load_ahead)
         finally:
             self.post("idle")
 
     def _load_ahead(self) -> None:
+        self._load_waits = False
         pairs = self._desk.upcoming()
         self._shared.submit_late(lambda: self._desk.load(pairs))
 

@@ -2,15 +2,21 @@
 
 import asyncio
 import sqlite3
+import threading
+import time
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
+import pytest
+
 from benchmarks.visitor import Visitor
 from benchmarks.walks import walking_dataset
 from labeling_ui.guard import GuardCfg
+from labeling_ui.page import REFRESH_S
 from labeling_ui.queue import QueueCfg
 from labeling_ui.server import LabelCfg, LabelServer
+from labeling_ui.worker import Worker
 
 AT_ONCE = GuardCfg(min_shown_s=0.0, repeat_gap_s=0.0, same_verdict_s=0.0)
 
@@ -56,3 +62,48 @@ def test_an_answer_that_cannot_be_stored_is_said_so(tmp_path: Path) -> None:
         asyncio.run(scenario(server.url))
     with dataset.answers() as store:
         assert store.count() == 1
+
+
+def test_what_nobody_waits_for_does_not_pile_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While the worker is busy with answers, one look and one load of a page wait."""
+    starved = threading.Event()
+    workers: list[Worker] = []
+
+    def answers_only(worker: Worker) -> None:
+        workers.append(worker)
+        while not worker._stopping:
+            if starved.is_set() and not worker._waiting.empty():
+                worker.store_all(worker._taken())
+            elif starved.is_set():
+                time.sleep(0.01)
+            else:
+                worker.store_all(worker._taken())
+            works = worker._told or (() if starved.is_set() else worker._reads)
+            if works and not worker._stopping:
+                works.popleft()()
+
+    monkeypatch.setattr(Worker, "_run", answers_only)
+    dataset = walking_dataset(tmp_path / "set", pairs=8)
+
+    async def scenario(url: str) -> None:
+        visitor = Visitor(url, None)
+        page = asyncio.create_task(visitor.run())
+        await visitor.until_moving()
+        await visitor.press("Close the dialog")
+        starved.set()
+        for number in range(4):
+            await visitor.press("A better")
+            await visitor.until_answered(number + 1)
+            await asyncio.sleep(1.3 * REFRESH_S)
+        assert len(workers[0]._reads) <= 2
+        starved.clear()
+        await visitor.press("A better")
+        await visitor.until_answered(5)
+        await until(lambda: not workers[0]._reads)
+        page.cancel()
+
+    cfg = LabelCfg(port=0, auth=False, queue=QueueCfg(guard=AT_ONCE))
+    with LabelServer(dataset, cfg) as server:
+        asyncio.run(scenario(server.url))
