@@ -32,7 +32,7 @@ EDGE_M = 0.6
 """An episode ends this far from the edge of the field."""
 _TURN_RAD = 0.5
 """How far a robot may start turned away from the middle."""
-_LIFT_M = 0.02
+_LIFT_M = 0.03
 """Of the start, for feet that are not quite where they are at home."""
 _THICKNESS_M = 0.5
 _DIGITS = 3
