@@ -2,7 +2,8 @@
 
 Its loss is a sum of what concerns the actor alone and what concerns the critic alone,
 and the networks share no weight. Taken apart, each gets the same gradients to the last
-bit, whatever the number of cores; with two of them an update takes half as long.
+bit, whatever the number of cores; with two of them an update takes about three quarters
+of the time (docs/benchmarks.md).
 
 Shapes: B steps of a minibatch.
 """

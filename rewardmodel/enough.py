@@ -24,7 +24,7 @@ SETTLED = 0.96
 """Mean rank correlation of the members from which on no order is left to be learned."""
 FORESEEN = 0.6
 """Held-out accuracy that its interval must clear before answers are called enough."""
-_MAX_CLIPS = 500
+_MAX_PAIRS = 250
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,10 +45,12 @@ class Remaining:
 def remaining(model: RewardModel, pairs: AnsweredPairs) -> Remaining:
     """What the members still disagree about, of the clips of the newest round."""
     rounds = torch.tensor(pairs.rounds)
-    newest = pairs.subset(rounds == rounds.max())
+    is_newest = rounds == rounds.max()
+    # Few are enough, and the clips of all would not fit into memory twice.
+    newest = pairs.subset(is_newest & (is_newest.cumsum(dim=0) <= _MAX_PAIRS))
     returns = torch.cat(
         [model.clip_returns(newest.left), model.clip_returns(newest.right)], dim=1
-    )[:, :_MAX_CLIPS]
+    )
     left, right = torch.triu_indices(returns.shape[1], returns.shape[1], 1)
     preferred = returns[:, left] > returns[:, right]  # [M, K]
     alike = preferred.all(dim=0) | ~preferred.any(dim=0)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -106,3 +108,24 @@ def test_killed_in_every_stage_it_ends_the_same(
     assert subprocess.run(command, check=False).returncode == 0
     assert _results(run) == _results(undisturbed)
     assert _judgements(run) == _judgements(undisturbed)
+
+
+@pytest.mark.slow
+def test_a_round_stops_asking_where_answers_are_enough(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After a batch and not in the middle of one; going on again asks nothing more."""
+    for name, never_missed in (("SETTLED", -1.0), ("FORESEEN", -1.0)):
+        monkeypatch.setattr(f"rewardmodel.enough.{name}", never_missed)
+    monkeypatch.setattr("rewardmodel.enough.MIN_HELD_OUT", 1)
+    cfg = replace(small_cfg(), stop_asking=True)
+    assert cfg.labels_of(0) > cfg.batch_labels
+    for _ in range(2):
+        run_configured(tmp_path / "run", cfg)
+        with Dataset.open(tmp_path / "run/dataset").answers() as store:
+            asked = [len(store.pairs(round=number)) for number in range(2)]
+            assert asked[0] == cfg.batch_labels
+            assert store.count() == sum(asked) < cfg.labels
+        # As a process leaves it that is killed when all is answered and not yet fitted.
+        for unfinished in ("rounds/01/reward", "rounds/02"):
+            shutil.rmtree(tmp_path / "run" / unfinished)
