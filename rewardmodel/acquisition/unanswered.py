@@ -44,7 +44,9 @@ def unanswered_pairs(
         entries = dataset.entries()
         with dataset.answers_copy() as store:
             known = store.pairs()
-        clips = cut_clips(entries, steps=steps, stride=max(1, steps // 2), min_steps=1)
+        # As the loop cuts them: a shorter clip shows nothing but its fall.
+        lengths = {"stride": max(1, steps // 2), "min_steps": max(1, steps // 3)}
+        clips = cut_clips(entries, steps=steps, **lengths)
         if clips:
             chosen += choose_pairs(
                 entries,
