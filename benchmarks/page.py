@@ -71,7 +71,7 @@ class Figures:
 
 def main(options: Options) -> Figures:
     """Measure, print and write the figures."""
-    watch_s, answers = (4.0, 6) if options.quick else (12.0, 20)
+    watch_s, answers = (4.0, 6) if options.quick else (12.0, 40)
     one = asyncio.run(_measured(1, watch_s, 0, LONG_STEPS))
     eight = asyncio.run(_measured(RATERS, watch_s, 0, LONG_STEPS))
     busy = asyncio.run(_measured(RATERS, 0.0, answers, CLIP_STEPS))
@@ -164,7 +164,7 @@ async def _measured(raters: int, watch_s: float, answers: int, clip_steps: int) 
             poses_per_second_min=min(rates),
             commits_ms=commit_ms,
             fsync_ms=fsync_ms,
-            processor_wait_share=float(waited / (ran + waited)),
+            processor_wait_share=float(waited / max(ran + waited, 1e-9)),
             next_ms=next_ms,
             first_pair_s=max(visitor.first_pose_s or np.inf for visitor in visitors),
         )

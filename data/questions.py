@@ -18,6 +18,8 @@ _COLUMNS = (
 )
 _ALL = 2**62
 """As a limit: more than there can be."""
+_RECENT = 400
+"""Answers among which one to ask again is looked for."""
 _OPEN = f"""
 FROM pair AS p WHERE {either("pair", "p.pair_id")}
   AND NOT EXISTS (SELECT 1 FROM answer_current AS s
@@ -163,6 +165,30 @@ class QuestionBoard:
                 "WHERE json_extract(info_json, '$.gold') IS NULL"
             )[0][0]
         )
+
+    def repeatable(self, rater_id: str, gap: int) -> list[tuple[str, Side]]:
+        """Pairs that the rater can be asked again, and the side of clip a back then.
+
+        Those judged when asked first, and not asked again yet, the newest first.
+
+        Args:
+            gap: Leave out the newest answers, this many.
+        """
+        # No answer is decoded: a rater of an hour has hundreds, and waits.
+        rows = self._store.query(
+            """
+            SELECT c.pair_id, c.shown_left, c.role = 'first'
+              AND c.choice IN ('a', 'b', 'equal')
+              AND json_extract(p.info_json, '$.gold') IS NULL
+              AND NOT EXISTS (SELECT 1 FROM answer_current AS s
+                WHERE s.pair_id = c.pair_id AND s.rater_id = c.rater_id
+                AND s.role = 'repeat')
+            FROM answer_current AS c JOIN pair AS p USING (pair_id)
+            WHERE c.rater_id = :rater ORDER BY c.position DESC LIMIT :limit
+            """,
+            {"rater": rater_id, "limit": _RECENT},
+        )
+        return [(pair_id, left) for pair_id, left, fits in rows[max(gap, 0) :] if fits]
 
     def gold_pairs(self, rater_id: str) -> list[Pair]:
         """Pairs with a known answer that the rater has not answered."""

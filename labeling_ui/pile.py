@@ -15,7 +15,7 @@ from data.answers import AnswerStore, Pair, Role, Side
 from data.questions import QuestionBoard, Shown
 
 from .judgement import Kind, Question
-from .plan import PlanCfg, plan, repeats
+from .plan import PlanCfg, plan
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,8 +73,9 @@ class Pile:
         if row.supersedes is not None:
             return self._store.current_answer(row.supersedes) is not None
         if row.role == "repeat":
-            open_pairs = [item.pair for item in repeats(self._store, self._rater_id, 0)]
-        elif self._store.pair(row.pair_id).gold is not None:
+            again = self._board.repeatable(self._rater_id, 0)
+            return row.pair_id in {pair_id for pair_id, _ in again}
+        if self._store.pair(row.pair_id).gold is not None:
             open_pairs = self._board.gold_pairs(self._rater_id)
         else:
             overlap = self._cfg.plan.overlap

@@ -7,17 +7,16 @@ plan, and the next pair can be loaded before it is needed.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from datetime import datetime
+from functools import partial
 from typing import Literal
 
 from data.answers import AnswerStore, Pair, Role, Side
 from data.questions import Overlap, QuestionBoard
 
 Slot = Literal["ordinary", "repeat", "gold"]
-_HISTORY = 400
-"""Answers among which one to repeat is looked for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,36 +88,40 @@ def plan(
     while len(chosen) < count and ordinary:
         number = first + len(chosen)
         taken = {*without, *(item.pair.pair_id for item in chosen)}
-        special: Sequence[Next] = ()
+        special: Next | None = None
         match slot(rater_id, number, cfg):
             case "repeat":
-                special = repeats(store, rater_id, cfg.repeat_gap - ahead - len(chosen))
+                gap = cfg.repeat_gap - ahead - len(chosen)
+                special = _repeat(store, rater_id, gap, without=taken)
             case "gold":
-                special = [Next(pair) for pair in board.gold_pairs(rater_id)]
-        left = [item for item in special if item.pair.pair_id not in taken]
-        if left:
-            chosen.append(min(left, key=lambda item: _rank(rater_id, item.pair)))
-        else:
-            chosen.append(ordinary.pop(0))
+                special = _gold(store, rater_id, without=taken)
+        chosen.append(special or ordinary.pop(0))
     return chosen
 
 
-def repeats(store: AnswerStore, rater_id: str, gap: int) -> list[Next]:
-    """Own pairs that can be asked again: judged, not recent, not asked twice yet."""
-    history = store.history(rater_id, _HISTORY)
-    again = {pair.pair_id for pair, answer in history if answer.role == "repeat"}
-    return [
-        Next(pair, "repeat", "b" if answer.shown_left == "a" else "a")
-        for pair, answer in history[max(gap, 0) :]
-        if answer.target is not None
-        and pair.gold is None
-        and pair.pair_id not in again
-        and answer.role == "first"
-    ]
+def _repeat(
+    store: AnswerStore, rater_id: str, gap: int, *, without: Collection[str]
+) -> Next | None:
+    """An own pair that is asked again, its sides swapped."""
+    found = QuestionBoard(store).repeatable(rater_id, gap)
+    left = {pair_id: side for pair_id, side in found if pair_id not in without}
+    if not left:
+        return None
+    pair_id = min(left, key=partial(_rank, rater_id))
+    return Next(store.pair(pair_id), "repeat", "b" if left[pair_id] == "a" else "a")
 
 
-def _rank(rater_id: str, pair: Pair) -> int:
-    return _hash(rater_id, pair.pair_id, 0)
+def _gold(
+    store: AnswerStore, rater_id: str, *, without: Collection[str]
+) -> Next | None:
+    """A pair whose answer is known."""
+    found = QuestionBoard(store).gold_pairs(rater_id)
+    left = {pair.pair_id: pair for pair in found if pair.pair_id not in without}
+    return Next(left[min(left, key=partial(_rank, rater_id))]) if left else None
+
+
+def _rank(rater_id: str, pair_id: str) -> int:
+    return _hash(rater_id, pair_id, 0)
 
 
 def _hash(rater_id: str, text: str, number: int) -> int:
