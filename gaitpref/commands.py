@@ -96,6 +96,7 @@ def _train(command: options.Train) -> int:
             hidden_sizes=setting.hidden_sizes,
             bonus=ExplorationBonusCfg(kind=command.exploration),
             kl_penalty=KlPenaltyCfg(kind=command.kl_penalty),
+            mirror=command.mirror,
             privileged_critic=command.randomize != "off",
         ),
         seed=command.seed,

@@ -35,6 +35,9 @@ class Train:
     kl_penalty: Literal["none", "fixed", "adaptive"] = "none"
     """Clip the policy ratio, or penalise the KL from the policy before the update with
     a fixed or an adapted weight."""
+    mirror: bool = False
+    """Learn from every step as its mirror image too, on a robot whose sides are alike:
+    fewer steps to a walk, each of them dearer."""
     randomize: Literal["off", "light", "full"] = "off"
     """How much robots, sensors and pushes differ from episode to episode."""
     terrain: Literal["flat", "slopes", "steps", "rough"] = "flat"

@@ -15,7 +15,10 @@ from concurrent.futures import ThreadPoolExecutor
 import torch
 from rsl_rl.algorithms import PPO
 from rsl_rl.storage import RolloutStorage
+from tensordict import TensorDict
 from torch import Tensor, nn
+
+from .mirror import Mirror
 
 Batch = RolloutStorage.Batch
 
@@ -23,13 +26,18 @@ _LEAST_RATE, _HIGHEST_RATE = 1e-5, 1e-2
 """Bounds of the adapted learning rate, those of RSL-RL."""
 
 
-def clipped_update(alg: PPO) -> dict[str, float]:
+def clipped_update(alg: PPO, mirror: Mirror | None = None) -> dict[str, float]:
     """Run all epochs over the stored rollout; mean losses by name.
 
     For feed-forward networks without RSL-RL's extensions; others need its own update.
+
+    Args:
+        mirror: Learn from every step in the mirror too.
     """
     # Every epoch takes the same minibatches, so they are gathered once.
     batches = list(alg.storage.mini_batch_generator(alg.num_mini_batches, 1))
+    if mirror is not None:
+        batches = [_with_mirrored(batch, mirror) for batch in batches]
     sums = torch.zeros(3, dtype=torch.float64)
     threads = torch.get_num_threads()
     with ThreadPoolExecutor(1, "critic", torch.set_num_threads, (threads,)) as pool:
@@ -47,6 +55,28 @@ def clipped_update(alg: PPO) -> dict[str, float]:
     return dict(zip(("value", "surrogate", "entropy"), means, strict=True))
 
 
+def _with_mirrored(batch: Batch, mirror: Mirror) -> Batch:
+    """`batch` and behind it the same steps in the mirror, as likely and as good."""
+    assert batch.observations is not None
+    assert batch.actions is not None
+    obs = batch.observations["policy"]
+    both = torch.cat([obs, mirror.obs(obs)])
+    return RolloutStorage.Batch(
+        observations=TensorDict({"policy": both}, batch_size=[len(both)]),
+        actions=torch.cat([batch.actions, mirror.action(batch.actions)]),
+        values=_twice(batch.values),
+        advantages=_twice(batch.advantages),
+        returns=_twice(batch.returns),
+        old_actions_log_prob=_twice(batch.old_actions_log_prob),
+        old_distribution_params=batch.old_distribution_params,
+    )
+
+
+def _twice(values: Tensor | None) -> Tensor:
+    assert values is not None
+    return torch.cat([values, values])
+
+
 def _actor_gradients(alg: PPO, batch: Batch) -> tuple[float, float]:
     """Set the actor's gradients and the learning rate; surrogate loss and entropy."""
     assert batch.actions is not None
@@ -56,9 +86,10 @@ def _actor_gradients(alg: PPO, batch: Batch) -> tuple[float, float]:
     entropy = alg.actor.output_entropy.mean()
     if alg.desired_kl is not None and alg.schedule == "adaptive":
         with torch.inference_mode():
-            kl = alg.actor.get_kl_divergence(
-                batch.old_distribution_params, alg.actor.output_distribution_params
-            )
+            # What is mirrored follows what was done.
+            old = batch.old_distribution_params
+            new = tuple(p[: len(old[0])] for p in alg.actor.output_distribution_params)
+            kl = alg.actor.get_kl_divergence(old, new)
             _adapt_rate(alg, float(kl.mean()), alg.desired_kl)
     gain = -_flat(batch.advantages)
     ratio = torch.exp(log_prob - _flat(batch.old_actions_log_prob))

@@ -5,6 +5,7 @@ Shapes: N environments, F feature columns, K environments being reset.
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Any
 
 import torch
@@ -165,8 +166,11 @@ class QuadrupedEnv(VecEnv):
             extras["final"] = (*self.sim.raw_state(), self._observe(state, base))
         self._resample_commands()
         if dones.any():
-            self._reset(dones.nonzero().flatten())
-            state, base = self.sim.read(), None
+            ids = dones.nonzero().flatten()
+            self._reset(ids)
+            fresh = self.sim.read(ids)
+            _overwrite(state, ids, fresh)
+            _overwrite(base, ids, base_state(fresh))
         self._starting = dones
         self._obs = self._observe(state, base)
         return self.get_observations(), rewards, dones, extras
@@ -321,6 +325,12 @@ class QuadrupedEnv(VecEnv):
 
     def _constant(self, values: Any) -> Tensor:
         return torch.tensor(values, dtype=torch.float32, device=self.device)
+
+
+def _overwrite(record: SimState | BaseState, ids: Tensor, fresh: Any) -> None:
+    """Put the rows [K] of `fresh` into the rows `ids` [K] of every tensor."""
+    for item in fields(record):
+        getattr(record, item.name)[ids] = getattr(fresh, item.name)
 
 
 def _around_zero(amplitude: float) -> Range:

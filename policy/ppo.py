@@ -14,12 +14,15 @@ from rsl_rl.runners import OnPolicyRunner
 from tensordict import TensorDict
 
 from data.features import column
+from data.plain import ADDED_LATER
 
 from .env import QuadrupedEnv
 from .exploration import ExplorationBonusCfg, make_bonus
 from .kl_penalty import NO_CLIP, KlPenalty, KlPenaltyCfg
+from .mirror import mirror_of
 from .reward_ppo import RewardFn as RewardFn
 from .reward_ppo import RewardPpo as RewardPpo
+from .robots.hints import RobotError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,12 +56,22 @@ class PpoCfg:
     privileged_critic: bool = False
     """Let the critic see the truth, where the environment shows it: what a robot's
     sensors do not tell, and how the robot differs from its model."""
+    mirror: bool = field(default=False, metadata=ADDED_LATER)
+    """Learn from every step as its mirror image too, where both sides of the robot are
+    the same."""
     reference_kl_weight: float = 0.0
     """Reward taken per nat by which the policy leaves the one it started from."""
     kl_penalty: KlPenaltyCfg = field(default_factory=KlPenaltyCfg)
     """The KL-penalty form of PPO instead of the clipped one."""
     bonus: ExplorationBonusCfg = field(default_factory=ExplorationBonusCfg)
     """A bonus for motion that is new."""
+
+    def __post_init__(self) -> None:
+        if self.mirror and (self.privileged_critic or self.kl_penalty.kind != "none"):
+            raise RobotError(
+                "learning in the mirror works neither with a critic that sees the "
+                "truth, as where robots differ, nor with a KL penalty: leave one out"
+            )
 
     @property
     def steps_per_iteration(self) -> int:
@@ -132,6 +145,8 @@ class Runner(OnPolicyRunner):
         with contextlib.redirect_stdout(io.StringIO()):
             super().__init__(env, to_rsl_rl(cfg), log_dir=None, device=str(env.device))
         self.alg.bonus = make_bonus(cfg.bonus, step_dt_s=env.step_dt)
+        if cfg.mirror:
+            self.alg.mirror = mirror_of(env.robot)
         if cfg.kl_penalty.kind != "none":
             self.alg.penalise(KlPenalty(cfg.kl_penalty))
 

@@ -18,6 +18,7 @@ from data.features import FEATURE_DIM
 from .clipped_update import clipped_update
 from .exploration import ExplorationBonus
 from .kl_penalty import KlPenalty
+from .mirror import Mirror
 
 
 class RewardFn(Protocol):
@@ -57,6 +58,8 @@ class RewardPpo(PPO):
     reference_kl_weight: float = 0.0
     bonus: ExplorationBonus | None = None
     penalty: KlPenalty | None = None
+    mirror: Mirror | None = None
+    """Learn from every step in the mirror too."""
     features: Tensor
     """Feature rows [T, N, F] of the rollout."""
     valid: Tensor
@@ -122,7 +125,7 @@ class RewardPpo(PPO):
     def update(self) -> dict[str, float]:
         """Update both networks, and after it the weight of a KL penalty."""
         if self.penalty is None:
-            return clipped_update(self)
+            return clipped_update(self, self.mirror)
         losses = super().update()
         losses["kl"] = self.penalty.adapt(self.num_mini_batches)
         losses["kl_beta"] = self.penalty.beta

@@ -81,8 +81,8 @@ class Sim(Protocol):
         """Run physics; gives a mask [N] of simulations that went bad."""
         ...
 
-    def read(self) -> SimState:
-        """The current state."""
+    def read(self, ids: Tensor | None = None) -> SimState:
+        """The current state, of simulations `ids` [K] alone if given."""
         ...
 
     def reset(self, ids: Tensor, qpos: Tensor, qvel: Tensor) -> None:
@@ -156,15 +156,17 @@ class BatchSim:
         self._warned = warned
         return bad
 
-    def read(self) -> SimState:
+    def read(self, ids: Tensor | None = None) -> SimState:
         """See `Sim.read`."""
-        qpos, qvel = self._qpos.astype(np.float32), self._qvel.astype(np.float32)
-        sensors = self._sensors.astype(np.float32)
+        rows = slice(None) if ids is None else ids.numpy()
+        qpos, qvel = self._qpos[rows], self._qvel[rows].astype(np.float32)
+        exact_w, qpos = qpos, qpos.astype(np.float32)
+        sensors = self._sensors[rows].astype(np.float32)
         free, free_vel = self._base_adr
-        base_w, feet_w = qpos[:, free : free + 3], self._sites[:, self._site_cols]
+        base_w, feet_w = qpos[:, free : free + 3], self._sites[rows][:, self._site_cols]
         base_height, foot_height = base_w[:, 2], feet_w[:, :, 2]
         if self._ground is not None:
-            base_w = self._qpos[:, free : free + 3]
+            base_w = exact_w[:, free : free + 3]
             base_height = base_w[:, 2] - self._ground.height_m(base_w[:, :2])
             foot_height = foot_height - self._ground.height_m(feet_w[:, :, :2])
         return SimState(
@@ -174,7 +176,7 @@ class BatchSim:
             base_ang_vel_b=_tensor(qvel[:, free_vel + 3 : free_vel + 6]),
             joint_pos=_tensor(qpos[:, self._qpos_cols]),
             joint_vel=_tensor(qvel[:, self._qvel_cols]),
-            joint_torque=_tensor(self._torque[:, self._qvel_cols]),
+            joint_torque=_tensor(self._torque[rows][:, self._qvel_cols]),
             foot_pos_w=_tensor(feet_w),
             foot_vel_w=_tensor(sensors[:, self._velocity_cols].reshape(-1, 4, 3)),
             foot_contact=_tensor(sensors[:, self._contact_cols] > 0),

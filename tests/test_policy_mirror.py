@@ -1,0 +1,90 @@
+"""Learning in the mirror: that it is one, and what comes of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from policy.checkpoint import load_policy
+from policy.config import EnvCfg
+from policy.env import QuadrupedEnv
+from policy.mirror import Mirror, mirror_of
+from policy.ppo import PpoCfg
+from policy.robot import Robot, RobotError, load_robot
+from policy.train import TrainCfg, train
+
+ENV = EnvCfg()
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot(physics_dt_s=ENV.physics_dt_s)
+
+
+@pytest.fixture(scope="module")
+def mirror(robot: Robot) -> Mirror:
+    return mirror_of(robot)
+
+
+def test_what_is_mirrored_twice_is_what_it_was(mirror: Mirror) -> None:
+    obs, action = torch.randn(5, 48), torch.randn(5, 12)
+    assert torch.equal(mirror.obs(mirror.obs(obs)), obs)
+    assert torch.equal(mirror.action(mirror.action(action)), action)
+    assert not torch.equal(mirror.obs(obs), obs)
+
+
+def _mirrored_pair(robot: Robot, mirror: Mirror) -> QuadrupedEnv:
+    """Two robots, the second one the image of the first."""
+    env = QuadrupedEnv(robot, ENV, 2, seed=3)
+    qpos, qvel = (torch.from_numpy(state[:1]).float() for state in env.sim.raw_state())
+    joints = mirror.action(qpos[:, 7:]), mirror.action(qvel[:, 6:])
+    qpos = torch.cat(
+        [qpos[:, :7] * qpos.new_tensor([1, -1, 1, 1, -1, 1, -1]), joints[0]], 1
+    )
+    qvel = torch.cat(
+        [qvel[:, :6] * qvel.new_tensor([1, -1, 1, -1, 1, -1]), joints[1]], 1
+    )
+    env.sim.reset(torch.tensor([1]), qpos, qvel)
+    env.fix_commands(torch.tensor([[0.5, 0.1, 0.2], [0.5, -0.1, -0.2]]))
+    return env
+
+
+def test_physics_in_the_mirror_are_those_of_the_mirrored_robot(
+    robot: Robot, mirror: Mirror
+) -> None:
+    action = torch.randn(1, 12, generator=torch.Generator().manual_seed(0))
+
+    def difference(second: torch.Tensor) -> float:
+        env = _mirrored_pair(robot, mirror)
+        for _ in range(3):
+            env.step(torch.cat([action, second]))
+        obs = env.get_observations()["policy"]
+        return float((mirror.obs(obs[0]) - obs[1]).abs().max())
+
+    assert difference(mirror.action(action)) < 0.2
+    assert difference(action) > 5.0
+
+
+def test_a_robot_whose_sides_differ_is_refused(robot: Robot) -> None:
+    home = robot.home_joint_pos.copy()
+    home[1] += 0.1
+    with pytest.raises(RobotError, match=r"0\.100 rad\): train without the mirror"):
+        mirror_of(replace(robot, home_joint_pos=home))
+
+
+def test_a_policy_that_learns_in_the_mirror_is_the_same_on_both_sides(
+    robot: Robot, mirror: Mirror, tmp_path: Path
+) -> None:
+    obs = torch.randn(256, 48, generator=torch.Generator().manual_seed(1))
+
+    def asymmetry(learns_in_it: bool) -> float:
+        ppo = PpoCfg(num_envs=16, mirror=learns_in_it)
+        cfg = TrainCfg(steps=20 * ppo.steps_per_iteration, env=ENV, ppo=ppo, seed=0)
+        policy = load_policy(train(tmp_path / str(learns_in_it), robot, cfg).policy)
+        seen, image = policy(obs), policy(mirror.obs(obs))
+        return float((mirror.action(seen) - image).norm() / seen.norm())
+
+    assert asymmetry(True) < 0.7 * asymmetry(False)
