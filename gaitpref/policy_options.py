@@ -20,7 +20,7 @@ class Train:
     of a learned reward. Others than `task` are added to the known safety terms."""
     steps: int = 1_500_000
     """Environment steps, counted over all environments."""
-    envs: int = 256
+    envs: int = 128
     """Environments side by side."""
     checkpoints: int = 4
     """Policies kept on the way, evenly spaced."""

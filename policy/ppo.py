@@ -29,7 +29,7 @@ from .robots.hints import RobotError
 class PpoCfg:
     """How a policy is trained; the defaults fit two CPU cores."""
 
-    num_envs: int = 256
+    num_envs: int = 128
     """Environments that run side by side."""
     steps_per_env: int = 24
     """Control steps each environment contributes to one update."""
@@ -39,7 +39,7 @@ class PpoCfg:
     """Exploration noise at the start, in units of the action."""
     learning_rate: float = 1e-3
     """First step size; adapted so that an update moves the policy by `desired_kl`."""
-    desired_kl: float = 0.01
+    desired_kl: float = 0.04
     """Mean KL divergence between the policies before and after an update."""
     epochs: int = 5
     """Passes over each rollout."""
