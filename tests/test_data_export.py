@@ -96,6 +96,22 @@ def test_d4rl_lies_in_one_piece(
     np.testing.assert_array_equal(qpos[rows], second.qpos[:-1])
 
 
+def test_lerobot_itself_reads_it(
+    dataset: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its package wants another torch, so it is there only where somebody put it."""
+    lerobot = pytest.importorskip(
+        "lerobot.datasets.lerobot_dataset", reason="needs lerobot 0.4, installed apart"
+    )
+    exported(dataset, "lerobot", tmp_path / "out", capsys)
+    loaded = lerobot.LeRobotDataset("local/gaitpref", root=tmp_path / "out")
+    assert (len(loaded), loaded.num_episodes, loaded.fps) == (210, 3, 50)
+    entry, rows = dataset.entries()[0], dataset.read(dataset.entries()[0].sha256)
+    np.testing.assert_array_equal(loaded[5]["observation.state"], rows.obs[5])
+    np.testing.assert_array_equal(loaded[5]["action"], rows.action[5])
+    assert bool(loaded[entry.num_steps - 1]["next.done"])
+
+
 def test_lerobot_has_the_layout_of_version_3(
     dataset: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
