@@ -167,7 +167,7 @@ def resolve(options: Loop) -> LoopCfg:
     return LoopCfg(
         rounds=rounds if options.rounds is None else options.rounds,
         labels=60 if options.labels is None else options.labels,
-        base_steps=1_300_000 if quick else 2_000_000,
+        base_steps=800_000 if quick else 1_500_000,
         round_steps=300_000 if quick else 600_000,
         last_round_steps=600_000 if quick else 1_200_000,
         learned_weight=0.7,
