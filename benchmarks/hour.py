@@ -82,7 +82,8 @@ def measured(answers: int) -> Figures:
     """Let every rater give that many answers."""
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder) / "set"
-        walking_dataset(root, pairs=RATERS * answers, episodes=40)
+        # What a rater is shown next is kept from the others: two more for each.
+        walking_dataset(root, pairs=RATERS * (answers + 2), episodes=40)
         tokens = TokenStore(root)
         names = [f"rater{index}" for index in range(RATERS)]
         visitors = {name: tokens.add(name) for name in names}

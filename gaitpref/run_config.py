@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
@@ -23,6 +24,8 @@ from .questions import ClipCfg
 from .rater_cfg import RaterCfg
 
 CONFIG_NAME = "config.yaml"
+_LEAST_LABELS = 4
+"""Answers a round asks for at least."""
 
 
 class RunError(GaitprefError):
@@ -87,6 +90,9 @@ class LoopCfg:
     added to the next round. The last round only reports. None never ends a round."""
     clips: ClipCfg = field(default_factory=ClipCfg)
     """How episodes are cut into clips."""
+    first_share: float | None = field(default=None, metadata=ADDED_LATER)
+    """Share of the answers asked for in the first round; None: as the others, whose
+    shares shrink linearly."""
     batch_labels: int = 10
     """Questions chosen at a time; a reward is fitted to all answers before the next."""
     stop_asking: bool = field(default=False, metadata=ADDED_LATER)
@@ -115,12 +121,15 @@ class LoopCfg:
             raise RunError(f"--rounds must be at least 1, got {self.rounds}")
         if self.batch_labels < 1:
             raise RunError(f"batch_labels must be at least 1, got {self.batch_labels}")
-        if self.labels < 4 * self.rounds:
+        least = _LEAST_LABELS * self.rounds
+        if self.labels < least:
             raise RunError(
                 f"--labels {self.labels} is too few for {self.rounds} rounds: a round "
-                f"needs 4 answers, so give at least {4 * self.rounds}, or fewer "
+                f"needs {_LEAST_LABELS} answers, so give at least {least}, or fewer "
                 f"--rounds"
             )
+        if self.first_share is not None and not 0.0 < self.first_share < 1.0:
+            raise RunError(f"first_share must lie in (0, 1), got {self.first_share}")
 
     @property
     def keeps_task(self) -> bool:
@@ -128,13 +137,21 @@ class LoopCfg:
         return self.base != "none"
 
     def labels_of(self, round: int) -> int:
-        """Answers asked for in `round`, counted from 0; the shares shrink linearly."""
-        weights = range(self.rounds, 0, -1)
-        spare = self.labels - 4 * self.rounds
-        marks = [
-            spare * sum(weights[:i]) // sum(weights) for i in range(self.rounds + 1)
-        ]
-        return 4 + marks[round + 1] - marks[round]
+        """Answers asked for in `round`, counted from 0."""
+        if self.first_share is None or self.rounds == 1:
+            return _shrinking(self.labels, self.rounds)[round]
+        others = self.rounds - 1
+        first = max(_LEAST_LABELS, int(self.first_share * self.labels))
+        first = min(first, self.labels - _LEAST_LABELS * others)
+        return [first, *_shrinking(self.labels - first, others)][round]
+
+
+def _shrinking(labels: int, rounds: int) -> list[int]:
+    """Answers of each round; the shares shrink linearly."""
+    weights = range(rounds, 0, -1)
+    spare = labels - _LEAST_LABELS * rounds
+    marks = [spare * sum(weights[:i]) // sum(weights) for i in range(rounds + 1)]
+    return [_LEAST_LABELS + b - a for a, b in pairwise(marks)]
 
 
 def resolve(options: Loop) -> LoopCfg:
@@ -151,11 +168,15 @@ def resolve(options: Loop) -> LoopCfg:
     }
     if scratch:
         return LoopCfg(
-            rounds=3 if options.rounds is None else options.rounds,
+            rounds=4 if options.rounds is None else options.rounds,
             labels=100 if options.labels is None else options.labels,
+            # Whether a walk is better than standing has to be clear at once; the other
+            # answers are worth more about walks, when there are some.
+            first_share=0.48,
             base_steps=0,
             round_steps=600_000,
-            last_round_steps=1_800_000 if quick else 3_000_000,
+            # A long one overdoes what a reward got wrong, and nobody is asked any more.
+            last_round_steps=800_000 if quick else 1_500_000,
             learned_weight=1.0,
             exploration=ExplorationCfg(),
             # Beside clips without noise, those with it teach that moving is bad; and a

@@ -1,0 +1,48 @@
+"""How many answers each round of a loop asks for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from gaitpref.options import Loop
+from gaitpref.run_config import LoopCfg, RunError, resolve
+
+RUN = Path("run")
+
+
+def asked(cfg: LoopCfg) -> list[int]:
+    return [cfg.labels_of(round) for round in range(cfg.rounds)]
+
+
+@pytest.mark.parametrize(
+    ("rounds", "labels", "expected"),
+    [
+        (None, None, [48, 24, 17, 11]),
+        (None, 40, [19, 8, 7, 6]),
+        (None, 16, [4, 4, 4, 4]),
+        (1, None, [100]),
+    ],
+)
+def test_from_scratch_the_first_round_asks_for_about_half(
+    rounds: int | None, labels: int | None, expected: list[int]
+) -> None:
+    cfg = resolve(Loop(run=RUN, base="none", rounds=rounds, labels=labels))
+    assert asked(cfg) == expected
+
+
+@pytest.mark.parametrize(("rounds", "labels"), [(3, 60), (5, 60), (7, 71), (2, 13)])
+def test_shares_shrink_and_leave_nothing_over(rounds: int, labels: int) -> None:
+    each = asked(resolve(Loop(run=RUN, rounds=rounds, labels=labels)))
+    assert sum(each) == labels
+    assert each[0] == max(each)
+    assert min(each) >= 4
+
+
+def test_too_few_answers_are_refused_with_what_would_do() -> None:
+    with pytest.raises(RunError, match="give at least 20, or fewer --rounds"):
+        resolve(Loop(run=RUN, rounds=5, labels=19))
+    with pytest.raises(RunError, match="first_share"):
+        replace(resolve(Loop(run=RUN)), first_share=1.0)
