@@ -24,6 +24,7 @@ import torch
 import tyro
 from mujoco.batch import Batch
 from rich.console import Console
+from rich.progress import track
 from rich.table import Table
 
 from data.features import FEATURE_DIM
@@ -60,6 +61,8 @@ class Options:
 
     quick: bool = False
     """Few environments, short turns."""
+    sizes: tuple[int, ...] = (64, 256, 1024, 4096)
+    """Environments side by side; the figures of the goals want 64, 1024 and 4096."""
     json: Path | None = None
     """Write the figures here."""
     part: Part | None = None
@@ -235,17 +238,20 @@ def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> None:
     if options.part is not None:
         print(json.dumps(measure_part(options.part, options.envs, options.turn_s)))
         return
-    sizes = (64,) if options.quick else (64, 256, 1024, 4096)
+    sizes = (64,) if options.quick else options.sizes
     turn_s = 0.5 if options.quick else options.turn_s
     turns: dict[tuple[Part, int], list[dict[str, float]]] = {}
-    for _ in range(1 if options.quick else 3):
-        for num_envs in sizes:
-            for part in PARTS:
-                if part == "envpool" and num_envs > ENVPOOL_LIMIT:
-                    continue
-                figures = in_process(part, num_envs, turn_s)
-                if figures is not None:
-                    turns.setdefault((part, num_envs), []).append(figures)
+    plan: list[tuple[Part, int]] = [
+        (part, num_envs)
+        for _ in range(1 if options.quick else 3)
+        for num_envs in sizes
+        for part in PARTS
+        if part != "envpool" or num_envs <= ENVPOOL_LIMIT
+    ]
+    for part, num_envs in track(plan, "measuring", console=Console(stderr=True)):
+        figures = in_process(part, num_envs, turn_s)
+        if figures is not None:
+            turns.setdefault((part, num_envs), []).append(figures)
     results = {key: _best(value) for key, value in turns.items()}
     Console().print(_table(results))
     publish("throughput", _figures(results, sizes), GOALS, options.json)
