@@ -151,22 +151,15 @@ def logging_figures(root: Path, quick: bool) -> dict[str, Figure]:
     cfg = TrainCfg(steps=4 * ppo.steps_per_iteration, env=env, ppo=ppo, checkpoints=3)
     train(root / "policy", robot, cfg)
     cut = RecordCfg(episodes=16 if quick else 64, noisy_share=0.0)
-    turns = iter(range(10**6))
+    policy = root / "policy" / "policy.pt"
     added: list[EpisodeEntry] = []
-
-    def rolled() -> Iterator[Episode]:
-        return record(root / "policy" / "policy.pt", cut, seed=0)
-
-    def logged() -> None:
-        dataset = Dataset.create(root / f"logged{next(turns)}")
-        added[:] = dataset.add_episodes(rolled())
-
     shares: list[float] = []
-    for _ in range(1 if quick else 9):
+    for turn in range(1 if quick else 9):
         start_s = time.perf_counter()
-        deque(rolled(), maxlen=0)
+        deque(record(policy, cut, seed=0), maxlen=0)
         rolled_s = time.perf_counter()
-        logged()
+        dataset = Dataset.create(root / f"logged{turn}")
+        added = dataset.add_episodes(record(policy, cut, seed=0))
         logged_s = time.perf_counter() - rolled_s
         shares.append(logged_s / (rolled_s - start_s) - 1.0)
     return {

@@ -159,14 +159,14 @@ class BatchSim:
     def read(self, ids: Tensor | None = None) -> SimState:
         """See `Sim.read`."""
         rows = slice(None) if ids is None else ids.numpy()
-        qpos, qvel = self._qpos[rows], self._qvel[rows].astype(np.float32)
-        exact_w, qpos = qpos, qpos.astype(np.float32)
+        exact = self._qpos[rows]
+        qpos, qvel = exact.astype(np.float32), self._qvel[rows].astype(np.float32)
         sensors = self._sensors[rows].astype(np.float32)
         free, free_vel = self._base_adr
         base_w, feet_w = qpos[:, free : free + 3], self._sites[rows][:, self._site_cols]
         base_height, foot_height = base_w[:, 2], feet_w[:, :, 2]
         if self._ground is not None:
-            base_w = exact_w[:, free : free + 3]
+            base_w = exact[:, free : free + 3]
             base_height = base_w[:, 2] - self._ground.height_m(base_w[:, :2])
             foot_height = foot_height - self._ground.height_m(feet_w[:, :, :2])
         return SimState(
