@@ -90,20 +90,29 @@ _BUDGETS = (
 
 
 def plan(
-    *, tasks: tuple[str, ...] = (), methods: tuple[str, ...] = (), seeds: int | None
+    *,
+    tasks: tuple[str, ...] = (),
+    methods: tuple[str, ...] = (),
+    raters: tuple[str, ...] = (),
+    answers: tuple[int, ...] = (),
+    seeds: int | None,
 ) -> list[Cell]:
     """The cells to run: first seeds first, so that every row soon has a figure.
 
     Args:
         tasks: Only these; by default all that are not held back.
         methods: Only these; by default `default`.
+        raters: Only these; by default all.
+        answers: Only rows with so many; by default all.
         seeds: At most so many of every row.
     """
     chosen = tasks or tuple(task for task in TASKS if task not in HELD_BACK)
     cells = [
-        Cell(task=task, answers=answers, rater=rater, method=method, seed=seed)
-        for task, answers, rater, count in _BUDGETS
+        Cell(task=task, answers=labels, rater=rater, method=method, seed=seed)
+        for task, labels, rater, count in _BUDGETS
         if task in chosen
+        and rater in (raters or RATERS)
+        and (not answers or labels in answers)
         for method in methods or ("default",)
         for seed in range(count if seeds is None else min(count, seeds))
     ]

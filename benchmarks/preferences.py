@@ -20,7 +20,7 @@ from rich.console import Console
 
 from data.errors import GaitprefError
 
-from .preference_plan import METHODS, TASKS, Cell, plan
+from .preference_plan import METHODS, RATERS, TASKS, Cell, plan
 from .preference_row import Places, forget, run_cell
 from .preference_table import publish_rows, read_rows
 
@@ -35,6 +35,10 @@ class Options:
     """Only these; by default all but the one that is held back."""
     methods: tuple[str, ...] = ()
     """Only these; by default the loop as it is."""
+    raters: tuple[str, ...] = ()
+    """Only these; by default all."""
+    answers: tuple[int, ...] = ()
+    """Only rows with so many answers; by default all."""
     seeds: int | None = None
     """At most so many of every row."""
     workers: int = os.cpu_count() or 1
@@ -83,6 +87,7 @@ def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> int:
     for what, asked, known in (
         ("task", options.tasks, TASKS),
         ("method", options.methods, METHODS),
+        ("rater", options.raters, RATERS),
     ):
         for name in asked:
             if name not in known:
@@ -91,7 +96,13 @@ def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> int:
                 )
     failed = 0
     if not options.table_only:
-        cells = plan(tasks=options.tasks, methods=options.methods, seeds=options.seeds)
+        cells = plan(
+            tasks=options.tasks,
+            methods=options.methods,
+            raters=options.raters,
+            answers=options.answers,
+            seeds=options.seeds,
+        )
         if options.quick:
             cells = list({cell.task: cell for cell in reversed(cells)}.values())
         failed = run_cells(cells, options)
