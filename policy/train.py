@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -142,6 +143,7 @@ class _Session:
         """Take over the networks of a policy file, and hold it as the reference."""
         payload = read_plain(init)
         alg = self.runner.alg
+        self._require_same_critic(init, payload)
         try:
             info = json.loads(payload["infos"]["gaitpref"])
             alg.load(payload, {"actor": True, "critic": True}, strict=True)
@@ -153,6 +155,19 @@ class _Session:
                 f"{self.cfg.ppo.hidden_sizes}: {reason}"
             ) from None
         self._hold_reference()
+
+    def _require_same_critic(self, init: Path, payload: dict[str, Any]) -> None:
+        """Say what differs where the critic of `init` was shown something else."""
+        mean = "obs_normalizer._mean"
+        theirs = payload.get("critic_state_dict", {}).get(mean)
+        ours = self.runner.alg.critic.state_dict().get(mean)
+        if theirs is None or ours is None or theirs.shape == ours.shape:
+            return
+        raise PolicyError(
+            f"the critic of {init} was shown {theirs.shape[-1]} numbers and would be "
+            f"shown {ours.shape[-1]}: with --randomize it sees what was drawn at "
+            "random. Train on with the --randomize it was trained with, off or not off"
+        )
 
     def _hold_reference(self) -> None:
         """Freeze a copy of the current actor to measure the drift from."""

@@ -12,7 +12,7 @@ import torch
 
 from data.features import column
 from gaitpref.cli import main
-from policy.checkpoint import load_policy
+from policy.checkpoint import PolicyError, load_policy
 from policy.config import RANDOMISE, EnvCfg, NoiseCfg, RandomiseCfg, ResetCfg
 from policy.env import QuadrupedEnv
 from policy.ppo import PpoCfg
@@ -205,6 +205,17 @@ def test_training_on_robots_that_differ_gives_a_policy_for_any(
     assert policy.info.env.randomise == RANDOMISE["full"]
     assert policy.info.ppo.privileged_critic
     assert policy(torch.zeros(3, 48)).shape == (3, 12)
+
+
+def test_a_critic_that_saw_the_truth_does_not_train_on_without_it(
+    robot: Robot, tmp_path: Path
+) -> None:
+    ppo = PpoCfg(num_envs=8, hidden_sizes=(8,), privileged_critic=True)
+    env = replace(EnvCfg(), randomise=RANDOMISE["light"])
+    first = train(tmp_path / "a", robot, TrainCfg(steps=192, env=env, ppo=ppo)).policy
+    plain = TrainCfg(steps=192, env=EnvCfg(), ppo=replace(ppo, privileged_critic=False))
+    with pytest.raises(PolicyError, match=r"was shown .* numbers.*--randomize"):
+        train(tmp_path / "b", robot, plain, init=first)
 
 
 def test_equal_seeds_give_equal_robots(robot: Robot, tmp_path: Path) -> None:
