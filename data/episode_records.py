@@ -24,6 +24,10 @@ END_REASONS: tuple[EndReason, ...] = get_args(EndReason)
 _EXTRA_PREFIX = "extra."
 
 
+COMMAND_CHANGE = "command_change_steps"
+"""Name in `EpisodeMeta.extra` of the steps from one command to the next."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class EpisodeMeta:
     """Where an episode comes from.
@@ -39,7 +43,8 @@ class EpisodeMeta:
     env_index: int
     """Which of the parallel environments."""
     command: tuple[float, float, float]
-    """Forward in m/s, left in m/s, yaw in rad/s; constant over the episode."""
+    """Forward in m/s, left in m/s, yaw in rad/s; constant over the episode, or the
+    first of those of a manoeuvre."""
     policy_sha256: str
     """Hash of the checkpoint that acted."""
     policy_step: int
@@ -76,6 +81,12 @@ class EpisodeMeta:
             if not (isinstance(key, str) and isinstance(value, str)):
                 raise ValueError(f"extra holds text only, got {key!r}: {value!r}")
         object.__setattr__(self, "extra", dict(self.extra))
+
+    @property
+    def command_change_steps(self) -> int:
+        """Control steps from one command of a manoeuvre to the next; 0 without one."""
+        text = self.extra.get(COMMAND_CHANGE, "")
+        return int(text) if text.isdecimal() and len(text) < 10 else 0
 
     def to_strings(self) -> dict[str, str]:
         """Spell every field as text, the only thing MCAP metadata holds."""

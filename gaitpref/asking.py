@@ -10,7 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from data.answers import AnswerStore, Pair
-from data.dataset import Dataset
+from data.dataset import Dataset, EpisodeEntry
+from policy.babble import BABBLE_SHA256
 from rewardmodel.cfg import FitCfg
 from rewardmodel.fit import fit_reward
 from rewardmodel.pairs import MIN_ANSWERS, count_evidence, load_pairs
@@ -69,8 +70,7 @@ def _add_pairs(cfg: LoopCfg, round: Round, dataset: Dataset, count: int) -> None
         fit = _fit_for_asking(cfg, round)
         # Only its doubt is asked for here; the round's own fit is the one measured.
         model, _ = fit_reward(load_pairs([dataset]), fit, seed=seed, measured=False)
-    names = set(json.loads(round.recorded.read_text()))
-    entries = [entry for entry in dataset.entries() if entry.sha256 in names]
+    entries = _episodes_asked_about(cfg, round, dataset)
     rng = np.random.default_rng([seed_of(cfg, round.number, 3), asked_before])
     chosen = ask(
         dataset,
@@ -95,6 +95,29 @@ def _add_pairs(cfg: LoopCfg, round: Round, dataset: Dataset, count: int) -> None
         )
     with dataset.answers() as store:
         store.add_pairs(chosen)
+
+
+def _episodes_asked_about(
+    cfg: LoopCfg, round: Round, dataset: Dataset
+) -> list[EpisodeEntry]:
+    """The round's own episodes, and some of what earlier policies did."""
+    by_sha256 = {entry.sha256: entry for entry in dataset.entries()}
+    own, *before = (
+        [
+            by_sha256[name]
+            for name in json.loads(Round(round.run, n).recorded.read_text())
+        ]
+        for n in range(round.number, -1, -1)
+    )
+    earlier = [
+        entry
+        for entries in before
+        for entry in entries
+        if entry.meta.policy_sha256 != BABBLE_SHA256
+    ]
+    count = min(len(earlier), int(cfg.earlier_share * len(own)))
+    rng = np.random.default_rng(seed_of(cfg, round.number, 8))
+    return own + [earlier[i] for i in rng.permutation(len(earlier))[:count]]
 
 
 def _enough(cfg: LoopCfg, round: Round, dataset: Dataset) -> bool:

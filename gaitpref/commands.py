@@ -11,7 +11,7 @@ import torch
 
 from data.dataset import Dataset
 from data.episode_chunks import Compression
-from data.errors import DatasetError
+from data.errors import DatasetError, GaitprefError
 from policy.checkpoint import PolicyError, load_policy
 from policy.config import RANDOMISE, EnvCfg, getup_env
 from policy.curriculum import CurriculumCfg
@@ -23,6 +23,7 @@ from policy.record import RecordCfg, record
 from policy.reward import KnownTermsCfg, task_reward_for
 from policy.robot import load_robot_xml
 from policy.train import POLICY_NAME, RESUME_NAME, TrainCfg, train
+from policy.variation import VariationCfg
 from rewardmodel.acquisition import make_strategy
 from rewardmodel.storage import load_reward
 
@@ -124,10 +125,27 @@ def _train(command: options.Train) -> int:
     return 0
 
 
+def record_cfg(command: options.Record) -> RecordCfg:
+    """What is recorded, as the command line says it.
+
+    Raises:
+        GaitprefError: something is out of range.
+    """
+    try:
+        return RecordCfg(
+            episodes=command.episodes,
+            episode_s=command.episode_s,
+            change_s=command.change_s,
+            variation=VariationCfg(share=command.varied),
+        )
+    except ValueError as error:
+        raise GaitprefError(f"gaitpref record: {error}") from None
+
+
 def _record(command: options.Record) -> None:
     load_policy(command.policy)
     dataset = Dataset.create(command.dataset)
-    cfg = RecordCfg(episodes=command.episodes)
+    cfg = record_cfg(command)
     with counting_bar("recording", cfg.episodes) as bar:
 
         def counted():
@@ -150,13 +168,14 @@ def _pairs(command: options.Pairs) -> None:
     # Refused before anything is chosen at random instead.
     make_strategy(strategy, model, dataset.clip_features)
     rng = np.random.default_rng(command.seed)
+    cut = ClipCfg.of(command.clip_s)
     with dataset.answers() as store:
         known = store.pairs()
         round = max((pair.round for pair in known), default=-1) + 1
         chosen = ask(
             dataset,
             dataset.entries(),
-            ClipCfg(),
+            cut,
             command.count,
             known=known,
             model=model,
@@ -167,7 +186,7 @@ def _pairs(command: options.Pairs) -> None:
         )
         gold = with_known_answer(
             dataset.entries(),
-            ClipCfg(),
+            cut,
             command.gold,
             known=[*known, *chosen],
             round_number=round,

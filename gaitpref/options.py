@@ -59,6 +59,11 @@ class Loop:
     """Times questions are asked and the policy retrained; the preset's by default."""
     labels: int | None = None
     """Answers in all, over all rounds; the preset's by default."""
+    clip_s: float = 1.2
+    """Length of a clip; 5 to 20 to ask about a whole manoeuvre. Episodes are recorded
+    three clips long, and no shorter than else."""
+    change_s: float | None = None
+    """Ask for another command every so many seconds of what is recorded."""
     stop_asking: bool = False
     """End a round's questions early where more answers will not help now."""
     rater: Literal["simulated", "human"] = "simulated"

@@ -65,6 +65,14 @@ class Record:
     """Data set directory; made if it is not there."""
     episodes: int = 64
     """Episodes in all."""
+    episode_s: float = 6.0
+    """Length of an episode that does not fall."""
+    change_s: float | None = None
+    """Ask for another of the recorded commands every so many seconds: a manoeuvre, of
+    which `gaitpref pairs --clip-s` asks long clips. By default an episode has one."""
+    varied: float = 0.0
+    """Share of the episodes in another posture, higher, wider or with larger steps:
+    what a policy never varies itself, no answer about its clips tells."""
     compression: Literal["none", "zstd"] = "none"
     """zstd saves a fifth of the space and takes about eight times as long to write."""
     seed: int = 0

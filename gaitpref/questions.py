@@ -10,6 +10,7 @@ import numpy as np
 from data.answers import Pair
 from data.clips import Clip, cut_clips
 from data.dataset import Dataset, EpisodeEntry
+from data.errors import GaitprefError
 from rewardmodel.acquisition import (
     NEEDS_MODEL,
     Strategy,
@@ -20,6 +21,9 @@ from rewardmodel.acquisition import (
 )
 from rewardmodel.errors import RewardError
 from rewardmodel.model import RewardModel
+
+LONGEST_CLIP_S = 60.0
+"""Nobody judges more at a glance."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +36,18 @@ class ClipCfg:
     """Shortest clip that ends in a fall."""
     stride_s: float = 0.6
     """Time from the start of a clip to that of the next."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.clip_s <= LONGEST_CLIP_S:
+            raise GaitprefError(
+                f"--clip-s must lie in (0, {LONGEST_CLIP_S:g}], got {self.clip_s:g}"
+            )
+
+    @classmethod
+    def of(cls, clip_s: float) -> ClipCfg:
+        """Clips of this length that overlap by half of it."""
+        shortest_s, stride_s = round(clip_s / 3, 6), round(clip_s / 2, 6)
+        return cls(clip_s=clip_s, min_clip_s=shortest_s, stride_s=stride_s)
 
 
 def clips_of(entries: Sequence[EpisodeEntry], cfg: ClipCfg) -> list[Clip]:
@@ -68,6 +84,7 @@ def ask(
     Raises:
         RewardError: the episodes do not give that many pairs.
     """
+    _require_long_enough(entries, cfg)
     clips = clips_of(entries, cfg)
     blind = model is None and strategy in NEEDS_MODEL
     at_random = count if blind else -int(-uniform_share * count // 1)
@@ -94,6 +111,21 @@ def ask(
             f"--dataset {dataset.root}`, or ask for fewer"
         )
     return chosen
+
+
+def _require_long_enough(entries: Sequence[EpisodeEntry], cfg: ClipCfg) -> None:
+    longest = max(entries, key=lambda entry: entry.num_steps, default=None)
+    # Clips are whole control steps long.
+    if longest is None or longest.num_steps >= round(
+        cfg.clip_s / longest.meta.control_dt_s
+    ):
+        return
+    raise RewardError(
+        f"none of {len(entries)} episodes holds a clip of {cfg.clip_s:g} s, the "
+        f"longest lasts {longest.num_steps * longest.meta.control_dt_s:g} s: ask about "
+        "shorter clips with --clip-s, or record longer ones with "
+        "`gaitpref record --episode-s`"
+    )
 
 
 def with_known_answer(

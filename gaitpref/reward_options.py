@@ -20,6 +20,8 @@ class Pairs:
     gold: int = 0
     """Pairs with a known answer to add as well, to measure raters: of the two robots,
     one falls. Fewer where not so many fell."""
+    clip_s: float = 1.2
+    """Length of a clip; 5 to 20 to ask about a whole manoeuvre."""
     strategy: (
         Literal[
             "uniform", "disagreement", "entropy", "bald", "kcenter", "medoids", "dpp"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Literal
@@ -16,6 +16,7 @@ from policy.config import EnvCfg
 from policy.ppo import PpoCfg
 from policy.record import RecordCfg
 from policy.reward import KnownTermsCfg
+from policy.variation import VariationCfg
 from rewardmodel.acquisition import StrategyName
 from rewardmodel.cfg import FitCfg
 
@@ -97,6 +98,9 @@ class LoopCfg:
     """Questions chosen at a time; a reward is fitted to all answers before the next."""
     stop_asking: bool = field(default=False, metadata=ADDED_LATER)
     """Whether a round asks no further batch where more answers will not help now."""
+    earlier_share: float = field(default=0.5, metadata=ADDED_LATER)
+    """Episodes of earlier rounds' policies among those asked about, for every new one:
+    what all clips of a new policy have in common, no answer about two of them tells."""
     strategy: StrategyName = "disagreement"
     """How the other pairs of a round are chosen."""
     uniform_share: float = 0.2
@@ -158,7 +162,14 @@ def resolve(options: Loop) -> LoopCfg:
     """The preset's configuration with what the command line gives put over it."""
     quick = options.preset == "quick"
     scratch = options.base == "none"
+    clips = ClipCfg.of(options.clip_s)
+    recorded = RecordCfg(
+        episode_s=max(RecordCfg.episode_s, 3 * clips.clip_s),
+        change_s=options.change_s,
+        variation=VariationCfg(share=0.5),
+    )
     common = {
+        "clips": clips,
         "rater": options.rater,
         "criterion": options.criterion,
         "base": options.base,
@@ -181,7 +192,7 @@ def resolve(options: Loop) -> LoopCfg:
             exploration=ExplorationCfg(),
             # Beside clips without noise, those with it teach that moving is bad; and a
             # robot that only shakes shows nobody what walking would be like.
-            record=RecordCfg(episodes=192, noisy_share=1.0, babble_share=0.3),
+            record=replace(recorded, episodes=192, noisy_share=1.0, babble_share=0.3),
             **common,
         )
     rounds = 3 if quick else 5
@@ -193,6 +204,7 @@ def resolve(options: Loop) -> LoopCfg:
         last_round_steps=600_000 if quick else 1_200_000,
         learned_weight=0.7,
         exploration=None,
+        record=recorded,
         **common,
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from datetime import datetime
 from typing import Any
 
@@ -19,6 +19,7 @@ from .actions import (
 )
 from .desk import HISTORY_LENGTH, Showing
 from .judgement import Past, Verdict
+from .motion import Command
 from .scene import side_colour
 from .status import LoopStatus
 
@@ -158,7 +159,7 @@ def head(rater_id: str, showing: Showing) -> str:
     else:
         lines.append("<b>Which one walks better?</b>")
         if showing.motions is not None:
-            lines.append(command_words(showing.motions[0].command))
+            lines.append(command_words(showing.motions[0].commands))
     if question is not None and question.earlier is not None:
         said = WORDS[question.earlier].lower()
         lines.append(f"<i>Reopened: you said “{said}”. Answer again, or keep it.</i>")
@@ -171,15 +172,20 @@ def head(rater_id: str, showing: Showing) -> str:
     return _boxed(top + "".join(f"<div>{line}</div>" for line in lines))
 
 
-def command_words(command: tuple[float, float, float]) -> str:
-    """What both robots were told to do."""
+def command_words(commands: Sequence[Command]) -> str:
+    """What both robots were told to do, one after the other."""
+    words = ", then ".join(_one_command(command) for command in commands)
+    return f"asked for: <b>{words}</b>"
+
+
+def _one_command(command: Command) -> str:
     forward, left, yaw = command
     words = [f"{'forward' if forward >= 0 else 'backward'} {abs(forward):.2f} m/s"]
     if abs(left) >= 0.005:
         words.append(f"{'left' if left > 0 else 'right'} {abs(left):.2f} m/s")
     if abs(yaw) >= 0.005:
         words.append(f"turning {'left' if yaw > 0 else 'right'} {abs(yaw):.2f} rad/s")
-    return "asked for: <b>" + ", ".join(words) + "</b>"
+    return ", ".join(words)
 
 
 def past_words(past: Past) -> str:

@@ -14,11 +14,14 @@ import numpy as np
 from data.answers import Pair
 from data.clips import Clip
 from data.dataset import Dataset
+from data.episode import Episode
 from data.errors import DatasetError
 from data.features import column
 
 from .geometry import RobotGeometry, instance_poses, multiply_wxyz, robot_geometry
 
+Command = tuple[float, float, float]
+"""Forward m/s, left m/s, yaw rad/s."""
 PATH_WINDOW_S = 0.5
 """The camera follows the base averaged over this time: its bobbing stays visible."""
 MAX_CLIPS = 256
@@ -39,8 +42,8 @@ class Motion:
     """[S, I, 4], float32"""
     path: np.ndarray
     """[S, 2] m, where the base is over ground, averaged over PATH_WINDOW_S."""
-    command: tuple[float, float, float]
-    """Forward m/s, left m/s, yaw rad/s."""
+    commands: tuple[Command, ...]
+    """What the robot was told to do, one after the other."""
     fell: bool
     """The clip ends with the fall of the robot."""
     contact: np.ndarray
@@ -104,7 +107,7 @@ def load_motion(dataset: Dataset, clip: Clip) -> Motion:
         # Neighbouring states on the same half of the sphere can be averaged.
         wxyzs=_continuous(wxyzs),
         path=_smooth(ground, window).astype(np.float32),
-        command=episode.meta.command,
+        commands=_commands(episode, rows),
         fell=episode.end_reason == "terminated" and clip.stop == episode.num_steps,
         contact=rows[:, column("foot_contact")] > 0.5,
         # Copies: a view would keep the whole episode in memory.
@@ -112,6 +115,15 @@ def load_motion(dataset: Dataset, clip: Clip) -> Motion:
         height_m=rows[:, column("base_height")][:, 0].copy(),
         torque_nm=np.abs(rows[:, column("joint_torque")]).mean(axis=-1),
     )
+
+
+def _commands(episode: Episode, rows: np.ndarray) -> tuple[Command, ...]:
+    """Those of a clip with feature `rows`, each once for as long as it holds."""
+    if not episode.meta.command_change_steps:
+        return (episode.meta.command,)
+    asked = rows[:, column("command")]
+    first = np.r_[True, (asked[1:] != asked[:-1]).any(axis=1)]
+    return tuple((forward, left, yaw) for forward, left, yaw in asked[first].tolist())
 
 
 class MotionCache:

@@ -6,20 +6,27 @@ Shapes: N environments, T steps of an episode.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from data.episode import EndReason, Episode, EpisodeMeta
+from data.episode_records import COMMAND_CHANGE
+from data.plain import ADDED_LATER
 
 from .babble import BABBLE_SHA256, Babble
 from .checkpoint import Policy, load_policy
 from .config import CommandCfg, EnvCfg
 from .env import QuadrupedEnv
-from .rollout import RolloutStep, first_episodes
+from .rollout import Actor, RolloutStep, first_episodes
 from .train import CHECKPOINTS_NAME
+from .variation import VariationCfg, Varied
+
+Command = tuple[float, float, float]
+"""Forward m/s, left m/s, yaw rad/s."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,12 +37,17 @@ class RecordCfg:
     """Episodes in all."""
     episode_s: float = 6.0
     """Length of an episode that does not fall."""
+    change_s: float | None = field(default=None, metadata=ADDED_LATER)
+    """Time after which the next of the recorded commands is asked for, again and again:
+    a whole manoeuvre. None keeps an episode's command."""
     checkpoints: int = 3
     """Earlier checkpoints of the same training that are recorded too."""
     checkpoint_share: float = 0.5
     """Share of the episodes that shows them."""
     noisy_share: float = 0.5
     """Share of a policy's episodes with exploration noise, so that clips differ."""
+    variation: VariationCfg = field(default=VariationCfg(), metadata=ADDED_LATER)
+    """Other postures, so that clips differ in what a policy never varies itself."""
     babble_share: float = 0.0
     """Share of the episodes that shows random rhythms instead of a policy; all do
     while the policy is untrained, unless the share is 0."""
@@ -46,13 +58,28 @@ class RecordCfg:
     def __post_init__(self) -> None:
         if self.episodes < 1:
             raise ValueError(f"episodes must be at least 1, got {self.episodes}")
+        if not self.episode_s > 0:
+            raise ValueError(f"episode_s must be positive, got {self.episode_s}")
+        if self.change_s is not None and not self.change_s > 0:
+            raise ValueError(f"change_s must be positive, got {self.change_s}")
         if not self.babble_m_s:
             raise ValueError("babble_m_s needs at least one speed")
+
+    def change_steps(self, control_dt_s: float) -> int:
+        """Control steps from one command to the next; 0 keeps an episode's command."""
+        if self.change_s is None:
+            return 0
+        return max(1, round(self.change_s / control_dt_s))
+
+
+def _asked_of(choices: Sequence[Command], count: int, *, turn: int = 0) -> Tensor:
+    """Commands [N, 3] of `count` environments after `turn` changes."""
+    return torch.tensor([choices[(i + turn) % len(choices)] for i in range(count)])
 
 
 def recorded_commands(
     cfg: CommandCfg, forward_m_s: tuple[float, ...] | None = None
-) -> list[tuple[float, float, float]]:
+) -> list[Command]:
     """The few commands that are recorded, so that many clips share one."""
     low, high = cfg.evaluated_m_s
     speeds = forward_m_s or (low, (low + high) / 2, high)
@@ -130,18 +157,36 @@ def _record_one(
 ) -> Iterator[Episode]:
     """Episodes of `policy`, or of random rhythms in its place."""
     info = policy.info
-    env_cfg = replace(info.env, episode_s=min(cfg.episode_s, info.env.episode_s))
+    env_cfg = replace(info.env, episode_s=cfg.episode_s)
     robot = policy.robot()
     env = QuadrupedEnv(robot, env_cfg, count, seed=seed, keep_final=True)
     choices = recorded_commands(env_cfg.commands, cfg.babble_m_s if babble else None)
-    commands = [choices[i % len(choices)] for i in range(count)]
-    env.fix_commands(torch.tensor(commands))
+    env.fix_commands(_asked_of(choices, count))
     noisy = _noisy(count, len(choices), 0.0 if babble else cfg.noisy_share)
     rng = torch.Generator().manual_seed(seed)
-    actor = _babble(env, rng) if babble else policy
-    steps = list(
-        first_episodes(actor, env, noise=torch.from_numpy(noisy).float(), rng=rng)
-    )
+    varied = np.zeros(count, dtype=bool)
+    actor: Actor = policy
+    if babble:
+        actor = _babble(env, rng)
+    elif cfg.variation.share:
+        actor = Varied(
+            policy,
+            env.robot,
+            cfg.variation,
+            count,
+            action_scale_rad=env_cfg.action_scale_rad,
+            rng=rng,
+        )
+        varied = actor.chosen.numpy()
+    steps: list[RolloutStep] = []
+    change_steps = cfg.change_steps(env_cfg.control_dt_s)
+    for step in first_episodes(
+        actor, env, noise=torch.from_numpy(noisy).float(), rng=rng
+    ):
+        steps.append(step)
+        if change_steps and len(steps) % change_steps == 0:
+            turn = len(steps) // change_steps
+            env.fix_commands(_asked_of(choices, count, turn=turn))
     # Once for all: taking steps apart for every episode costs a third of the rollout.
     arrays = {
         name: np.stack([np.asarray(getattr(step, name)) for step in steps], axis=1)
@@ -153,7 +198,7 @@ def _record_one(
             task="walk" if env_cfg.getup is None else "getup",
             seed=seed,
             env_index=index,
-            command=commands[index],
+            command=choices[index % len(choices)],
             policy_sha256=BABBLE_SHA256 if babble else policy.sha256,
             policy_step=0 if babble else info.steps,
             stochastic=bool(noisy[index]),
@@ -162,16 +207,27 @@ def _record_one(
             robot=robot.name,
             model_sha256=env.robot.model_sha256,
             round=round,
-            extra=_extra(env_cfg, "nothing" if babble else info.reward),
+            extra=_extra(
+                env_cfg,
+                "nothing" if babble else info.reward,
+                change_steps=change_steps,
+                varied=bool(varied[index]),
+            ),
         )
         num_steps = int(lengths[index])
         rows = {name: array[index, :num_steps] for name, array in arrays.items()}
         yield _episode(steps[num_steps - 1], rows, index, meta, env.robot.mjcf)
 
 
-def _extra(cfg: EnvCfg, trained_against: str) -> dict[str, str]:
+def _extra(
+    cfg: EnvCfg, trained_against: str, *, change_steps: int, varied: bool
+) -> dict[str, str]:
     """What is stored with an episode as text."""
     extra = {"trained_against": trained_against}
+    if change_steps:
+        extra[COMMAND_CHANGE] = str(change_steps)
+    if varied:
+        extra["posture"] = "varied"
     if cfg.terrain.kind != "flat":
         extra |= {"terrain": cfg.terrain.kind, "terrain_seed": str(cfg.terrain.seed)}
     return extra

@@ -5,9 +5,23 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
+import torch
 
 from benchmarks.walks import walking_dataset
+from data.dataset import Dataset
+from data.errors import GaitprefError
+from data.features import column
+from gaitpref.cli import main
+from gaitpref.options import Loop
 from gaitpref.questions import ClipCfg, with_known_answer
+from gaitpref.run_config import resolve
+from labeling_ui.controls import command_words
+from labeling_ui.motion import MotionCache
+from policy.config import EnvCfg
+from policy.ppo import PpoCfg
+from policy.robot import load_robot
+from policy.train import TrainCfg, train
 
 
 def test_the_robot_that_does_not_fall_is_the_known_answer(tmp_path: Path) -> None:
@@ -33,3 +47,64 @@ def test_the_robot_that_does_not_fall_is_the_known_answer(tmp_path: Path) -> Non
         assert better.rollout not in falls
         assert worse.stop == falls[worse.rollout]
         assert pair.round == 2
+
+
+@pytest.fixture(scope="module")
+def manoeuvres(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    """Episodes of 6 s that change their command every 2 s, of a robot that stands."""
+    folder = tmp_path_factory.mktemp("manoeuvres")
+    robot = load_robot(physics_dt_s=EnvCfg().physics_dt_s)
+    ppo = PpoCfg(num_envs=8, hidden_sizes=(8,))
+    cfg = TrainCfg(steps=192, env=EnvCfg(), ppo=ppo, exploration_std=0.05)
+    policy = train(folder / "p", robot, cfg)
+    payload = torch.load(policy.policy, weights_only=True)
+    for name in ("mlp.2.weight", "mlp.2.bias"):
+        payload["actor_state_dict"][name].zero_()
+    torch.save(payload, policy.policy)
+    record = ["record", "--policy", str(policy.policy), "--dataset", str(folder / "d")]
+    sizes = ["--episodes", "20", "--episode-s", "6", "--change-s", "2"]
+    assert main([*record, *sizes, "--varied", "0.5"]) == 0
+    return Dataset.open(folder / "d")
+
+
+def test_a_whole_manoeuvre_is_asked_about_and_learned_from(
+    manoeuvres: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Clips of 5 s through all stages; both robots were told the same throughout."""
+    there = ["--dataset", str(manoeuvres.root)]
+    assert main(["pairs", *there, "--count", "12", "--clip-s", "5"]) == 0
+    with manoeuvres.answers() as store:
+        pairs = store.pairs()
+    whole = [pair for pair in pairs if pair.a.steps == pair.b.steps == 250]
+    assert len(whole) >= 6, "of the others, a robot falls"
+    for pair in whole:
+        rows = map(manoeuvres.clip_features, (pair.a, pair.b))
+        asked = [row[:, column("command")] for row in rows]
+        assert np.array_equal(*asked)
+        assert len(np.unique(asked[0], axis=0)) == 3
+    motions = MotionCache(manoeuvres).of_pair(whole[0])
+    words = command_words(motions[0].commands)
+    assert words.count(", then ") == 2
+    assert words == command_words(motions[1].commands)
+    assert main(["answer", *there, "--criterion", "task"]) == 0
+    assert main(["fit", *there, "--out", str(tmp_path / "reward")]) == 0
+    assert "12 answers" in capsys.readouterr().err
+
+
+def test_clips_longer_than_any_episode_are_refused_by_name(
+    manoeuvres: Dataset, capsys: pytest.CaptureFixture[str]
+) -> None:
+    there = ["--dataset", str(manoeuvres.root), "--count", "3"]
+    assert main(["pairs", *there, "--clip-s", "8"]) == 2
+    told = capsys.readouterr().err
+    assert "holds a clip of 8 s, the longest lasts 6 s" in told
+    assert "--episode-s" in told
+    with pytest.raises(GaitprefError, match=r"--clip-s must lie in \(0, 60\], got 90"):
+        ClipCfg.of(90.0)
+
+
+def test_a_loop_records_episodes_that_hold_its_clips() -> None:
+    cfg = resolve(Loop(run=Path("r"), clip_s=8.0, change_s=4.0))
+    assert (cfg.clips.clip_s, cfg.clips.stride_s) == (8.0, 4.0)
+    assert (cfg.record.episode_s, cfg.record.change_s) == (24.0, 4.0)
+    assert resolve(Loop(run=Path("r"))).clips == ClipCfg()

@@ -154,3 +154,23 @@ def test_policies_may_be_handed_in(policy_file: Path) -> None:
         record(Path("nowhere"), RECORD, seed=0, policies=[policy])
     )
     assert {e.meta.policy_sha256 for e in episodes} == {policy.sha256}
+
+
+def test_a_manoeuvre_asks_for_one_command_after_the_other(policy_file: Path) -> None:
+    """Every 0.2 s the next of the recorded commands, in rows and observations."""
+    manoeuvre = RecordCfg(episodes=10, episode_s=0.5, change_s=0.2)
+    choices = recorded_commands(ENV.commands)
+    for episode in record(policy_file, manoeuvre, seed=0):
+        first = choices.index(episode.meta.command)
+        asked = [choices[(first + turn) % len(choices)] for turn in (0, 1, 2)]
+        expected = np.repeat(asked, 10, axis=0)[: episode.num_steps]
+        assert episode.features[:, column("command")] == pytest.approx(expected)
+        assert episode.obs[: episode.num_steps, 45:] == pytest.approx(expected)
+        assert episode.meta.command_change_steps == 10
+
+
+def test_lengths_that_cannot_be_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"change_s must be positive, got 0.0"):
+        RecordCfg(change_s=0.0)
+    with pytest.raises(ValueError, match=r"episode_s must be positive, got -1.0"):
+        RecordCfg(episode_s=-1.0)

@@ -16,6 +16,7 @@ from data.answers import Pair
 from data.clips import Clip
 from data.dataset import EpisodeEntry
 from data.episode import EpisodeMeta
+from data.episode_records import COMMAND_CHANGE
 from data.features import FEATURE_DIM, column
 from rewardmodel import (
     Disagreement,
@@ -410,3 +411,22 @@ def test_every_strategy_gives_a_number_for_every_candidate(name: StrategyName) -
     assert worth.shape == (3,)
     assert np.isfinite(worth).all()
     assert strategy.name == name
+
+
+def test_clips_of_a_manoeuvre_meet_where_they_were_told_the_same() -> None:
+    """Commands change every 10 steps, so only clips of equal start compare."""
+    entries = [
+        replace(e, meta=replace(e.meta, extra={COMMAND_CHANGE: "10"}))
+        for e in (entry(index) for index in range(6))
+    ]
+    pairs = choose_pairs(
+        entries,
+        clips_of(entries),
+        12,
+        strategy=Uniform(),
+        round=0,
+        rng=np.random.default_rng(0),
+    )
+    assert len(pairs) == 12
+    assert all(pair.a.start == pair.b.start for pair in pairs)
+    assert len({pair.a.start for pair in pairs}) == 3

@@ -114,7 +114,9 @@ def _pool(clips: Sequence[Clip], entries: Iterable[EpisodeEntry], folds: int) ->
     return _Pool(
         clips=clips,
         episode=_numbered([entry.sha256 for entry in own]),
-        command=_numbered([entry.meta.command for entry in own]),
+        command=_numbered(
+            [_asked_for(entry, clip) for entry, clip in zip(own, clips, strict=True)]
+        ),
         policy=_numbered([entry.meta.policy_sha256 for entry in own]),
         fold=np.array([fold_of(entry.sha256, folds) for entry in own], dtype=int),
         fell=np.array(
@@ -125,6 +127,12 @@ def _pool(clips: Sequence[Clip], entries: Iterable[EpisodeEntry], folds: int) ->
             dtype=bool,
         ),
     )
+
+
+def _asked_for(entry: EpisodeEntry, clip: Clip) -> Hashable:
+    """What the robot was told to do in a clip: equal for equal commands throughout."""
+    change_steps = entry.meta.command_change_steps
+    return entry.meta.command, change_steps, clip.start if change_steps else 0
 
 
 def _numbered(facts: Sequence[Hashable]) -> np.ndarray:
