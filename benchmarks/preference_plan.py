@@ -49,7 +49,8 @@ METHODS: dict[str, Callable[[LoopCfg], LoopCfg]] = {
         for name in ("gp", "mlp", "auto")
     },
     "plain-linear": lambda cfg: replace(
-        cfg, fit=FitCfg(kind="linear", error_share=0.0, tie_threshold=0.0)
+        cfg,
+        fit=FitCfg(kind="linear", error_share=0.0, tie_threshold=0.0, adapt=False),
     ),
 }
 """What is changed of the loop's configuration."""

@@ -180,6 +180,10 @@ class FitCfg:
     `auto`, whichever foresees held-out answers best."""
     error_share: float = 0.3
     """Share of the answers expected to be random, in [0, 1)."""
+    adapt: bool = field(default=True, metadata=ADDED_LATER)
+    """Whether `error_share` and the prior of the `linear` model are only where
+    expectations start, and the answers say what they are; a fitted reward keeps what
+    was found."""
     tie_threshold: float = 1.0
     """Lead, in logits, below which a rater is expected to answer "equal"; 0 counts
     "equal" as half an answer for either side."""

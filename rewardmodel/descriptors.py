@@ -20,6 +20,8 @@ from torch import Tensor
 
 from data.features import column
 
+_LIFT_OFF_S = 0.05
+"""Time over which a lift-off fades: it must be shorter than a swing."""
 _LIMIT = 1e6
 """Magnitude at which columns are cut: no robot comes near, and the squares of what is
 left, summed over twelve joints, stay finite in float32."""
@@ -56,6 +58,12 @@ def _planar_error(row: Row) -> Tensor:
 
 def _yaw_rate_error(row: Row) -> Tensor:
     return row["base_ang_vel_b"][..., 2] - row["command"][..., 2]
+
+
+def _lift_offs(row: Row) -> Tensor:
+    """The integral over a swing is nearly the same however long it lasts."""
+    air_s = row["foot_air_time"]
+    return ((air_s > 0) * torch.exp(-air_s.clamp(min=0) / _LIFT_OFF_S)).sum(dim=-1)
 
 
 DESCRIPTORS = (
@@ -202,6 +210,12 @@ DESCRIPTORS = (
         "s",
         "time since lift-off of the foot longest in the air",
         lambda row: row["foot_air_time"].amax(dim=-1),
+    ),
+    Descriptor(
+        "lift_offs",
+        "1",
+        "how often feet leave the ground: short steps instead of long ones",
+        _lift_offs,
     ),
 )
 

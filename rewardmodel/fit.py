@@ -18,6 +18,7 @@ from .calibration import calibration, fit_temperature
 from .cfg import FitCfg as FitCfg
 from .cfg import Kind
 from .enough import enough, remaining
+from .evidence import with_evidence
 from .gp import fit_gp
 from .history import fit_history
 from .linear import fit_linear
@@ -67,9 +68,8 @@ def fit_reward(
             in a fold are kept from the models the fold measures.
     """
     started_s = time.perf_counter()
-    described, raters = with_reliability(
-        training_pairs(pairs, cfg), pairs.raters, cfg, seed=seed
-    )
+    described, cfg = with_evidence(training_pairs(pairs, cfg), cfg)
+    described, raters = with_reliability(described, pairs.raters, cfg, seed=seed)
     cfg, considered = _chosen(described, pairs.episodes, cfg, seed, measured)
     described = described.seen_by(cfg)
     others = _described(unanswered, cfg)

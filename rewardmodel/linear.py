@@ -48,11 +48,10 @@ def fit_linear(
     the asked pairs, so that the prior means the same for each: a habit in which the
     clips differ by the usual amount shifts the logit by about one.
     """
-    difference = pairs.difference.double()
-    spread = difference.square().mean(dim=0).sqrt().clamp_min(MIN_SPREAD)
+    inputs, spread = scaled_differences(pairs)
     counts = bootstrap_counts(cfg.linear.num_members, len(pairs), generator=generator)
     theta = posterior_modes(
-        difference / spread,
+        inputs,
         pairs,
         counts.double(),
         cfg,
@@ -61,6 +60,14 @@ def fit_linear(
     scorer = LinearScorer(*theta.shape)
     scorer.weights.copy_(theta / spread)
     return scorer
+
+
+def scaled_differences(pairs: TrainingPairs) -> tuple[Tensor, Tensor]:
+    """Differences [B, D] of the clips in float64, and the spread [D] they are divided
+    by."""
+    difference = pairs.difference.double()
+    spread = difference.square().mean(dim=0).sqrt().clamp_min(MIN_SPREAD)
+    return difference / spread, spread
 
 
 def posterior_modes(
@@ -98,7 +105,7 @@ def posterior_modes(
         uphill = (counts * slope) @ inputs - precision * theta
         if uphill.abs().max() < _TOLERANCE:
             break
-        hessian = _positive_hessian(inputs, -counts * curvature, precision)
+        hessian = positive_hessian(inputs, -counts * curvature, precision)
         tried = theta + sizes * torch.linalg.solve(hessian, uphill)  # [S, M, D]
         likelihood = pairs.log_likelihood(tried @ inputs.mT + offset, cfg)
         height = (counts * likelihood).sum(-1) - precision / 2 * tried.square().sum(-1)
@@ -109,7 +116,7 @@ def posterior_modes(
     return theta
 
 
-def _positive_hessian(inputs: Tensor, bends: Tensor, precision: float) -> Tensor:
+def positive_hessian(inputs: Tensor, bends: Tensor, precision: float) -> Tensor:
     """Hessian [M, D, D] of the negated objective, made positive where it is not.
 
     Args:

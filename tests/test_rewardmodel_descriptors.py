@@ -61,6 +61,20 @@ def test_slip_counts_only_feet_on_the_ground() -> None:
     assert found["slip"] == pytest.approx(1.25)
 
 
+def test_lift_offs_count_steps_and_not_how_long_they_last() -> None:
+    """One swing of 0.3 s or two of 0.15 s: as long in the air, twice as many."""
+    short, long = (torch.arange(1, n + 1) * 0.02 for n in (8, 16))
+
+    def mean_of(*swings: Tensor) -> float:
+        rows = standing_row().repeat(40, 1)
+        air_s = torch.cat((*swings, torch.zeros(40)))[:40]
+        rows[:, column("foot_air_time").start] = air_s
+        return float(describe(rows)[:, DESCRIPTOR_NAMES.index("lift_offs")].mean())
+
+    twice = mean_of(short, torch.zeros(1), short) / mean_of(long)
+    assert twice == pytest.approx(2.0, rel=0.05)
+
+
 def test_a_clip_and_a_live_batch_are_described_alike() -> None:
     rows = torch.randn(24, 8, FEATURE_DIM, generator=torch.Generator().manual_seed(0))
     assert torch.equal(describe(rows)[:, 3], describe(rows[:, 3]))

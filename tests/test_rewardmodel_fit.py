@@ -423,7 +423,7 @@ def test_other_descriptors_are_refused_by_name(saved: Path, tmp_path: Path) -> N
     names = [*DESCRIPTOR_NAMES[:-1], "wagging"]
     directory = rewrite(saved, tmp_path / "copy", descriptors=names)
     with pytest.raises(
-        RewardError, match=r"lacks: air_time_max; it has besides: wagging"
+        RewardError, match=r"lacks: lift_offs; it has besides: wagging"
     ):
         load_reward(directory)
 

@@ -1,0 +1,105 @@
+"""How strong opinions may be, and how often raters err: what the answers speak for.
+
+With few answers, or raters who contradict themselves, weights had better stay small;
+with many that agree, a prior that holds them back only bends the reward. Both settings
+are taken where the evidence for them is largest, as Laplace's approximation gives it
+(MacKay 1992, "Bayesian Interpolation", eq. 2.5 ff.).
+
+Shapes: B pairs, D descriptors.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from .cfg import FitCfg
+from .likelihood import Errors, log_likelihood_derivatives
+from .linear import positive_hessian, posterior_modes, scaled_differences
+from .normaliser import Normaliser
+from .training import TrainingPairs
+
+PRECISIONS = (0.03, 0.1, 0.3, 1.0, 3.0)
+ERROR_SHARES = (0.02, 0.1, 0.2, 0.3, 0.5, 0.7)
+"""What is tried. Beyond the first of each, nothing changes any more."""
+_PRECISION_SPREAD, _ERROR_SPREAD = 0.75, 1.0
+"""Deviations, of the logarithm and of the logit, of what is expected beforehand around
+the settings: a handful of answers leaves both about where they were."""
+
+
+def with_evidence(pairs: TrainingPairs, cfg: FitCfg) -> tuple[TrainingPairs, FitCfg]:
+    """Described `pairs` and `cfg` with the error share and prior precision that the
+    answers speak for; `cfg` is then done adapting."""
+    if not cfg.adapt:
+        return pairs, cfg
+    linear = replace(cfg, kind="linear")
+    seen = pairs.seen_by(linear)
+    standardised = seen.transformed(
+        Normaliser(seen.steps.shape[-1]).fit(seen.scored_steps)
+    )
+    inputs = scaled_differences(standardised)[0]
+    tried = {
+        (precision, share): evidence(
+            inputs, _erring(standardised, cfg, share), cfg, precision
+        )
+        + _expected(cfg, precision, share)
+        for precision in PRECISIONS
+        for share in ERROR_SHARES
+    }
+    precision, share = max(tried, key=lambda settings: tried[settings])
+    found = replace(
+        cfg,
+        adapt=False,
+        error_share=share,
+        linear=replace(cfg.linear, prior_precision=precision),
+    )
+    return _erring(pairs, found, share), found
+
+
+def evidence(
+    inputs: Tensor, pairs: TrainingPairs, cfg: FitCfg, precision: float
+) -> float:
+    """Log of the probability of the answers, all weights averaged over.
+
+    Args:
+        inputs: [B, D] float64 scaled differences of the clips.
+        pairs: Their answers and falls.
+        cfg: The likelihood of an answer.
+        precision: Of the Gaussian prior on every weight.
+    """
+    counts = inputs.new_ones(1, len(pairs))
+    theta = posterior_modes(inputs, pairs, counts, cfg, precision=precision)
+    leads = theta @ inputs.mT + pairs.fall_lead.double()
+    _, curvature = log_likelihood_derivatives(
+        leads,
+        pairs.target.double(),
+        tie_threshold=cfg.tie_threshold,
+        error_share=pairs.errors,
+    )
+    hessian = positive_hessian(inputs, -counts * curvature, precision)[0]
+    fitted = pairs.log_likelihood(leads, cfg).sum()
+    held_back = precision / 2 * theta.square().sum()
+    free = torch.logdet(hessian) - inputs.shape[1] * math.log(precision)
+    return float(fitted - held_back - free / 2)
+
+
+def _erring(pairs: TrainingPairs, cfg: FitCfg, share: float) -> TrainingPairs:
+    errors = Errors.alike(share, len(pairs), tie_threshold=cfg.tie_threshold)
+    return replace(pairs, errors=errors)
+
+
+def _expected(cfg: FitCfg, precision: float, share: float) -> float:
+    """Log of how much settings are expected before any answer, up to a constant."""
+    centre = min(max(cfg.error_share, ERROR_SHARES[0]), ERROR_SHARES[-1])
+    off_precision = math.log(precision / cfg.linear.prior_precision)
+    off_share = _logit(share) - _logit(centre)
+    return -0.5 * (
+        (off_precision / _PRECISION_SPREAD) ** 2 + (off_share / _ERROR_SPREAD) ** 2
+    )
+
+
+def _logit(share: float) -> float:
+    return math.log(share / (1 - share))

@@ -1,0 +1,71 @@
+"""What the answers say of the raters and of how strong opinions may be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from rewardmodel import fit_reward
+from rewardmodel.cfg import FitCfg
+from rewardmodel.evidence import evidence
+from rewardmodel.linear import scaled_differences
+from rewardmodel.normaliser import Normaliser
+from rewardmodel.training import training_pairs
+
+from .test_rewardmodel_fit import answered
+
+FLIPPED = (0.0, 0.2, 0.4)
+
+
+def found(count: int, flipped: float, seed: int) -> FitCfg:
+    pairs = answered(count, seed=seed, flipped=flipped)
+    model, _ = fit_reward(pairs, FitCfg(), seed=0, measured=False)
+    return model.provenance.cfg
+
+
+def test_the_share_of_wrong_answers_is_found() -> None:
+    """The more answers are turned round, the more are expected to be random."""
+    shares = [
+        float(np.mean([found(150, flipped, seed).error_share for seed in range(3)]))
+        for flipped in FLIPPED
+    ]
+    assert shares[0] <= 0.1
+    assert shares[0] < shares[1] < shares[2]
+
+
+def test_opinions_grow_with_the_answers() -> None:
+    """Few answers leave the prior where it was; many that agree loosen it."""
+    few, many = (found(n, 0.0, 0).linear.prior_precision for n in (8, 300))
+    assert many < few
+    assert few == FitCfg().linear.prior_precision
+
+
+def test_settings_that_are_held_stay() -> None:
+    held = FitCfg(adapt=False, error_share=0.07)
+    model, _ = fit_reward(answered(60, seed=0), held, seed=0, measured=False)
+    assert model.provenance.cfg == held
+    again, _ = fit_reward(
+        answered(60, seed=0), model.provenance.cfg, seed=0, measured=False
+    )
+    assert torch.equal(again.scorer.weights, model.scorer.weights)  # type: ignore[union-attr]
+
+
+def test_the_evidence_is_the_integral_over_the_weight() -> None:
+    """One descriptor, so that the integral can be summed on a grid."""
+    cfg = replace(FitCfg(), error_share=0.1, tie_threshold=0.0)
+    pairs = training_pairs(answered(30, seed=1), cfg)
+    pairs = pairs.transformed(Normaliser(pairs.steps.shape[-1]).fit(pairs.scored_steps))
+    inputs = scaled_differences(pairs)[0][:, :1]
+    precision = 1.0
+    weights = torch.linspace(-8.0, 8.0, 4001, dtype=torch.float64)[:, None]
+    leads = weights @ inputs.mT + pairs.fall_lead.double()
+    log_joint = (
+        pairs.log_likelihood(leads, cfg).sum(-1)
+        - precision / 2 * weights[:, 0].square()
+        + 0.5 * np.log(precision / (2 * np.pi))
+    )
+    summed = float(torch.logsumexp(log_joint, 0)) + np.log(16.0 / 4000)
+    assert evidence(inputs, pairs, cfg, precision) == pytest.approx(summed, abs=0.1)
