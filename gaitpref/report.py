@@ -110,7 +110,9 @@ def render(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
         f"every round. The drift is the KL divergence per step from the policy of the "
         f"round before. Accuracy on own clips: answers about a round's clips, foreseen "
         f"from the answers before. Far: motion farther from every clip judged before "
-        f"than 95 % of those are from one another.</p></html>\n"
+        f"than 95 % of those are from one another. The score's share is that of the "
+        f"learned reward in all the policy was trained on at the end, the spread that "
+        f"of its ensemble, in deviations of the reward.</p></html>\n"
     )
 
 
@@ -178,6 +180,8 @@ def _table(rounds: list[dict[str, Any]]) -> str:
         "tracking error",
         "falls/min",
         "drift",
+        "score's share",
+        "spread",
     )
     rows = "".join(
         "<tr>" + "".join(f"<td>{cell}</td>" for cell in _cells(r)) + "</tr>"
@@ -190,7 +194,9 @@ def _table(rounds: list[dict[str, Any]]) -> str:
 
 def _cells(round: dict[str, Any]) -> tuple[str, ...]:
     evaluation, fit = round["evaluation"], round.get("fit")
-    drift = round.get("training", {}).get("policy/reference_kl", 0.0)
+    training = round.get("training", {})
+    drift = training.get("policy/reference_kl", 0.0)
+    share, spread = training.get("share/score"), training.get("reward/spread")
     accuracy = "-"
     if fit and fit["held_out_accuracy"] is not None:
         low, high = fit["held_out_interval"]
@@ -205,4 +211,6 @@ def _cells(round: dict[str, Any]) -> tuple[str, ...]:
         f"{evaluation['tracking_error_m_s']:.3f} m/s",
         f"{evaluation['falls_per_minute']:.2f}",
         f"{drift:.1f} nats" if drift else "-",
+        "-" if share is None else f"{share:.0%}",
+        "-" if spread is None else f"{spread:.2f}",
     )

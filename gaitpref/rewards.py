@@ -5,7 +5,7 @@ Shapes: T steps of a rollout, N environments, F feature columns.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import torch
@@ -23,6 +23,7 @@ from policy.reward import (
     task_score,
 )
 from policy.robot import Robot
+from rewardmodel.model import RewardModel
 from rewardmodel.storage import load_reward
 
 from .criteria import (
@@ -31,6 +32,10 @@ from .criteria import (
     SequenceCriterion,
     load_criterion,
 )
+
+
+_SPREAD_STRIDE = 4
+"""Of the environments, every how many is asked how unsure the ensemble is."""
 
 
 def criterion_context(robot: Robot, env: EnvCfg) -> CriterionContext:
@@ -54,6 +59,10 @@ class TotalReward:
     joint_offset_range: Tensor
     """[12, 2] rad from the home pose"""
     control_dt_s: float
+    figures: dict[str, float] = field(default_factory=dict)
+    """Of the rollout scored last: each part per second (`reward/NAME`), its share of
+    the magnitudes of all (`share/NAME`), and how unsure an ensemble is of the score
+    (`reward/spread`, in its standard deviations)."""
 
     @property
     def history_steps(self) -> int:
@@ -62,7 +71,23 @@ class TotalReward:
 
     def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
         """Reward [T, N] per step of `features` [T, N, F]."""
-        return torch.stack(tuple(self.parts(features, starts).values())).sum(dim=0)
+        parts = self.parts(features, starts)
+        self._measure(parts, features, starts)
+        return torch.stack(tuple(parts.values())).sum(dim=0)
+
+    def _measure(
+        self, parts: dict[str, Tensor], features: Tensor, starts: Tensor
+    ) -> None:
+        means = {name: float(part.mean()) for name, part in parts.items()}
+        sizes = {name: float(part.abs().mean()) for name, part in parts.items()}
+        whole = sum(sizes.values()) or 1.0
+        for name, mean in means.items():
+            self.figures[f"reward/{name}"] = mean / self.control_dt_s
+            self.figures[f"share/{name}"] = sizes[name] / whole
+        if isinstance(self.score, RewardModel):
+            some = slice(None, None, _SPREAD_STRIDE)
+            spread = self.score.spread(features[:, some], starts[:, some])
+            self.figures["reward/spread"] = float(spread.mean())
 
     def parts(self, features: Tensor, starts: Tensor) -> dict[str, Tensor]:
         """What the total is the sum of, by name, each [T, N]."""

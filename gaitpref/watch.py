@@ -68,6 +68,11 @@ class WatchedReward:
         return getattr(self._reward, "history_steps", 0)
 
     @property
+    def figures(self) -> dict[str, float]:
+        """What the reward tells of the rollout scored last."""
+        return getattr(self._reward, "figures", {})
+
+    @property
     def alarm(self) -> str | None:
         """Why training should not go on before people have been asked."""
         if self._bad < PATIENCE or self.drift is None:

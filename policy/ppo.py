@@ -211,6 +211,7 @@ class Runner(OnPolicyRunner):
             mean_return=mean_return,
             scalars={
                 **scalars,
+                **getattr(self.alg.reward_fn, "figures", {}),
                 **{f"loss/{name}": value for name, value in losses.items()},
                 "loss/learning_rate": self.alg.learning_rate,
                 "policy/std": float(self.alg.get_policy().output_std.detach().mean()),

@@ -28,7 +28,8 @@ class RewardFn(Protocol):
         """Reward [T, N] of `features` [T, N, F]; `starts` [T, N] begin an episode.
 
         One that looks back has an attribute `history_steps` that says how far: it is
-        shown as many steps of the rollout before.
+        shown as many steps of the rollout before. One that tells more of the rollout it
+        scored last has an attribute `figures`, numbers by TensorBoard tag.
         """
         ...
 

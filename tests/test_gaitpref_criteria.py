@@ -190,6 +190,13 @@ def test_the_total_is_the_learned_part_and_the_known_terms() -> None:
     assert float(total[1]) == pytest.approx(-1.0)
     parts = reward.parts(features, starts)
     assert set(parts) == {"score", "alive", "fall", "torque", "joint_limits"}
+    # What is told of the rollout: parts per second, and shares of all their sizes.
+    rewards = [v for name, v in reward.figures.items() if name.startswith("reward/")]
+    shares = {n: v for n, v in reward.figures.items() if n.startswith("share/")}
+    assert sum(rewards) == pytest.approx(float(total.mean()) / 0.02, rel=1e-5)
+    assert reward.figures["reward/score"] == pytest.approx(2 * 3 / 2)
+    assert sum(shares.values()) == pytest.approx(1.0)
+    assert shares["share/fall"] == pytest.approx(1.0 / (0.12 + 0.02 + 0.006 + 1.0))
 
 
 def test_joints_near_their_limits_cost() -> None:

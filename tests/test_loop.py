@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import signal
@@ -67,7 +68,13 @@ def test_every_stage_leaves_its_files(undisturbed: Path) -> None:
     assert len(list(undisturbed.glob("rounds/*/policy/policy.pt"))) == 3
     assert len(list(undisturbed.glob("rounds/*/reward/reward.safetensors"))) == 2
     assert len(_judgements(undisturbed)) == 24
+    report = json.loads((undisturbed / "rounds/01/report.json").read_text())
+    told = report["training"]
+    shares = [value for name, value in told.items() if name.startswith("share/")]
+    assert sum(shares) == pytest.approx(1.0)
+    assert told["reward/spread"] > 0.0
     page = (undisturbed / "report/index.html").read_text()
+    assert "score&#x27;s share" in page or "score's share" in page
     assert "<svg" in page
     assert "http://" not in re.sub(
         r"http://(www.w3.org|purl.org|creativecommons.org)", "", page
