@@ -33,7 +33,6 @@ from .criteria import (
     load_criterion,
 )
 
-
 _SPREAD_STRIDE = 4
 """Of the environments, every how many is asked how unsure the ensemble is."""
 

@@ -422,9 +422,7 @@ def test_a_missing_file_is_refused(saved: Path, tmp_path: Path) -> None:
 def test_other_descriptors_are_refused_by_name(saved: Path, tmp_path: Path) -> None:
     names = [*DESCRIPTOR_NAMES[:-1], "wagging"]
     directory = rewrite(saved, tmp_path / "copy", descriptors=names)
-    with pytest.raises(
-        RewardError, match=r"lacks: lift_offs; it has besides: wagging"
-    ):
+    with pytest.raises(RewardError, match=r"lacks: lift_offs; it has besides: wagging"):
         load_reward(directory)
 
 
