@@ -79,9 +79,9 @@ def test_a_whole_manoeuvre_is_asked_about_and_learned_from(
     assert len(whole) >= 6, "of the others, a robot falls"
     for pair in whole:
         rows = map(manoeuvres.clip_features, (pair.a, pair.b))
-        asked = [row[:, column("command")] for row in rows]
-        assert np.array_equal(*asked)
-        assert len(np.unique(asked[0], axis=0)) == 3
+        left, right = (row[:, column("command")] for row in rows)
+        assert np.array_equal(left, right)
+        assert len(np.unique(left, axis=0)) == 3
     motions = MotionCache(manoeuvres).of_pair(whole[0])
     words = command_words(motions[0].commands)
     assert words.count(", then ") == 2
