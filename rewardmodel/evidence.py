@@ -11,7 +11,7 @@ Shapes: B pairs, D descriptors.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -30,33 +30,41 @@ _PRECISION_SPREAD, _ERROR_SPREAD = 0.75, 1.0
 the settings: a handful of answers leaves both about where they were."""
 
 
-def with_evidence(pairs: TrainingPairs, cfg: FitCfg) -> tuple[TrainingPairs, FitCfg]:
-    """Described `pairs` and `cfg` with the error share and prior precision that the
-    answers speak for; `cfg` is then done adapting."""
-    if not cfg.adapt:
-        return pairs, cfg
-    linear = replace(cfg, kind="linear")
-    seen = pairs.seen_by(linear)
+@dataclass(frozen=True)
+class Found:
+    """What the answers speak for, as far as a linear reward can tell."""
+
+    error_share: float
+    prior_precision: float
+
+
+def find(pairs: TrainingPairs, cfg: FitCfg) -> Found:
+    """The settings with the largest evidence, for described `pairs`."""
+    seen = pairs.seen_by(replace(cfg, kind="linear"))
     standardised = seen.transformed(
         Normaliser(seen.steps.shape[-1]).fit(seen.scored_steps)
     )
-    inputs = scaled_differences(standardised)[0]
+    inputs, _ = scaled_differences(standardised)
     tried = {
-        (precision, share): evidence(
-            inputs, _erring(standardised, cfg, share), cfg, precision
-        )
-        + _expected(cfg, precision, share)
+        (share, precision): _expected(cfg, precision, share)
+        + evidence(inputs, erring(standardised, cfg, share), cfg, precision)
         for precision in PRECISIONS
         for share in ERROR_SHARES
     }
-    precision, share = max(tried, key=lambda settings: tried[settings])
-    found = replace(
-        cfg,
-        adapt=False,
-        error_share=share,
-        linear=replace(cfg.linear, prior_precision=precision),
-    )
-    return _erring(pairs, found, share), found
+    return Found(*max(tried, key=lambda settings: tried[settings]))
+
+
+def settled(cfg: FitCfg, found: Found) -> FitCfg:
+    """`cfg` with what was found put in, done adapting.
+
+    What a linear reward cannot see looks like an error to it, so a model that sees more
+    expects no more errors than it did; fewer, where even the linear one finds fewer.
+    """
+    if cfg.kind != "linear":
+        share = min(cfg.error_share, found.error_share)
+        return replace(cfg, adapt=False, error_share=share)
+    linear = replace(cfg.linear, prior_precision=found.prior_precision)
+    return replace(cfg, adapt=False, error_share=found.error_share, linear=linear)
 
 
 def evidence(
@@ -86,7 +94,8 @@ def evidence(
     return float(fitted - held_back - free / 2)
 
 
-def _erring(pairs: TrainingPairs, cfg: FitCfg, share: float) -> TrainingPairs:
+def erring(pairs: TrainingPairs, cfg: FitCfg, share: float) -> TrainingPairs:
+    """`pairs` whose answers are all expected to be random in a share of the cases."""
     errors = Errors.alike(share, len(pairs), tie_threshold=cfg.tie_threshold)
     return replace(pairs, errors=errors)
 

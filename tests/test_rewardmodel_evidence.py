@@ -10,7 +10,7 @@ import torch
 
 from rewardmodel import fit_reward
 from rewardmodel.cfg import FitCfg
-from rewardmodel.evidence import evidence
+from rewardmodel.evidence import Found, evidence, settled
 from rewardmodel.linear import scaled_differences
 from rewardmodel.normaliser import Normaliser
 from rewardmodel.training import training_pairs
@@ -41,6 +41,16 @@ def test_opinions_grow_with_the_answers() -> None:
     few, many = (found(n, 0.0, 0).linear.prior_precision for n in (8, 300))
     assert many < few
     assert few == FitCfg().linear.prior_precision
+
+
+def test_what_a_linear_reward_cannot_see_is_no_error() -> None:
+    """A model that sees more expects no more errors than before, maybe fewer."""
+    many, few = Found(0.7, 3.0), Found(0.02, 0.1)
+    network = FitCfg(kind="mlp")
+    assert settled(network, many) == replace(network, adapt=False)
+    assert settled(network, few) == replace(network, adapt=False, error_share=0.02)
+    linear = settled(FitCfg(), many)
+    assert (linear.error_share, linear.linear.prior_precision) == (0.7, 3.0)
 
 
 def test_settings_that_are_held_stay() -> None:
