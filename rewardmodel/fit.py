@@ -55,7 +55,8 @@ def fit_reward(
 
     Where the model is to be chosen, held-out answers choose it; how often answers are
     wrong, and how strong opinions may be, is then found from them, and where several
-    raters answered how reliable each is. The reward's own settings name what was found. Equal pairs, settings and seed give equal bytes.
+    raters answered how reliable each is. The reward's own settings name what was found.
+    Equal pairs, settings and seed give equal bytes.
 
     Args:
         pairs: The answers.
