@@ -125,27 +125,38 @@ def _train(command: options.Train) -> int:
     return 0
 
 
+_LONGEST_S = 600.0
+"""An episode is held in memory until it is written."""
+
+
 def record_cfg(command: options.Record) -> RecordCfg:
     """What is recorded, as the command line says it.
 
     Raises:
         GaitprefError: something is out of range.
     """
-    try:
-        return RecordCfg(
-            episodes=command.episodes,
-            episode_s=command.episode_s,
-            change_s=command.change_s,
-            variation=VariationCfg(share=command.varied),
-        )
-    except ValueError as error:
-        raise GaitprefError(f"gaitpref record: {error}") from None
+    if not 0.0 <= command.varied <= 1.0:
+        raise GaitprefError(f"--varied must lie in [0, 1], got {command.varied:g}")
+    for name, value in (
+        ("--episode-s", command.episode_s),
+        ("--change-s", command.change_s),
+    ):
+        if value is not None and not 0.0 < value <= _LONGEST_S:
+            raise GaitprefError(
+                f"{name} must lie in (0, {_LONGEST_S:g}] seconds, got {value:g}"
+            )
+    return RecordCfg(
+        episodes=command.episodes,
+        episode_s=command.episode_s,
+        change_s=command.change_s,
+        variation=VariationCfg(share=command.varied),
+    )
 
 
 def _record(command: options.Record) -> None:
     load_policy(command.policy)
-    dataset = Dataset.create(command.dataset)
     cfg = record_cfg(command)
+    dataset = Dataset.create(command.dataset)
     with counting_bar("recording", cfg.episodes) as bar:
 
         def counted():

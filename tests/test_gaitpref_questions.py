@@ -103,6 +103,28 @@ def test_clips_longer_than_any_episode_are_refused_by_name(
         ClipCfg.of(90.0)
 
 
+@pytest.mark.parametrize(
+    ("option", "told"),
+    [
+        (("--varied", "2"), "--varied must lie in [0, 1], got 2"),
+        (("--change-s", "-1"), "--change-s must lie in (0, 600] seconds, got -1"),
+        (("--episode-s", "inf"), "--episode-s must lie in (0, 600] seconds, got inf"),
+    ],
+)
+def test_what_cannot_be_recorded_is_refused_before_anything_is_made(
+    option: tuple[str, str],
+    told: str,
+    manoeuvres: Dataset,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    policy = manoeuvres.root.parent / "p" / "policy.pt"
+    record = ["record", "--policy", str(policy), "--dataset", str(tmp_path / "d")]
+    assert main([*record, *option]) == 2
+    assert told in capsys.readouterr().err
+    assert not (tmp_path / "d").exists()
+
+
 def test_a_loop_records_episodes_that_hold_its_clips() -> None:
     cfg = resolve(Loop(run=Path("r"), clip_s=8.0, change_s=4.0))
     assert (cfg.clips.clip_s, cfg.clips.stride_s) == (8.0, 4.0)
