@@ -9,6 +9,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 import sys
+import threading
+import time
 import traceback
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -59,6 +61,17 @@ class Options:
     """File for the rows, seeds put together."""
 
 
+def end_with(parent: int) -> None:
+    """End this process with `parent`: a killed benchmark leaves nothing running."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
 def run_cells(cells: list[Cell], options: Options) -> int:
     """Run all unfinished cells in processes of their own; gives how many failed."""
     places = Places(work=options.work, results=options.results, quick=options.quick)
@@ -66,7 +79,12 @@ def run_cells(cells: list[Cell], options: Options) -> int:
     failed = 0
     # Forked children would inherit torch's threads in an unknown state.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(options.workers, mp_context=context) as pool:
+    with ProcessPoolExecutor(
+        options.workers,
+        mp_context=context,
+        initializer=end_with,
+        initargs=(os.getpid(),),
+    ) as pool:
         left = [cell for cell in cells if not places.result(cell).exists()]
         running = {pool.submit(run_cell, cell, places): cell for cell in left}
         for done, future in enumerate(as_completed(running), start=1):
