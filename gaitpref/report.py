@@ -27,7 +27,7 @@ body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto
        padding: 0 1rem; }
 h1 { font-size: 1.6rem; margin-bottom: .2rem; } p.lead { color: var(--soft); }
 table { border-collapse: collapse; width: 100%; margin: 1rem 0; }
-th, td { text-align: right; padding: .3rem .6rem;
+th, td { text-align: right; padding: .3rem .4rem; font-size: .85rem;
          border-bottom: 1px solid var(--line); }
 th:first-child, td:first-child { text-align: left; }
 .alarm { border-left: 4px solid #b3382c; padding: .2rem 1rem; }

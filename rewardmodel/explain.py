@@ -45,6 +45,7 @@ GROUPS = {
         "slip",
         "air_time_mean",
         "air_time_max",
+        "lift_offs",
         *LEG_NAMES,
     ),
 }
