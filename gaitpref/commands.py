@@ -129,7 +129,7 @@ _LONGEST_S = 600.0
 """An episode is held in memory until it is written."""
 
 
-def record_cfg(command: options.Record) -> RecordCfg:
+def _record_cfg(command: options.Record) -> RecordCfg:
     """What is recorded, as the command line says it.
 
     Raises:
@@ -155,7 +155,7 @@ def record_cfg(command: options.Record) -> RecordCfg:
 
 def _record(command: options.Record) -> None:
     load_policy(command.policy)
-    cfg = record_cfg(command)
+    cfg = _record_cfg(command)
     dataset = Dataset.create(command.dataset)
     with counting_bar("recording", cfg.episodes) as bar:
 

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from data.episode import EndReason, Episode, EpisodeMeta
 from data.episode_records import COMMAND_CHANGE
@@ -70,11 +69,6 @@ class RecordCfg:
         if self.change_s is None:
             return 0
         return max(1, round(self.change_s / control_dt_s))
-
-
-def _asked_of(choices: Sequence[Command], count: int, *, turn: int = 0) -> Tensor:
-    """Commands [N, 3] of `count` environments after `turn` changes."""
-    return torch.tensor([choices[(i + turn) % len(choices)] for i in range(count)])
 
 
 def recorded_commands(
@@ -161,7 +155,6 @@ def _record_one(
     robot = policy.robot()
     env = QuadrupedEnv(robot, env_cfg, count, seed=seed, keep_final=True)
     choices = recorded_commands(env_cfg.commands, cfg.babble_m_s if babble else None)
-    env.fix_commands(_asked_of(choices, count))
     noisy = _noisy(count, len(choices), 0.0 if babble else cfg.noisy_share)
     rng = torch.Generator().manual_seed(seed)
     varied = np.zeros(count, dtype=bool)
@@ -178,15 +171,13 @@ def _record_one(
             rng=rng,
         )
         varied = actor.chosen.numpy()
-    steps: list[RolloutStep] = []
     change_steps = cfg.change_steps(env_cfg.control_dt_s)
-    for step in first_episodes(
-        actor, env, noise=torch.from_numpy(noisy).float(), rng=rng
-    ):
-        steps.append(step)
-        if change_steps and len(steps) % change_steps == 0:
-            turn = len(steps) // change_steps
-            env.fix_commands(_asked_of(choices, count, turn=turn))
+    noise = torch.from_numpy(noisy).float()
+    steps = list(
+        _told(
+            first_episodes(actor, env, noise=noise, rng=rng), env, choices, change_steps
+        )
+    )
     # Once for all: taking steps apart for every episode costs a third of the rollout.
     arrays = {
         name: np.stack([np.asarray(getattr(step, name)) for step in steps], axis=1)
@@ -217,6 +208,32 @@ def _record_one(
         num_steps = int(lengths[index])
         rows = {name: array[index, :num_steps] for name, array in arrays.items()}
         yield _episode(steps[num_steps - 1], rows, index, meta, env.robot.mjcf)
+
+
+def _told(
+    steps: Iterator[RolloutStep],
+    env: QuadrupedEnv,
+    choices: Sequence[Command],
+    change_steps: int,
+) -> Iterator[RolloutStep]:
+    """`steps` of `env`, whose robots are told one of `choices` after the other.
+
+    Args:
+        steps: The rollout, not yet begun.
+        env: What it steps.
+        choices: Environment `i` begins with `choices[i]`, round and round.
+        change_steps: Control steps from one command to the next; 0 keeps the first.
+    """
+
+    def tell(turn: int) -> None:
+        asked = [choices[(i + turn) % len(choices)] for i in range(env.num_envs)]
+        env.fix_commands(torch.tensor(asked))
+
+    tell(0)
+    for done, step in enumerate(steps, start=1):
+        yield step
+        if change_steps and done % change_steps == 0:
+            tell(done // change_steps)
 
 
 def _extra(

@@ -24,7 +24,7 @@ from .training import TrainingPairs
 
 PRECISIONS = (0.03, 0.1, 0.3, 1.0, 3.0)
 ERROR_SHARES = (0.02, 0.1, 0.2, 0.3, 0.5, 0.7)
-"""What is tried. Beyond the first of each, nothing changes any more."""
+"""What is tried."""
 PLENTY = 1000
 """Answers from which on every second, third, ... is looked at: two settings are known
 well enough from them."""
