@@ -11,8 +11,8 @@ from .test_rewardmodel_fit import answered
 
 @pytest.mark.parametrize(("flipped", "plenty"), [(0.0, 640), (0.2, 1280)])
 def test_it_says_go_on_early_and_stop_late(flipped: float, plenty: int) -> None:
-    """After 40 answers clips are still in doubt, after 640 next to none; wrong answers
-    make it later, as they should."""
+    """After 40 answers clips are still in doubt, after 640 next to none; with a fifth
+    of them wrong it takes twice as many, as it should."""
     _, early = fit_reward(answered(40, seed=1, flipped=flipped), FitCfg(), seed=0)
     _, late = fit_reward(answered(plenty, seed=1, flipped=flipped), FitCfg(), seed=0)
     assert not early.enough
