@@ -17,6 +17,7 @@ from rewardmodel.acquisition import (
     StrategyName,
     Uniform,
     choose_pairs,
+    in_step,
     make_strategy,
 )
 from rewardmodel.errors import RewardError
@@ -79,6 +80,7 @@ def ask(
 ) -> list[Pair]:
     """Choose `count` pairs: a share at random, the others by `strategy`.
 
+    Robots that walk begin with the same foot: see `in_step`.
     A strategy that needs `model` chooses at random as long as there is none.
 
     Raises:
@@ -110,7 +112,13 @@ def ask(
             f"{count} are wanted: record more with `gaitpref record --policy POLICY "
             f"--dataset {dataset.root}`, or ask for fewer"
         )
-    return chosen
+    by_sha256 = {entry.sha256: entry for entry in entries}
+    # Half a stride: the clip stays nearer to its own place than to the next one's.
+    reach_s = cfg.stride_s / 2
+    return [
+        in_step(pair, by_sha256, dataset.clip_features, reach_s=reach_s)
+        for pair in chosen
+    ]
 
 
 def _require_long_enough(entries: Sequence[EpisodeEntry], cfg: ClipCfg) -> None:

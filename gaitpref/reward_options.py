@@ -24,17 +24,26 @@ class Pairs:
     """Length of a clip; 5 to 20 to ask about a whole manoeuvre."""
     strategy: (
         Literal[
-            "uniform", "disagreement", "entropy", "bald", "kcenter", "medoids", "dpp"
+            "uniform",
+            "disagreement",
+            "entropy",
+            "bald",
+            "improvement",
+            "kcenter",
+            "kcenter-entropy",
+            "medoids",
+            "dpp",
         ]
         | None
     ) = None
-    """At random; where the ensemble disagrees, where the answer is most open, or where
-    it would tell most about the reward (bald); the pairs farthest apart, those that
-    stand for most others, or a determinantal batch that is both unsure and various.
-    disagreement where --reward is given, else uniform."""
+    """At random; where the ensemble disagrees, where the answer is most open, where it
+    would tell most about the reward (bald), or where the better clip may beat the best
+    known (improvement); the pairs farthest apart (of all, or of those whose answer is
+    open), those that stand for most others, or a determinantal batch that is both
+    unsure and various. disagreement where --reward is given, else uniform."""
     reward: Path | None = None
-    """Learned reward whose ensemble is asked; disagreement, entropy and bald need it,
-    kcenter and dpp take it into account."""
+    """Learned reward whose ensemble is asked; disagreement, entropy, bald, improvement
+    and kcenter-entropy need it, kcenter and dpp take it into account."""
     answers: str | None = None
     """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
     file by default."""

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from benchmarks.walks import walking_dataset
+from benchmarks.walks import walk, walking_dataset
+from data.answers import Pair
 from data.dataset import Dataset
 from data.errors import GaitprefError
 from data.features import column
 from gaitpref.cli import main
 from gaitpref.options import Loop
-from gaitpref.questions import ClipCfg, with_known_answer
+from gaitpref.questions import ClipCfg, ask, with_known_answer
 from gaitpref.run_config import resolve
 from labeling_ui.controls import command_words
 from labeling_ui.motion import MotionCache
@@ -47,6 +49,52 @@ def test_the_robot_that_does_not_fall_is_the_known_answer(tmp_path: Path) -> Non
         assert better.rollout not in falls
         assert worse.stop == falls[worse.rollout]
         assert pair.round == 2
+
+
+def test_robots_that_walk_begin_with_the_same_foot(tmp_path: Path) -> None:
+    """Steps at 1.5 to 2.6 Hz: the front right foot comes down as a clip begins; where
+    one falls or stands, both clips stay where they were cut. Nothing comes twice."""
+    dataset = walking_dataset(tmp_path / "set", pairs=0)
+    standing = walk(300, seed=99)
+    features = standing.features.copy()
+    features[:, column("foot_contact")] = 1.0
+    dataset.add_episodes([replace(standing, features=features)])
+    entries = {entry.sha256: entry for entry in dataset.entries()}
+    known: list[Pair] = []
+    aligned = 0
+    for batch in range(6):
+        pairs = ask(
+            dataset,
+            list(entries.values()),
+            ClipCfg(),
+            10,
+            known=known,
+            model=None,
+            round_number=0,
+            uniform_share=1.0,
+            rng=np.random.default_rng(batch),
+        )
+        known += pairs
+    for pair in known:
+        clips = (pair.a, pair.b)
+        ends = [clip.stop == entries[clip.rollout].num_steps for clip in clips]
+        falls = [entries[clip.rollout].end_reason == "terminated" for clip in clips]
+        contact = [
+            dataset.features(clip.rollout)[:, column("foot_contact")][:, 0]
+            for clip in clips
+        ]
+        stands = any(feet.all() for feet in contact)
+        if stands or any(e and f for e, f in zip(ends, falls, strict=True)):
+            assert any(clip.start % 30 == 0 for clip in clips)
+            continue
+        if min(clip.start for clip in clips) == 0:
+            continue  # The first step of an episode may be no touchdown.
+        for clip, feet in zip(clips, contact, strict=True):
+            assert (feet[clip.start - 1], feet[clip.start]) == (0.0, 1.0)
+        aligned += 1
+    assert aligned > 25
+    asked = {frozenset((pair.a, pair.b)) for pair in known}
+    assert len(asked) == len(known) == 60
 
 
 @pytest.fixture(scope="module")

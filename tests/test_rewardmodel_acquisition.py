@@ -33,6 +33,7 @@ from rewardmodel.acquisition import (
     Bald,
     Dpp,
     Entropy,
+    Improvement,
     KCenter,
     Medoids,
     Strategy,
@@ -339,6 +340,53 @@ def test_bald_asks_where_an_answer_tells_the_members_apart() -> None:
     model = RewardModel(model.normaliser, model.scorer, plain)
     worth = Bald(model, clip_rows)(clips, AGAINST_FIRST, RNG)
     assert worth[2] == pytest.approx(np.log(2), abs=0.05)
+
+
+def test_improvement_asks_about_what_may_be_best() -> None:
+    """Of two doubts, the one between good clips, though the other is greater.
+
+    The members quarrel about height and agree that slow is bad. To one of them the
+    higher of the fast clips is better by half, to the other the lower one is: on
+    average the better is worth a quarter more than either.
+    """
+    fast, slow = [2.0, 0.0, 0.0], [-20.0, 0.0, 0.0]
+    clips, clip_rows = placed(
+        {"base_lin_vel_b": fast},
+        {"base_lin_vel_b": fast, "base_height": 0.5},
+        {"base_lin_vel_b": slow},
+        {"base_lin_vel_b": slow, "base_height": 3.0},
+    )
+    agreed = {"forward_speed": 1.0}
+    model = model_of(agreed | {"height": 1.0}, agreed | {"height": -1.0})
+    pairs = np.array([[0, 1], [3, 2]])
+    worth = Improvement(model, clip_rows)(clips, pairs, RNG)
+    assert worth[0] == pytest.approx(0.25, abs=0.02)
+    assert worth[1] < -2.0
+    doubt = Disagreement(model, clip_rows)(clips, pairs, RNG)
+    assert doubt[1] > doubt[0]
+
+
+def test_improvement_looks_at_each_command_alone() -> None:
+    """What a command allows says nothing about another: both doubts are worth as much,
+    though one of the commands is hopeless."""
+    clips, clip_rows = placed(
+        {"command": [0.5, 0.0, 0.0], "base_lin_vel_b": [2.0, 0.0, 0.0]},
+        {
+            "command": [0.5, 0.0, 0.0],
+            "base_lin_vel_b": [2.0, 0.0, 0.0],
+            "base_height": 0.5,
+        },
+        {"command": [1.0, 0.0, 0.0], "base_lin_vel_b": [-20.0, 0.0, 0.0]},
+        {
+            "command": [1.0, 0.0, 0.0],
+            "base_lin_vel_b": [-20.0, 0.0, 0.0],
+            "base_height": 0.5,
+        },
+    )
+    agreed = {"forward_speed": 1.0}
+    model = model_of(agreed | {"height": 1.0}, agreed | {"height": -1.0})
+    worth = Improvement(model, clip_rows)(clips, np.array([[0, 1], [3, 2]]), RNG)
+    assert worth[0] == pytest.approx(worth[1], abs=1e-4)
 
 
 SPEEDS = (0.0, 1.0, 1.02, 0.98, 0.0)

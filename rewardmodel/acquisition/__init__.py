@@ -12,17 +12,27 @@ from .batches import Dpp as Dpp
 from .batches import KCenter as KCenter
 from .batches import Medoids as Medoids
 from .choose import choose_pairs as choose_pairs
+from .phase import in_step as in_step
 from .strategy import Strategy as Strategy
 from .strategy import Uniform as Uniform
 from .unanswered import unanswered_pairs as unanswered_pairs
 from .uncertainty import Bald as Bald
 from .uncertainty import Disagreement as Disagreement
 from .uncertainty import Entropy as Entropy
+from .uncertainty import Improvement as Improvement
 
 StrategyName = Literal[
-    "uniform", "disagreement", "entropy", "bald", "kcenter", "medoids", "dpp"
+    "uniform",
+    "disagreement",
+    "entropy",
+    "bald",
+    "improvement",
+    "kcenter",
+    "kcenter-entropy",
+    "medoids",
+    "dpp",
 ]
-NEEDS_MODEL = ("disagreement", "entropy", "bald")
+NEEDS_MODEL = ("disagreement", "entropy", "bald", "improvement", "kcenter-entropy")
 """Strategies that ask an ensemble; kcenter and dpp use one where there is one."""
 
 
@@ -48,11 +58,16 @@ def make_strategy(
             )
         case "kcenter":
             return KCenter(clip_rows, among=Disagreement(model, clip_rows))
+        case "kcenter-entropy":
+            among = Entropy(model, clip_rows)
+            return KCenter(clip_rows, among=among, name=name)
         case "dpp":
             return Dpp(clip_rows, quality=Disagreement(model, clip_rows))
         case "entropy":
             return Entropy(model, clip_rows)
         case "bald":
             return Bald(model, clip_rows)
+        case "improvement":
+            return Improvement(model, clip_rows)
         case _:
             return Disagreement(model, clip_rows)

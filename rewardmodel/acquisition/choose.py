@@ -17,6 +17,7 @@ from data.dataset import EpisodeEntry
 from rewardmodel.errors import RewardError
 from rewardmodel.fit import fold_of
 
+from .phase import overlapping
 from .strategy import Strategy
 
 MAX_CLIPS = 1000
@@ -168,12 +169,16 @@ def _candidates(
 
 
 def _known(pool: _Pool, pairs: np.ndarray, known_pairs: Iterable[Pair]) -> np.ndarray:
-    """[K] bool: pairs asked already, in either order."""
+    """[K] bool: pairs asked already, in either order, of about the same clips."""
+    clips_of: dict[str, list[Clip]] = {}
+    for clip in pool.clips:
+        clips_of.setdefault(clip.rollout, []).append(clip)
     index = {clip: position for position, clip in enumerate(pool.clips)}
     known = [
-        (index[pair.a], index[pair.b])
+        (index[a], index[b])
         for pair in known_pairs
-        if pair.a in index and pair.b in index
+        for a in overlapping(pair.a, clips_of.get(pair.a.rollout, ()))
+        for b in overlapping(pair.b, clips_of.get(pair.b.rollout, ()))
     ]
     everything = np.arange(len(pool.clips))
     asked = pool.codes(np.array(known, dtype=int).reshape(-1, 2), everything)

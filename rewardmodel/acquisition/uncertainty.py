@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from data.clips import Clip
+from data.features import column
 from rewardmodel.clips import ClipRows, pad_clips
 from rewardmodel.likelihood import answer_log_probabilities
 from rewardmodel.model import RewardModel
@@ -75,6 +76,40 @@ class Bald:
         return (whole - within.mean(dim=0)).clamp_min(0.0).numpy()
 
 
+@dataclass(frozen=True)
+class Improvement:
+    """Expected improvement: by how much the better clip of a pair should beat the best
+    known under its command, in units of the reward.
+
+    The best known is the clip the ensemble thinks best on average; the better of a pair
+    is told by the answer, so that it is worth the mean over the ensemble of the greater
+    return (expected utility of the best option: Astudillo et al. 2023, EUBO). Doubt
+    about bad motion is not asked about: no policy will be trained to do it.
+    """
+
+    model: RewardModel
+    clip_rows: ClipRows
+    name: str = "improvement"
+
+    def __call__(
+        self, clips: Sequence[Clip], candidates: np.ndarray, rng: np.random.Generator
+    ) -> np.ndarray:
+        rows, pairs = _used(self.clip_rows, clips, candidates)
+        returns = self.model.clip_returns(pad_clips(rows))  # [M, C]
+        asked_for = np.stack([own[0, column("command")] for own in rows])
+        _, groups = np.unique(asked_for, axis=0, return_inverse=True)
+        worth = np.zeros(len(candidates))
+        for group in np.unique(groups):
+            own = torch.from_numpy(groups == group)
+            # A member's zero means nothing: it is put at its mean under the command.
+            utility = returns - returns[:, own].mean(dim=1, keepdim=True)
+            best_known = utility.mean(dim=0)[own].max()
+            inside = groups[pairs[:, 0]] == group
+            either = utility[:, torch.from_numpy(pairs[inside])]  # [M, K, 2]
+            worth[inside] = (either.amax(dim=-1).mean(dim=0) - best_known).numpy()
+        return worth
+
+
 def leads_of(
     model: RewardModel,
     clip_rows: ClipRows,
@@ -82,11 +117,20 @@ def leads_of(
     candidates: np.ndarray,
 ) -> Tensor:
     """Logit [M, K], by member, that the left clip of each candidate is better."""
-    used, positions = np.unique(candidates, return_inverse=True)
-    batch = pad_clips([clip_rows(clips[index]) for index in used])
-    left, right = positions.reshape(candidates.shape).T
-    returns = model.clip_returns(batch)  # [M, C]
+    rows, pairs = _used(clip_rows, clips, candidates)
+    returns = model.clip_returns(pad_clips(rows))  # [M, C]
+    left, right = pairs.T
     return returns[:, left] - returns[:, right]
+
+
+def _used(
+    clip_rows: ClipRows, clips: Sequence[Clip], candidates: np.ndarray
+) -> tuple[list[np.ndarray], np.ndarray]:
+    """Feature rows of the clips some candidate has, and candidates [K, 2] that index
+    these."""
+    used, positions = np.unique(candidates, return_inverse=True)
+    rows = [clip_rows(clips[index]) for index in used]
+    return rows, positions.reshape(candidates.shape)
 
 
 def _answers(model: RewardModel, leads: Tensor) -> Tensor:
