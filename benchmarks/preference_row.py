@@ -19,17 +19,19 @@ import torch
 from torch import Tensor
 
 from data.files import write_atomically
-from gaitpref.criteria import SequenceCriterion, load_criterion
+from gaitpref.criteria import Criterion, SequenceCriterion, load_criterion
 from gaitpref.loop import run_configured
 from gaitpref.rewards import criterion_context, score_of_criterion, total_reward
 from gaitpref.run_config import LoopCfg
 from gaitpref.setting import setting_of
+from gaitpref.tracking_limit import limit_beside
 from policy.checkpoint import Policy, load_policy
 from policy.evaluate import Evaluation, rollout_features, summarise
 from policy.ppo import RewardFn
 from policy.rollout import Actor, hold_home
 from policy.train import TrainCfg, train
 
+from .preference_fresh import on_fresh_pairs
 from .preference_plan import Cell, loop_cfg, steps_of
 
 EPISODES = 64
@@ -108,6 +110,7 @@ def _row(
         "accuracy": fit["held_out_accuracy"],
         "ece": fit["held_out_ece"],
         "answers_used": fit["answers"],
+        **on_fresh_pairs(run, cfg, _criterion(cfg, last)),
         "steps": steps_of(cfg),
     }
 
@@ -123,9 +126,13 @@ def measure(
     return summarise(features, lengths, score, control_dt_s=env.control_dt_s)
 
 
-def _score(cfg: LoopCfg, policy: Policy) -> RewardFn:
+def _criterion(cfg: LoopCfg, policy: Policy) -> Criterion:
     context = criterion_context(policy.robot(), policy.info.env)
-    return score_of_criterion(load_criterion(cfg.criterion, context))
+    return load_criterion(cfg.criterion, context)
+
+
+def _score(cfg: LoopCfg, policy: Policy) -> RewardFn:
+    return score_of_criterion(_criterion(cfg, policy))
 
 
 def walking_base(places: Places) -> Path:
@@ -172,7 +179,7 @@ def _train_on_criterion(out: Path, cfg: LoopCfg, base: Path | None) -> None:
     setting = setting_of(base, None)
     reward_fn = None
     if base is not None:
-        policy = load_policy(base)
+        policy, slack = load_policy(base), cfg.tracking_slack_m_s
         reward_fn = total_reward(
             _standardised(_score(cfg, policy), policy),
             setting.robot,
@@ -180,6 +187,9 @@ def _train_on_criterion(out: Path, cfg: LoopCfg, base: Path | None) -> None:
             known=cfg.known,
             weight=cfg.learned_weight,
             keep_task=True,
+            tracking_limit=None
+            if slack is None
+            else limit_beside(policy, slack_m_s=slack, seed=REFERENCE_SEED),
         )
     train_cfg = TrainCfg(
         steps=steps_of(cfg), env=cfg.env, ppo=cfg.ppo, seed=REFERENCE_SEED

@@ -49,6 +49,8 @@ def together(rows: Sequence[Row]) -> list[Row]:
             ),
             "accuracy": _median_of_known(group, "accuracy"),
             "ece": _median_of_known(group, "ece"),
+            "fresh_accuracy": _median_of_known(group, "fresh_accuracy"),
+            "fresh_ece": _median_of_known(group, "fresh_ece"),
             "minutes": _median_of_known(group, "minutes"),
         }
         for key, group in groups.items()
@@ -56,7 +58,7 @@ def together(rows: Sequence[Row]) -> list[Row]:
 
 
 def _median_of_known(rows: Sequence[Row], name: str) -> float | None:
-    known = [row[name] for row in rows if row[name] is not None]
+    known = [row[name] for row in rows if row.get(name) is not None]
     return median(known) if known else None
 
 
@@ -64,8 +66,8 @@ def markdown(rows: Sequence[Row]) -> str:
     """The table of `together`'s rows."""
     lines = [
         "| task | answers | rater | method | seeds | fraction: median (min to max) "
-        "| accuracy | ECE | minutes |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| tracking error added | accuracy, ECE: held out | on fresh pairs | minutes |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
         spread = f"{row['fraction_min']:.2f} to {row['fraction_max']:.2f}"
@@ -76,8 +78,9 @@ def markdown(rows: Sequence[Row]) -> str:
             row["method"],
             row["seeds"],
             f"{row['fraction_median']:.2f} ({spread})",
-            _shown(row["accuracy"], 2),
-            _shown(row["ece"], 3),
+            f"{row['tracking_error_added_m_s']:+.2f}",
+            f"{_shown(row['accuracy'], 2)}, {_shown(row['ece'], 3)}",
+            f"{_shown(row['fresh_accuracy'], 2)}, {_shown(row['fresh_ece'], 3)}",
             _shown(row["minutes"], 1),
         )
         lines.append(f"| {' | '.join(map(str, cells))} |")

@@ -23,6 +23,7 @@ from policy.reward import (
     task_score,
 )
 from policy.robot import Robot
+from rewardmodel.caution import CautiousReward
 from rewardmodel.model import RewardModel
 from rewardmodel.storage import load_reward
 
@@ -32,6 +33,7 @@ from .criteria import (
     SequenceCriterion,
     load_criterion,
 )
+from .tracking_limit import TrackingLimit
 
 _SPREAD_STRIDE = 4
 """Of the environments, every how many is asked how unsure the ensemble is."""
@@ -58,6 +60,9 @@ class TotalReward:
     joint_offset_range: Tensor
     """[12, 2] rad from the home pose"""
     control_dt_s: float
+    tracking_limit: TrackingLimit | None = None
+    """How badly commands may be followed before `score` counts less; None: it never
+    does."""
     figures: dict[str, float] = field(default_factory=dict)
     """Of the rollout scored last: each part per second (`reward/NAME`), its share of
     the magnitudes of all (`share/NAME`), and how unsure an ensemble is of the score
@@ -83,7 +88,7 @@ class TotalReward:
         for name, mean in means.items():
             self.figures[f"reward/{name}"] = mean / self.control_dt_s
             self.figures[f"share/{name}"] = sizes[name] / whole
-        if isinstance(self.score, RewardModel):
+        if isinstance(self.score, RewardModel | CautiousReward):
             some = slice(None, None, _SPREAD_STRIDE)
             spread = self.score.spread(features[:, some], starts[:, some])
             self.figures["reward/spread"] = float(spread.mean())
@@ -92,6 +97,8 @@ class TotalReward:
         """What the total is the sum of, by name, each [T, N]."""
         standing = 1.0 - features[..., column("fallen")][..., 0]
         score = self.score(features, starts) * standing
+        if self.tracking_limit is not None:
+            score = score * self.tracking_limit.share(features)
         parts = {"score": self.weight * self.control_dt_s * score}
         parts |= known_terms(
             features,
@@ -113,6 +120,7 @@ def total_reward(
     known: KnownTermsCfg,
     weight: float = 1.0,
     keep_task: bool = False,
+    tracking_limit: TrackingLimit | None = None,
 ) -> TotalReward:
     """`TotalReward` for a robot and its environment."""
     home = robot.home_joint_pos[:, None]
@@ -126,6 +134,7 @@ def total_reward(
         task=task,
         joint_offset_range=offsets.clamp(-100.0, 100.0),
         control_dt_s=env.control_dt_s,
+        tracking_limit=tracking_limit,
     )
 
 

@@ -82,6 +82,12 @@ class LoopCfg:
     """Environment steps of the last retraining: worth more than more answers."""
     learned_weight: float
     """Weight of the learned reward, which has unit standard deviation per second."""
+    caution: float = field(default=0.0, metadata=ADDED_LATER)
+    """Deviations of the ensemble taken off the learned reward: the less sure it is of a
+    motion, the less it pays for it."""
+    tracking_slack_m_s: float | None = field(default=0.04, metadata=ADDED_LATER)
+    """Where the task is kept: how much worse than the base commands may be followed
+    before the learned reward counts less; None lets a style cost the walk."""
     exploration: ExplorationCfg | None
     """Noise put back every round; None keeps what the policy has."""
     far_limit: float | None = None
@@ -202,7 +208,7 @@ def resolve(options: Loop) -> LoopCfg:
         base_steps=800_000 if quick else 1_500_000,
         round_steps=300_000 if quick else 600_000,
         last_round_steps=600_000 if quick else 1_200_000,
-        learned_weight=0.7,
+        learned_weight=2.0,
         exploration=None,
         record=recorded,
         **common,

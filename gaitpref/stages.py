@@ -20,6 +20,7 @@ from policy.ppo import IterationStats, RewardFn
 from policy.record import record
 from policy.robot import Robot
 from policy.train import POLICY_NAME, SUMMARY_NAME, TrainCfg, train
+from rewardmodel.caution import CautiousReward
 from rewardmodel.fit import fit_reward
 from rewardmodel.pairs import load_pairs
 from rewardmodel.storage import load_reward, save_reward
@@ -31,6 +32,7 @@ from .progress import console, counting_bar, training_bar
 from .rewards import score_of_criterion, total_reward
 from .rounds import Round, seed_of
 from .run_config import LoopCfg
+from .tracking_limit import TrackingLimit, limit_beside
 from .watch import WatchedReward, deserves_training, trust_of_round, watched
 
 
@@ -123,12 +125,13 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
     if round.number == 0:
         return _Plan(cfg=train_cfg)
     reward_fn = total_reward(
-        load_reward(round.before.reward),
+        CautiousReward(load_reward(round.before.reward), cfg.caution),
         robot,
         cfg.env,
         known=cfg.known,
         weight=cfg.learned_weight,
         keep_task=cfg.keeps_task,
+        tracking_limit=_tracking_limit(cfg, round),
     )
     watch = watched(cfg, round, dataset, reward_fn)
     if cfg.exploration is not None:
@@ -144,6 +147,17 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
         reward_name=f"the reward learned in round {round.number - 1}",
         init=round.before.policy,
         watch=watch,
+    )
+
+
+def _tracking_limit(cfg: LoopCfg, round: Round) -> TrackingLimit | None:
+    """The same in all rounds, so that they cannot each add to the last one's error."""
+    if not cfg.keeps_task or cfg.tracking_slack_m_s is None:
+        return None
+    return limit_beside(
+        load_policy(Round(round.run, 0).policy),
+        slack_m_s=cfg.tracking_slack_m_s,
+        seed=seed_of(cfg, 0, 9),
     )
 
 

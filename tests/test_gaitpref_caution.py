@@ -1,0 +1,108 @@
+"""What keeps a learned reward from doing harm: caution, and the limit of tracking."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from data.features import FEATURE_DIM, column
+from gaitpref.rewards import total_reward
+from gaitpref.tracking_limit import TrackingLimit, limit_beside, tracking_error
+from policy.checkpoint import load_policy
+from policy.config import EnvCfg
+from policy.ppo import PpoCfg
+from policy.reward import KnownTermsCfg
+from policy.robot import load_robot
+from policy.train import TrainCfg, train
+from rewardmodel.caution import CautiousReward
+from rewardmodel.model import RewardModel
+
+from .test_rewardmodel_acquisition import model_of
+
+STARTS = torch.zeros(1, 1)
+
+
+def quarrel() -> RewardModel:
+    """Two members: speed is good to both, height to one and bad to the other."""
+    speed = {"forward_speed": 1.0}
+    return model_of(speed | {"height": 1.0}, speed | {"height": -1.0})
+
+
+def row(*, speed: float, height: float) -> torch.Tensor:
+    """A row [1, 1, F]."""
+    features = torch.zeros(1, 1, FEATURE_DIM)
+    features[..., column("base_lin_vel_b").start] = speed
+    features[..., column("base_height")] = height
+    return features
+
+
+def test_what_the_members_agree_on_is_paid_in_full() -> None:
+    model = quarrel()
+    for caution in (0.0, 1.0, 3.0):
+        paid = CautiousReward(model, caution)(row(speed=2.0, height=0.0), STARTS)
+        assert paid.item() == pytest.approx(2.0, abs=1e-5)
+
+
+def test_what_they_quarrel_about_is_paid_less() -> None:
+    """Members say 2.5 and 1.5, whose deviation is 0.7071."""
+    model, asked = quarrel(), row(speed=2.0, height=0.5)
+    paid = {k: CautiousReward(model, k)(asked, STARTS).item() for k in (0.0, 1.0, -2.0)}
+    assert paid[0.0] == pytest.approx(model(asked, STARTS).item()) == pytest.approx(2.0)
+    assert paid[1.0] == pytest.approx(2.0 - 0.7071, abs=1e-4)
+    assert paid[-2.0] == pytest.approx(2.0 + 1.4142, abs=1e-4)
+
+
+def asked_and_done(asked: float, done: float) -> torch.Tensor:
+    """Rows [2, 3, F] of robots that go `done` m/s where `asked` is wanted."""
+    features = torch.zeros(2, 3, FEATURE_DIM)
+    features[..., column("command").start] = asked
+    features[..., column("base_lin_vel_b").start] = done
+    return features
+
+
+def test_the_style_yields_where_commands_are_followed_worse() -> None:
+    """Within the limit nothing changes; a fifth beyond it, 1/e of the style is left."""
+    limit = TrackingLimit(error_m_s=0.1)
+    for error, left in ((0.0, 1.0), (0.1, 1.0), (0.12, math.exp(-1)), (0.5, 2e-9)):
+        rows = asked_and_done(0.5, 0.5 - error)
+        assert tracking_error(rows).mean().item() == pytest.approx(error, abs=1e-6)
+        assert limit.share(rows) == pytest.approx(left, abs=1e-5)
+
+
+def test_the_walk_does_not_yield() -> None:
+    """Beyond the limit, the style is worth less and the task what it was."""
+    robot, env = load_robot(physics_dt_s=EnvCfg().physics_dt_s), EnvCfg()
+
+    def style(features: torch.Tensor, starts: torch.Tensor) -> torch.Tensor:
+        return torch.ones(features.shape[:2])
+
+    rows = asked_and_done(0.5, 0.38)
+    starts = torch.zeros(2, 3)
+    free, held = (
+        total_reward(
+            style,
+            robot,
+            env,
+            known=KnownTermsCfg(),
+            keep_task=True,
+            tracking_limit=limit,
+        ).parts(rows, starts)
+        for limit in (None, TrackingLimit(error_m_s=0.1))
+    )
+    assert torch.allclose(held["score"], free["score"] * math.exp(-1))
+    assert torch.equal(held["task"], free["task"])
+
+
+def test_the_limit_is_what_the_base_does_and_a_little_more(tmp_path: Path) -> None:
+    """A robot that stands misses every command by its speed: 0.65 m/s on the grid."""
+    cfg = TrainCfg(steps=192, env=EnvCfg(), ppo=PpoCfg(num_envs=8, hidden_sizes=(8,)))
+    robot = load_robot(physics_dt_s=cfg.env.physics_dt_s)
+    base = load_policy(train(tmp_path, robot, cfg).policy)
+    base.std.zero_()
+    one, two = (limit_beside(base, slack_m_s=s, seed=1).error_m_s for s in (0.0, 0.1))
+    assert two - one == pytest.approx(0.1, abs=1e-6)
+    assert one == pytest.approx(np.linspace(0.3, 1.0, 8).mean(), abs=0.1)
