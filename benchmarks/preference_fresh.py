@@ -1,7 +1,7 @@
 """Whether a run's last reward foresees answers nobody gave it.
 
 The questions of a loop are its hardest: those on which the ensemble disagrees. Nor can
-a hundred of them show a calibration error of a few hundredths. Here the hidden criterion
+a hundred of them show a calibration error of a few hundredths. Here the criterion
 answers `PAIRS` pairs drawn at random from all the run's episodes.
 """
 
