@@ -85,7 +85,7 @@ class LoopCfg:
     caution: float = field(default=0.0, metadata=ADDED_LATER)
     """Deviations of the ensemble taken off the learned reward: the less sure it is of a
     motion, the less it pays for it."""
-    tracking_slack_m_s: float | None = field(default=0.04, metadata=ADDED_LATER)
+    tracking_slack_m_s: float | None = field(default=0.03, metadata=ADDED_LATER)
     """Where the task is kept: how much worse than the base commands may be followed
     before the learned reward counts less; None lets a style cost the walk."""
     exploration: ExplorationCfg | None
