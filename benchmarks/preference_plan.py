@@ -48,7 +48,7 @@ METHODS: dict[str, Callable[[LoopCfg], LoopCfg]] = {
         name: lambda cfg, name=name: replace(cfg, fit=replace(cfg.fit, kind=name))
         for name in ("gp", "mlp", "auto")
     },
-    "cautious": lambda cfg: replace(cfg, caution=1.0),
+    "no-caution": lambda cfg: replace(cfg, caution=0.0),
     "plain-linear": lambda cfg: replace(
         cfg,
         fit=FitCfg(kind="linear", error_share=0.0, tie_threshold=0.0, adapt=False),

@@ -25,8 +25,6 @@ from .questions import ClipCfg
 from .rater_cfg import RaterCfg
 
 CONFIG_NAME = "config.yaml"
-_EARLY_ROUNDS = 0.6
-"""Share of the rounds that find out what there is."""
 _LEAST_LABELS = 4
 """Answers a round asks for at least."""
 
@@ -55,7 +53,7 @@ class ExplorationCfg:
         """Noise for the training of `round`, counted from 1."""
         if round >= rounds:
             return self.last
-        return self.early if round <= _EARLY_ROUNDS * rounds else self.late
+        return self.early if round <= 0.6 * rounds else self.late
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,10 +82,10 @@ class LoopCfg:
     """Environment steps of the last retraining: worth more than more answers."""
     learned_weight: float
     """Weight of the learned reward, which has unit standard deviation per second."""
-    caution: float = field(default=0.0, metadata=ADDED_LATER)
-    """Deviations of the ensemble taken off the learned reward once 60 % of the rounds
-    are over: the less sure it is of a motion, the less it pays for it. Before that,
-    standing still is what it would be surest of."""
+    caution: float = field(default=1.0, metadata=ADDED_LATER)
+    """Deviations of the ensemble taken off a learned reward where a fifth of the
+    answers or more turned out to be random, and fewer where fewer did: the less sure it
+    is of a motion, the less it pays for it."""
     tracking_slack_m_s: float | None = field(default=0.03, metadata=ADDED_LATER)
     """Where the task is kept: how much worse than the base commands may be followed
     before the learned reward counts less; None lets a style cost the walk."""
@@ -148,10 +146,6 @@ class LoopCfg:
     def keeps_task(self) -> bool:
         """Whether the hand-written walking reward stays part of the total."""
         return self.base != "none"
-
-    def caution_of(self, round: int) -> float:
-        """Caution in the training of `round`, counted from 1."""
-        return self.caution if round > _EARLY_ROUNDS * self.rounds else 0.0
 
     def labels_of(self, round: int) -> int:
         """Answers asked for in `round`, counted from 0."""

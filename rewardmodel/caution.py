@@ -12,10 +12,14 @@ Shapes: T steps, N sequences, F features.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Self
 
 from torch import Tensor
 
 from .model import RewardModel
+
+FEW_ERRORS, MANY_ERRORS = 0.1, 0.2
+"""Shares of random answers between which caution sets in."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +37,18 @@ class CautiousReward:
     def history_steps(self) -> int:
         """Steps before a step that matter to its reward."""
         return self.model.history_steps
+
+    @classmethod
+    def where_answers_err(cls, model: RewardModel, most: float) -> Self:
+        """Caution by the share of random answers that `model` was fitted to expect:
+        none up to `FEW_ERRORS`, `most` from `MANY_ERRORS` on.
+
+        Where answers can be believed, caution costs more than it saves: a reward is
+        surest of standing still.
+        """
+        share = model.provenance.cfg.error_share
+        doubt = (share - FEW_ERRORS) / (MANY_ERRORS - FEW_ERRORS)
+        return cls(model, most * min(1.0, max(0.0, doubt)))
 
     def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
         """Reward [T, N] for rows [T, N, F], in units of the model's."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from policy.ppo import PpoCfg
 from policy.reward import KnownTermsCfg
 from policy.robot import load_robot
 from policy.train import TrainCfg, train
+from rewardmodel import FitCfg
 from rewardmodel.caution import CautiousReward
 from rewardmodel.model import RewardModel
 
@@ -54,6 +56,20 @@ def test_what_they_quarrel_about_is_paid_less() -> None:
     assert paid[0.0] == pytest.approx(model(asked, STARTS).item()) == pytest.approx(2.0)
     assert paid[1.0] == pytest.approx(2.0 - 0.7071, abs=1e-4)
     assert paid[-2.0] == pytest.approx(2.0 + 1.4142, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("share", "caution"), [(0.0, 0.0), (0.1, 0.0), (0.15, 0.5), (0.2, 1.0), (0.4, 1.0)]
+)
+def test_caution_sets_in_where_answers_turned_out_wrong(
+    share: float, caution: float
+) -> None:
+    model = quarrel()
+    fitted = replace(model.provenance, cfg=replace(FitCfg(), error_share=share))
+    model.provenance = fitted
+    assert CautiousReward.where_answers_err(model, 1.0).caution == pytest.approx(
+        caution
+    )
 
 
 def asked_and_done(asked: float, done: float) -> torch.Tensor:

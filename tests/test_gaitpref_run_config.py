@@ -46,10 +46,3 @@ def test_too_few_answers_are_refused_with_what_would_do() -> None:
         resolve(Loop(run=RUN, rounds=5, labels=19))
     with pytest.raises(RunError, match="first_share"):
         replace(resolve(Loop(run=RUN)), first_share=1.0)
-
-
-def test_caution_comes_when_there_is_something_to_lose() -> None:
-    """Of four rounds the first two find a walk, and the last two keep it."""
-    cfg = replace(resolve(Loop(run=Path("r"), base="none")), caution=1.5)
-    assert cfg.rounds == 4
-    assert [cfg.caution_of(k) for k in (1, 2, 3, 4)] == [0.0, 0.0, 1.5, 1.5]
