@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from benchmarks.stumble import share_found
 from data.dataset import Dataset
 from data.features import column
 from gaitpref.cli import main
@@ -26,7 +27,6 @@ from rewardmodel.cfg import MlpCfg
 from rewardmodel.explain import explain
 
 HELD_OUT_SEED = 99
-STUMBLE_STEPS = 3
 
 
 @pytest.fixture(scope="module")
@@ -117,18 +117,6 @@ def rank_correlation(one: np.ndarray, other: np.ndarray) -> float:
     return float((centred[0] * centred[1]).sum() / (centred[0] ** 2).sum())
 
 
-def stumble(clip: np.ndarray, step: int) -> np.ndarray:
-    """The clip with the trunk dropping and pitching for a few steps."""
-    rows = clip.copy()
-    moment = slice(step, step + STUMBLE_STEPS)
-    rows[moment, column("base_lin_vel_b").start + 2] -= 0.6
-    rows[moment, column("base_lin_vel_b").start] -= 0.3
-    rows[moment, column("base_ang_vel_b").start + 1] += 3.0
-    rows[moment, column("gravity_b").start] += 0.3
-    rows[moment, column("base_height")] -= 0.04
-    return rows
-
-
 def test_steps_of_unseen_clips_are_ranked_like_the_criterion(
     criterion: Criterion, tmp_path: Path
 ) -> None:
@@ -155,16 +143,22 @@ def test_steps_of_unseen_clips_are_ranked_like_the_criterion(
     assert np.median(found) > 0.6
 
 
-def test_a_stumble_is_the_worst_moment(
-    model: RewardModel, held_out: list[np.ndarray]
-) -> None:
-    """Planted anywhere, it is the minimum within 5 steps in 4 of 5 clips."""
-    rng = np.random.default_rng(0)
-    steps = rng.integers(5, 50, size=len(held_out))
-    clips = [stumble(c, int(s)) for c, s in zip(held_out, steps, strict=True)]
-    lowest = np.array([reward.argmin() for reward in rewards(model, clips)])
-    distance = np.abs(lowest - (steps + STUMBLE_STEPS // 2))
-    assert np.mean(distance <= 5) >= 0.8
+def test_a_stumble_is_the_worst_moment(criterion: Criterion, tmp_path: Path) -> None:
+    """Planted anywhere, it is the minimum within 5 of 60 steps far more often than by
+    chance (0.18), though robots that shake and move at random stumble all the time.
+
+    Over three policies, of which one shakes in a way that says little. In walks of
+    finished runs it is found in nine of ten: `python -m benchmarks.stumble`.
+    """
+    found: list[float] = []
+    for seed in range(3):
+        root = tmp_path / str(seed)
+        policy = shaking(root / "policy", seed)
+        judged = judged_by(criterion, root / "judged", policy)
+        model, _ = fit_reward(load_pairs([judged]), FitCfg(), seed=0)
+        clips = unseen(root / "unseen", policy)
+        found.append(share_found(model, clips, np.random.default_rng(0)))
+    assert np.mean(found) > 0.45
 
 
 def test_shares_add_up(judged: Dataset, held_out: list[np.ndarray]) -> None:

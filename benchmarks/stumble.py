@@ -1,0 +1,91 @@
+"""Does the reward of a finished run point at a stumble?
+
+`python -m benchmarks.stumble --run RUN [RUN ...]` plants one in walks of the newest
+policy that nobody was asked about, and looks where the last reward is lowest.
+
+Shapes: T steps, F feature columns.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+import tyro
+
+from data.dataset import Dataset
+from data.features import column
+from gaitpref.run_config import read_config
+from rewardmodel.explain import explain
+from rewardmodel.model import RewardModel
+from rewardmodel.storage import load_reward
+
+STUMBLE_STEPS = 3
+NEAR_STEPS = 5
+"""A minimum so near to the middle of the stumble has found it."""
+_CLIPS = 40
+_FIRST, _STEPS = 60, 60
+"""Of an episode: where the start from standing is over."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Share of walks in which the planted stumble is the worst moment."""
+
+    run: tuple[Path, ...]
+    """Finished runs of `gaitpref loop`."""
+    seed: int = 0
+    """Where in the clips it is planted."""
+
+
+def stumble(clip: np.ndarray, step: int) -> np.ndarray:
+    """The clip [T, F] with the trunk dropping and pitching for a few steps."""
+    rows = clip.copy()
+    moment = slice(step, step + STUMBLE_STEPS)
+    rows[moment, column("base_lin_vel_b").start + 2] -= 0.6
+    rows[moment, column("base_lin_vel_b").start] -= 0.3
+    rows[moment, column("base_ang_vel_b").start + 1] += 3.0
+    rows[moment, column("gravity_b").start] += 0.3
+    rows[moment, column("base_height")] -= 0.04
+    return rows
+
+
+def share_found(
+    model: RewardModel, clips: list[np.ndarray], rng: np.random.Generator
+) -> float:
+    """Share of `clips` [T, F] in which a stumble planted anywhere is the minimum."""
+    found = 0
+    for clip in clips:
+        step = int(rng.integers(5, len(clip) - 10))
+        lowest = int(explain(model, stumble(clip, step)).reward.argmin())
+        found += abs(lowest - (step + STUMBLE_STEPS // 2)) <= NEAR_STEPS
+    return found / len(clips)
+
+
+def unasked_walks(run: Path, model: RewardModel, round: int) -> list[np.ndarray]:
+    """Clips [T, F] of a round's episodes that no answer is about, without falls."""
+    dataset = Dataset.open(run / "dataset")
+    names = json.loads((run / f"rounds/{round:02d}/episodes.json").read_text())
+    fresh = [name for name in names if name not in model.provenance.episodes]
+    rows = [dataset.features(name) for name in fresh[:_CLIPS]]
+    clips = [r[_FIRST : _FIRST + _STEPS] for r in rows if len(r) >= _FIRST + _STEPS]
+    return [clip for clip in clips if not clip[:, column("fallen")].any()]
+
+
+def main(options: Options) -> int:
+    torch.set_num_threads(1)
+    for run in options.run:
+        last = read_config(run).rounds - 1
+        model = load_reward(run / f"rounds/{last:02d}/reward")
+        clips = unasked_walks(run, model, last)
+        share = share_found(model, clips, np.random.default_rng(options.seed))
+        print(f"{run.name}: {share:.2f} of {len(clips)} walks")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(tyro.cli(Options, config=(tyro.conf.OmitArgPrefixes,))))
