@@ -17,8 +17,9 @@ def _require_members(num_members: int) -> None:
 class LinearCfg:
     """The default: a reward linear in the gait descriptors."""
 
-    num_members: int = 5
-    """Models fitted to resampled answers; their spread measures what is unknown."""
+    num_members: int = 50
+    """Models fitted to resampled answers, fewer where answers are many; their spread
+    measures what is unknown."""
     prior_precision: float = 1.0
     """Of the Gaussian prior on each weight; larger means weaker opinions."""
 

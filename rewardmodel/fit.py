@@ -21,7 +21,7 @@ from .enough import enough, remaining
 from .evidence import erring, find, settled
 from .gp import fit_gp
 from .history import fit_history
-from .linear import fit_linear
+from .linear import fit_linear, members_for
 from .mlp import fit_mlp
 from .model import Provenance, RewardModel, Scorer
 from .normaliser import Normaliser
@@ -71,7 +71,7 @@ def fit_reward(
     started_s = time.perf_counter()
     plain = training_pairs(pairs, cfg)
     kind, considered = _chosen(plain, pairs, cfg, seed, measured)
-    cfg = replace(cfg, kind=kind)
+    cfg = replace(cfg, kind=kind, linear=members_for(cfg.linear, len(pairs)))
     if cfg.adapt:
         cfg = settled(cfg, find(plain, cfg))
         plain = erring(plain, cfg, cfg.error_share)

@@ -8,10 +8,12 @@ Shapes: M ensemble members, B pairs, D descriptors, S step sizes.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import torch
 from torch import Tensor, nn
 
-from .cfg import FitCfg
+from .cfg import FitCfg, LinearCfg
 from .likelihood import log_likelihood_derivatives
 from .training import TrainingPairs, bootstrap_counts
 
@@ -19,6 +21,10 @@ MIN_SPREAD = 0.02
 """Spread, in standard deviations of a step, below which two clips never really differed
 in a descriptor: its weight stays small instead of being divided by next to nothing."""
 
+_FEWEST_MEMBERS = 5
+_MOST_DRAWN = 20_000
+"""Answers that all members together are fitted to: with more of them, resampling moves
+a member less, and the mean of fewer is as good."""
 _MAX_UPDATES = 100
 _STEP_SIZES = (0.0, *(2.0**-halvings for halvings in range(8)))
 _TOLERANCE = 1e-4
@@ -37,6 +43,16 @@ class LinearScorer(nn.Module):
     def forward(self, steps: Tensor) -> Tensor:
         """Raw rewards [M, ...] of standardised descriptors [..., D]."""
         return (steps @ self.weights.mT).movedim(-1, 0)
+
+
+def members_for(cfg: LinearCfg, num_pairs: int) -> LinearCfg:
+    """`cfg` with no more members than `num_pairs` answers need.
+
+    With a hundred answers the mean of five members follows chance in the resampling; of
+    fifty it does not.
+    """
+    enough = max(_FEWEST_MEMBERS, _MOST_DRAWN // num_pairs)
+    return replace(cfg, num_members=min(cfg.num_members, enough))
 
 
 def fit_linear(

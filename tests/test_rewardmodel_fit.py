@@ -27,7 +27,7 @@ from rewardmodel import (
 from rewardmodel.cfg import HistoryCfg, LinearCfg, MlpCfg, ReliabilityCfg
 from rewardmodel.clips import ClipBatch, mean_over, pad_clips
 from rewardmodel.descriptors import DESCRIPTOR_NAMES, describe
-from rewardmodel.linear import LinearScorer, fit_linear
+from rewardmodel.linear import LinearScorer, fit_linear, members_for
 from rewardmodel.report import wilson_interval
 from rewardmodel.selection import choose_kind
 from rewardmodel.training import TrainingPairs
@@ -288,7 +288,7 @@ def test_members_mean_and_spread_belong_together() -> None:
     model, _ = fit_reward(pairs, FitCfg(), seed=0)
     rows, starts = pairs.left.features.transpose(0, 1), pairs.left.starts.T
     members = model.members(rows, starts)
-    assert members.shape == (5, 20, 40)
+    assert members.shape == (50, 20, 40)
     mean = (members.mean(dim=0) - model.reward_mean) / model.reward_std
     assert torch.allclose(model(rows, starts), mean)
     spread = members.std(dim=0) / model.reward_std
@@ -302,7 +302,7 @@ def test_a_fall_costs_its_fixed_price() -> None:
     fallen = np.concatenate([rows, rows[-1:]])
     fallen[-1, column("fallen")] = 1.0
     lead = model.leads(pad_clips([rows]), pad_clips([fallen]))
-    assert lead.flatten().tolist() == pytest.approx([2.5] * 5, abs=1e-5)
+    assert lead.flatten().tolist() == pytest.approx([2.5] * 50, abs=1e-5)
 
 
 def test_swapping_all_sides_changes_nothing() -> None:
@@ -447,6 +447,31 @@ def test_a_damaged_file_is_refused(saved: Path, tmp_path: Path, name: str) -> No
     (directory / name).write_bytes(content[: -20 if name == "reward.json" else None])
     with pytest.raises(RewardError, match=r"holds a damaged reward model .*fit it"):
         load_reward(directory)
+
+
+def chance_in_the_fit(pairs: AnsweredPairs, cfg: FitCfg) -> float:
+    """1 less the correlation of what two fits pay that differ in their seed alone."""
+    fits = [fit_reward(pairs, cfg, seed=seed, measured=False)[0] for seed in (0, 1)]
+    paid = [model.leads(pairs.left, pairs.right).mean(dim=0) for model in fits]
+    return 1.0 - torch.corrcoef(torch.stack(paid))[0, 1].item()
+
+
+def test_what_is_paid_hardly_depends_on_the_resampling() -> None:
+    pairs = answered(100, seed=3, flipped=0.2)
+    few = replace(QUICK, linear=LinearCfg(num_members=5))
+    assert chance_in_the_fit(pairs, QUICK) < 0.02
+    assert chance_in_the_fit(pairs, few) > 2 * chance_in_the_fit(pairs, QUICK)
+
+
+def test_many_answers_need_fewer_members(tmp_path: Path) -> None:
+    assert members_for(LinearCfg(), 100).num_members == 50
+    assert members_for(LinearCfg(), 100_000).num_members == 5
+    assert members_for(LinearCfg(num_members=3), 100_000).num_members == 3
+    pairs = answered(1000, seed=3)
+    model, _ = fit_reward(pairs, QUICK, seed=0, measured=False)
+    save_reward(model, tmp_path / "reward")
+    loaded = load_reward(tmp_path / "reward")
+    assert loaded.leads(pairs.left, pairs.right).shape == (20, 1000)
 
 
 def test_settings_out_of_range_are_refused() -> None:
