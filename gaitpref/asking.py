@@ -13,6 +13,7 @@ from data.answers import AnswerStore, Pair
 from data.dataset import Dataset, EpisodeEntry
 from policy.babble import BABBLE_SHA256
 from rewardmodel.cfg import FitCfg
+from rewardmodel.enough import remaining
 from rewardmodel.fit import fit_reward
 from rewardmodel.pairs import MIN_ANSWERS, count_evidence, load_pairs
 from rewardmodel.storage import load_reward
@@ -29,6 +30,8 @@ from .run_config import LoopCfg
 RATER_ID = "simulated"
 GOLD_SHARE = 0.05
 """Pairs with a known answer to every pair that people are asked."""
+AGREED = 0.94
+"""Rank correlation of the members from which on the first answers are enough."""
 _POLL_S = 0.5
 _OPEN_PAIRS = 2
 
@@ -42,19 +45,46 @@ def questions_stage(
     """
     if round.reward.exists():
         return
-    count = cfg.labels_of(round.number)
     patience = Patience(people)
     with dataset.answers() as store:
+        first, _ = _asked_and_left(store, 0)
+        count = cfg.labels_of(round.number, first=first)
         while True:
             asked, _ = _asked_and_left(store, round.number)
             last = asked >= count
             if asked and not _answered(
-                cfg, round, dataset, criterion, patience, last=last
+                cfg, round, dataset, criterion, patience, count, last=last
             ):
                 return
-            if last or (asked and _enough(cfg, round, dataset)):
+            if asked and _enough(cfg, round, dataset):
                 return
+            if last:
+                count = _count_going_on(cfg, round, dataset, asked)
+                if asked >= count:
+                    return
             _add_pairs(cfg, round, dataset, min(cfg.batch_labels, count - asked))
+
+
+def _count_going_on(cfg: LoopCfg, round: Round, dataset: Dataset, asked: int) -> int:
+    """Answers to ask for in all where a round has asked for its own: more in the first,
+    while the members of a reward fitted to them contradict each other.
+
+    What it does not know of a first walk no later answer tells: there is no walk then.
+    """
+    most = cfg.most_first_labels
+    if round.number or asked >= most:
+        return asked
+    pairs = load_pairs([dataset])
+    seed = seed_of(cfg, 0, 5)
+    model, _ = fit_reward(pairs, _fit_for_asking(cfg, round), seed=seed, measured=False)
+    agreement = remaining(model, pairs).agreement
+    if agreement >= AGREED:
+        return asked
+    console.print(
+        f"round 0: what {asked} answers say of walking is open (agreement "
+        f"{agreement:.2f}, {AGREED} would do), so it asks on, up to {most}"
+    )
+    return min(asked + cfg.batch_labels, most)
 
 
 def _add_pairs(cfg: LoopCfg, round: Round, dataset: Dataset, count: int) -> None:
@@ -151,14 +181,17 @@ def _answered(
     dataset: Dataset,
     criterion: Criterion,
     patience: Patience,
+    count: int,
     *,
     last: bool,
 ) -> bool:
-    """Have the pairs of the round answered; False where patience is over."""
+    """Have the pairs of the round, `count` in all, answered; False where patience is
+    over."""
     if cfg.rater == "human":
         # A few open pairs keep people busy while the next batch is chosen.
+        open_pairs = 0 if last else _OPEN_PAIRS
         return wait_for_people(
-            cfg, round, dataset, patience, open_pairs=0 if last else _OPEN_PAIRS
+            cfg, round, dataset, patience, count, open_pairs=open_pairs
         )
     answer_pairs(
         dataset,
@@ -196,9 +229,16 @@ class Patience:
 
 
 def wait_for_people(
-    cfg: LoopCfg, round: Round, dataset: Dataset, patience: Patience, *, open_pairs: int
+    cfg: LoopCfg,
+    round: Round,
+    dataset: Dataset,
+    patience: Patience,
+    count: int,
+    *,
+    open_pairs: int,
 ) -> bool:
-    """Wait until at most `open_pairs` of the round are open, or patience is over.
+    """Wait until at most `open_pairs` of the round, `count` in all, are open, or
+    patience is over.
 
     Either way there are answers enough to fit when the round's last pairs were waited
     for: where too many are "can't tell" or "bad clip", more pairs are asked.
@@ -208,7 +248,7 @@ def wait_for_people(
     Raises:
         GaitprefError: the page is gone.
     """
-    count, people = cfg.labels_of(round.number), patience.people
+    people = patience.people
     title = f"round {round.number}: answers"
     with dataset.answers() as store, counting_bar(title, count) as bar:
         while True:

@@ -101,6 +101,9 @@ class LoopCfg:
     first_share: float | None = field(default=None, metadata=ADDED_LATER)
     """Share of the answers asked for in the first round; None: as the others, whose
     shares shrink linearly."""
+    most_first_share: float | None = field(default=None, metadata=ADDED_LATER)
+    """Share of the answers the first round may go on to, while they leave open what is
+    wanted; None: it asks for its own only."""
     batch_labels: int = 10
     """Questions chosen at a time; a reward is fitted to all answers before the next."""
     stop_asking: bool = field(default=False, metadata=ADDED_LATER)
@@ -139,22 +142,35 @@ class LoopCfg:
                 f"needs {_LEAST_LABELS} answers, so give at least {least}, or fewer "
                 f"--rounds"
             )
-        if self.first_share is not None and not 0.0 < self.first_share < 1.0:
-            raise RunError(f"first_share must lie in (0, 1), got {self.first_share}")
+        for name in ("first_share", "most_first_share"):
+            share = getattr(self, name)
+            if share is not None and not 0.0 < share < 1.0:
+                raise RunError(f"{name} must lie in (0, 1), got {share}")
 
     @property
     def keeps_task(self) -> bool:
         """Whether the hand-written walking reward stays part of the total."""
         return self.base != "none"
 
-    def labels_of(self, round: int) -> int:
-        """Answers asked for in `round`, counted from 0."""
+    def labels_of(self, round: int, *, first: int = 0) -> int:
+        """Answers asked for in `round`, counted from 0, where the first round has asked
+        for `first` by now."""
         if self.first_share is None or self.rounds == 1:
             return _shrinking(self.labels, self.rounds)[round]
-        others = self.rounds - 1
-        first = max(_LEAST_LABELS, int(self.first_share * self.labels))
-        first = min(first, self.labels - _LEAST_LABELS * others)
-        return [first, *_shrinking(self.labels - first, others)][round]
+        own = self._first_labels(self.first_share)
+        first = min(max(first, own), self._first_labels(1.0))
+        return [first, *_shrinking(self.labels - first, self.rounds - 1)][round]
+
+    @property
+    def most_first_labels(self) -> int:
+        """Answers the first round may go on to."""
+        if self.most_first_share is None or self.rounds == 1:
+            return 0
+        return self._first_labels(self.most_first_share)
+
+    def _first_labels(self, share: float) -> int:
+        others = _LEAST_LABELS * (self.rounds - 1)
+        return min(max(_LEAST_LABELS, int(share * self.labels)), self.labels - others)
 
 
 def _shrinking(labels: int, rounds: int) -> list[int]:
@@ -191,6 +207,7 @@ def resolve(options: Loop) -> LoopCfg:
             # Whether a walk is better than standing has to be clear at once; the other
             # answers are worth more about walks, when there are some.
             first_share=0.48,
+            most_first_share=0.75,
             base_steps=0,
             round_steps=600_000,
             # A long one overdoes what a reward got wrong, and nobody is asked any more.

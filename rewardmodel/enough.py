@@ -24,6 +24,8 @@ SETTLED = 0.96
 """Mean rank correlation of the members from which on no order is left to be learned."""
 FORESEEN = 0.6
 """Held-out accuracy that its interval must clear before answers are called enough."""
+_FEW = 0.05
+"""Share of the members that does not make an order open."""
 _MAX_PAIRS = 250
 
 
@@ -34,7 +36,7 @@ class Remaining:
     agreement: float
     """Mean rank correlation (Spearman) of the clips' returns, over pairs of members."""
     open_share: float
-    """Pairs of clips of which not all members prefer the same one."""
+    """Pairs of clips of which more than a twentieth of the members prefer either."""
 
     @property
     def settled(self) -> bool:
@@ -52,11 +54,11 @@ def remaining(model: RewardModel, pairs: AnsweredPairs) -> Remaining:
         [model.clip_returns(newest.left), model.clip_returns(newest.right)], dim=1
     )
     left, right = torch.triu_indices(returns.shape[1], returns.shape[1], 1)
-    preferred = returns[:, left] > returns[:, right]  # [M, K]
-    alike = preferred.all(dim=0) | ~preferred.any(dim=0)
+    preferred = (returns[:, left] > returns[:, right]).float().mean(dim=0)  # [K]
+    minority = torch.minimum(preferred, 1 - preferred)
     return Remaining(
         agreement=_rank_correlation(returns),
-        open_share=float((~alike).float().mean()),
+        open_share=float((minority > _FEW).float().mean()),
     )
 
 

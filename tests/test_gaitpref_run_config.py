@@ -33,6 +33,20 @@ def test_from_scratch_the_first_round_asks_for_about_half(
     assert asked(cfg) == expected
 
 
+@pytest.mark.parametrize("labels", [16, 40, 100])
+def test_what_the_first_round_asks_more_the_others_ask_less(labels: int) -> None:
+    cfg = resolve(Loop(run=RUN, base="none", labels=labels))
+    most = cfg.most_first_labels
+    assert cfg.labels_of(0) <= most <= max(0.75 * labels, 4)
+    others = [cfg.labels_of(round, first=most) for round in range(1, cfg.rounds)]
+    assert most + sum(others) == labels
+    assert min(others) >= 4
+
+
+def test_a_style_asks_no_more_at_first() -> None:
+    assert resolve(Loop(run=RUN)).most_first_labels == 0
+
+
 @pytest.mark.parametrize(("rounds", "labels"), [(3, 60), (5, 60), (7, 71), (2, 13)])
 def test_shares_shrink_and_leave_nothing_over(rounds: int, labels: int) -> None:
     each = asked(resolve(Loop(run=RUN, rounds=rounds, labels=labels)))
@@ -46,3 +60,5 @@ def test_too_few_answers_are_refused_with_what_would_do() -> None:
         resolve(Loop(run=RUN, rounds=5, labels=19))
     with pytest.raises(RunError, match="first_share"):
         replace(resolve(Loop(run=RUN)), first_share=1.0)
+    with pytest.raises(RunError, match=r"most_first_share must lie in \(0, 1\), got 0"):
+        replace(resolve(Loop(run=RUN)), most_first_share=0.0)

@@ -136,3 +136,22 @@ def test_a_round_stops_asking_where_answers_are_enough(
         # As a process leaves it that is killed when all is answered and not yet fitted.
         for unfinished in ("rounds/01/reward", "rounds/02"):
             shutil.rmtree(tmp_path / "run" / unfinished)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("agreed", "asks_on"), [(2.0, True), (-2.0, False)])
+def test_the_first_round_asks_on_while_answers_leave_it_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, agreed: float, asks_on: bool
+) -> None:
+    """Up to its most, and the others ask for what is left; also when it goes on."""
+    monkeypatch.setattr("gaitpref.asking.AGREED", agreed)
+    cfg = replace(small_cfg(), labels=40, first_share=0.4, most_first_share=0.7)
+    expected = [28, 12] if asks_on else [16, 24]
+    for _ in range(2):
+        run_configured(tmp_path / "run", cfg)
+        with Dataset.open(tmp_path / "run/dataset").answers() as store:
+            assert [len(store.pairs(round=number)) for number in range(2)] == expected
+            assert store.count() == 40
+        # As a process leaves it that is killed when all is answered and not yet fitted.
+        for unfinished in ("rounds/01/reward", "rounds/02"):
+            shutil.rmtree(tmp_path / "run" / unfinished)
