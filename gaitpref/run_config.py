@@ -82,7 +82,7 @@ class LoopCfg:
     """Environment steps of the last retraining: worth more than more answers."""
     learned_weight: float
     """Weight of the learned reward, which has unit standard deviation per second."""
-    caution: float = field(default=1.0, metadata=ADDED_LATER)
+    caution: float = field(default=0.5, metadata=ADDED_LATER)
     """Deviations of the ensemble taken off a learned reward where a fifth of the
     answers or more turned out to be random, and fewer where fewer did: the less sure it
     is of a motion, the less it pays for it."""

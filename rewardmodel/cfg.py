@@ -22,6 +22,10 @@ class LinearCfg:
     measures what is unknown."""
     prior_precision: float = 1.0
     """Of the Gaussian prior on each weight; larger means weaker opinions."""
+    unsteady_logit: float = field(default=0.75, metadata=ADDED_LATER)
+    """Logit by which a clip that bounces, sways, rocks or slips by the usual amount
+    more, each, is expected to lose before any answer. Answers overrule it; wrong ones
+    are kept from teaching that rocking is wanted."""
 
     def __post_init__(self) -> None:
         _require_members(self.num_members)

@@ -220,6 +220,8 @@ DESCRIPTORS = (
 )
 
 DESCRIPTOR_NAMES = tuple(descriptor.name for descriptor in DESCRIPTORS)
+UNSTEADY = ("vertical_speed_sq", "roll_rate_sq", "pitch_rate_sq", "slip")
+"""Habits hardly anybody wants more of, and that standing and a good walk both lack."""
 LEG_NAMES = tuple(f"contact_{leg}" for leg in ("FR", "FL", "RR", "RL"))
 """What models that look back see besides: without telling the legs apart, a trot and a
 pace of one frequency are the same."""

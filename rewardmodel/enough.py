@@ -24,7 +24,7 @@ SETTLED = 0.96
 """Mean rank correlation of the members from which on no order is left to be learned."""
 FORESEEN = 0.6
 """Held-out accuracy that its interval must clear before answers are called enough."""
-_FEW = 0.05
+_FEW = 0.1
 """Share of the members that does not make an order open."""
 _MAX_PAIRS = 250
 
@@ -36,7 +36,7 @@ class Remaining:
     agreement: float
     """Mean rank correlation (Spearman) of the clips' returns, over pairs of members."""
     open_share: float
-    """Pairs of clips of which more than a twentieth of the members prefer either."""
+    """Pairs of clips of which more than a tenth of the members prefer either."""
 
     @property
     def settled(self) -> bool:

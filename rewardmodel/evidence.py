@@ -18,7 +18,12 @@ from torch import Tensor
 
 from .cfg import FitCfg
 from .likelihood import Errors, log_likelihood_derivatives
-from .linear import positive_hessian, posterior_modes, scaled_differences
+from .linear import (
+    expected_weights,
+    positive_hessian,
+    posterior_modes,
+    scaled_differences,
+)
 from .normaliser import Normaliser
 from .training import TrainingPairs
 
@@ -48,10 +53,11 @@ def find(pairs: TrainingPairs, cfg: FitCfg) -> Found:
     standardised = seen.transformed(
         Normaliser(seen.steps.shape[-1]).fit(seen.scored_steps)
     )
-    inputs, _ = scaled_differences(standardised)
+    inputs, spread = scaled_differences(standardised)
+    mean = expected_weights(standardised, spread, cfg.linear)
     tried = {
         (share, precision): _expected(cfg, precision, share)
-        + evidence(inputs, erring(standardised, cfg, share), cfg, precision)
+        + evidence(inputs, erring(standardised, cfg, share), cfg, precision, mean=mean)
         for precision in PRECISIONS
         for share in ERROR_SHARES
     }
@@ -72,7 +78,12 @@ def settled(cfg: FitCfg, found: Found) -> FitCfg:
 
 
 def evidence(
-    inputs: Tensor, pairs: TrainingPairs, cfg: FitCfg, precision: float
+    inputs: Tensor,
+    pairs: TrainingPairs,
+    cfg: FitCfg,
+    precision: float,
+    *,
+    mean: Tensor | float = 0.0,
 ) -> float:
     """Log of the probability of the answers, all weights averaged over.
 
@@ -81,9 +92,10 @@ def evidence(
         pairs: Their answers and falls.
         cfg: The likelihood of an answer.
         precision: Of the Gaussian prior on every weight.
+        mean: Of the same, [D] or one for all.
     """
     counts = inputs.new_ones(1, len(pairs))
-    theta = posterior_modes(inputs, pairs, counts, cfg, precision=precision)
+    theta = posterior_modes(inputs, pairs, counts, cfg, precision=precision, mean=mean)
     leads = theta @ inputs.mT + pairs.fall_lead.double()
     _, curvature = log_likelihood_derivatives(
         leads,
@@ -93,7 +105,7 @@ def evidence(
     )
     hessian = positive_hessian(inputs, -counts * curvature, precision)[0]
     fitted = pairs.log_likelihood(leads, cfg).sum()
-    held_back = precision / 2 * theta.square().sum()
+    held_back = precision / 2 * (theta - mean).square().sum()
     free = torch.logdet(hessian) - inputs.shape[1] * math.log(precision)
     return float(fitted - held_back - free / 2)
 

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from .cfg import FitCfg, LinearCfg
+from .descriptors import DESCRIPTOR_NAMES, UNSTEADY
 from .likelihood import log_likelihood_derivatives
 from .training import TrainingPairs, bootstrap_counts
 
@@ -21,6 +22,7 @@ MIN_SPREAD = 0.02
 """Spread, in standard deviations of a step, below which two clips never really differed
 in a descriptor: its weight stays small instead of being divided by next to nothing."""
 
+_USUAL_SPREAD = 0.25
 _FEWEST_MEMBERS = 5
 _MOST_DRAWN = 20_000
 """Answers that all members together are fitted to: with more of them, resampling moves
@@ -65,6 +67,7 @@ def fit_linear(
     clips differ by the usual amount shifts the logit by about one.
     """
     inputs, spread = scaled_differences(pairs)
+    mean = expected_weights(pairs, spread, cfg.linear)
     counts = bootstrap_counts(cfg.linear.num_members, len(pairs), generator=generator)
     theta = posterior_modes(
         inputs,
@@ -72,10 +75,25 @@ def fit_linear(
         counts.double(),
         cfg,
         precision=cfg.linear.prior_precision,
+        mean=mean,
     )
     scorer = LinearScorer(*theta.shape)
     scorer.weights.copy_(theta / spread)
     return scorer
+
+
+def expected_weights(pairs: TrainingPairs, spread: Tensor, cfg: LinearCfg) -> Tensor:
+    """Mean [D] of the prior on the weights of differences scaled by `spread` [D].
+
+    It fades where clips hardly differed in a habit: what is expected of a step does not
+    grow without bound by its being rare. Where no clip was preferred to another,
+    nothing is expected either.
+    """
+    if (pairs.target == 0.5).all():
+        return torch.zeros_like(spread)
+    unsteady = torch.tensor([name in UNSTEADY for name in DESCRIPTOR_NAMES])
+    seen = (spread / _USUAL_SPREAD).clamp_max(1) * (spread > MIN_SPREAD)
+    return -cfg.unsteady_logit * unsteady * seen
 
 
 def scaled_differences(pairs: TrainingPairs) -> tuple[Tensor, Tensor]:
@@ -93,12 +111,14 @@ def posterior_modes(
     cfg: FitCfg,
     *,
     precision: float,
+    mean: Tensor | float = 0.0,
 ) -> Tensor:
-    """Weights theta [M, D] at a mode of the posterior, by damped Newton steps from 0.
+    """Weights theta [M, D] at a mode of the posterior, by damped Newton steps from mu.
 
     The objective of a member is sum_b counts_b log P(answer_b | lead_b) minus
-    precision / 2 |theta|^2. It is not concave, because answers that look wrong count
-    less and less; starting at the mean of the prior makes the mode a definite one.
+    precision / 2 |theta - mu|^2. It is not concave, because answers that look wrong
+    count less and less; starting at the mean mu of the prior makes the mode a definite
+    one.
 
     Args:
         inputs: [B, D] float64 scaled differences of the clips.
@@ -106,10 +126,11 @@ def posterior_modes(
         counts: [M, B] float64, how often a member sees an answer.
         cfg: The likelihood of an answer.
         precision: Of the Gaussian prior on every weight.
+        mean: Of the same, [D] or one for all.
     """
     target, offset = pairs.target.double(), pairs.fall_lead.double()
     sizes = torch.tensor(_STEP_SIZES, dtype=inputs.dtype)[:, None, None]
-    theta = inputs.new_zeros(len(counts), inputs.shape[1])
+    theta = inputs.new_zeros(len(counts), inputs.shape[1]) + mean
 
     for _ in range(_MAX_UPDATES):
         slope, curvature = log_likelihood_derivatives(
@@ -118,13 +139,14 @@ def posterior_modes(
             tie_threshold=cfg.tie_threshold,
             error_share=pairs.errors,
         )
-        uphill = (counts * slope) @ inputs - precision * theta
+        uphill = (counts * slope) @ inputs - precision * (theta - mean)
         if uphill.abs().max() < _TOLERANCE:
             break
         hessian = positive_hessian(inputs, -counts * curvature, precision)
         tried = theta + sizes * torch.linalg.solve(hessian, uphill)  # [S, M, D]
         likelihood = pairs.log_likelihood(tried @ inputs.mT + offset, cfg)
-        height = (counts * likelihood).sum(-1) - precision / 2 * tried.square().sum(-1)
+        off = (tried - mean).square().sum(-1)
+        height = (counts * likelihood).sum(-1) - precision / 2 * off
         best = height.argmax(dim=0)
         if not best.any():
             break
