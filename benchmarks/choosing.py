@@ -91,9 +91,11 @@ def shown_policies(runs: tuple[Path, ...]) -> list[Shown]:
             scores.append(float((scored * there).sum() / there.numel()))
             rows.append(features[there & (step % _EVERY == 0)])
             bar.advance(bar.task_ids[0])
-    home, best = scores[0], max(scores)
+    home = scores[0]
+    # Where none is better than the home pose, values are differences of scores.
+    scale = (max(scores) - home) or 1.0
     return [
-        Shown(seen, (score - home) / (best - home))
+        Shown(seen, (score - home) / scale)
         for seen, score in zip(rows, scores, strict=True)
     ]
 

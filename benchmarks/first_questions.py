@@ -1,6 +1,6 @@
 """What the first answers from scratch teach: is a walk worth more than standing still?
 
-    python -m benchmarks.first_questions [--quick] [--json FILE] [--work DIR]
+    python -m benchmarks.first_questions [--mistakes 0.2] [--ways WAY ...] [--json FILE]
 
 A run from scratch walks or stands by whether its first reward prefers the walk of a PPO
 policy over holding the home pose. This asks the questions of the first round alone, in
@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated
+from typing import Annotated, Literal
 
 import torch
 import tyro
@@ -24,6 +24,7 @@ from gaitpref.asking import questions_stage
 from gaitpref.criteria import load_criterion
 from gaitpref.options import Loop
 from gaitpref.people import People
+from gaitpref.rater_cfg import RaterCfg
 from gaitpref.rewards import criterion_context
 from gaitpref.rounds import Round
 from gaitpref.run_config import LoopCfg, resolve
@@ -31,9 +32,22 @@ from gaitpref.stages import fit_stage, policy_stage, record_stage
 from policy.checkpoint import Policy, load_policy
 from policy.evaluate import evaluate_actor
 from policy.rollout import hold_home
+from rewardmodel.cfg import LinearCfg
 from rewardmodel.storage import load_reward
 
 from .harness import Figure, gaitpref, median, publish
+
+Way = Literal[
+    "as_it_is",
+    "half_the_episodes",
+    "uniform_questions",
+    "one_batch",
+    "evaluated_speeds",
+    "shaking",
+    "nothing_expected",
+    "five_members",
+    "never_asks_on",
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,26 +58,37 @@ class Options:
     """Where `benchmarks.learning` keeps its policy on the task; trained if missing."""
     seeds: int = 6
     """Seeds of every way to ask."""
+    ways: tuple[Way, ...] = ()
+    """Only these, as `as_it_is` and `nothing_expected`; by default all."""
+    mistakes: float = 0.0
+    """Share of the answers that are turned round."""
     quick: bool = False
     """One seed, few episodes, and a policy that hardly moves."""
     json: Path | None = None
     """Write the figures here."""
 
 
-def ways(cfg: LoopCfg) -> Mapping[str, LoopCfg]:
+def ways(cfg: LoopCfg) -> Mapping[Way, LoopCfg]:
     """The first round as it is, and with one thing changed."""
     record = cfg.record
+
+    def fitted(linear: LinearCfg) -> LoopCfg:
+        return replace(cfg, fit=replace(cfg.fit, linear=linear))
+
     return {
         "as_it_is": cfg,
         "half_the_episodes": replace(
             cfg, record=replace(record, episodes=record.episodes // 2)
         ),
         "uniform_questions": replace(cfg, uniform_share=1.0),
-        "one_batch": replace(cfg, batch_labels=cfg.labels),
+        "one_batch": replace(cfg, batch_labels=cfg.labels, most_first_share=None),
         "evaluated_speeds": replace(
             cfg, record=replace(record, babble_m_s=cfg.env.commands.evaluated_m_s)
         ),
         "shaking": replace(cfg, record=replace(record, babble_share=0.0)),
+        "nothing_expected": fitted(LinearCfg(unsteady_logit=0.0)),
+        "five_members": fitted(LinearCfg(num_members=5)),
+        "never_asks_on": replace(cfg, most_first_share=None),
     }
 
 
@@ -95,12 +120,16 @@ def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> None:
     cfg = resolve(
         Loop(run=Path("unused"), base="none", criterion="task", preset="quick")
     )
-    asked = cfg.labels_of(0)
-    cfg = replace(cfg, rounds=1, labels=asked)
+    cfg = replace(cfg, simulated=RaterCfg(mistakes=options.mistakes))
     if options.quick:
         cfg = replace(cfg, record=replace(cfg.record, episodes=40, episode_s=2.0))
-    figures: dict[str, Figure] = {"answers": asked}
-    for name, way in ways(cfg).items():
+    figures: dict[str, Figure] = {
+        "answers": cfg.labels_of(0),
+        "most_answers": cfg.most_first_labels,
+    }
+    tried = ways(cfg)
+    for name in options.ways or tried:
+        way = tried[name]
         leads: list[float] = []
         for seed in range(1 if options.quick else options.seeds):
             with TemporaryDirectory() as run:

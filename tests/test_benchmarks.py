@@ -7,16 +7,20 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
-from benchmarks import hour, robots, throughput, walk
+from benchmarks import choosing, hour, robots, throughput, walk
 from benchmarks.preference_plan import HELD_BACK, plan
 from benchmarks.preference_table import BEGIN, END, publish_rows, together
 from benchmarks.wishes import carried_right_foot, nose_up_when_slow
 from data.features import FEATURE_DIM, column
+from gaitpref.loop import run_configured
 from rewardmodel.descriptors import describe
 from tests.foreign_robots import Drawing, mjcf
+from tests.small_loop import small_cfg
+from tests.test_rewardmodel_fit import answered
 
 
 def test_learning(tmp_path: Path) -> None:
@@ -191,3 +195,24 @@ def test_a_seed_that_never_walks_is_the_worst() -> None:
     figures = walk.figures_of(seeds)
     assert (figures["wall_s_median"], figures["wall_s_worst"]) == (120.0, None)
     assert figures["walked"] == 2
+
+
+@pytest.mark.slow
+def test_choosing_tells_what_the_policy_paid_most_is_worth(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The home pose counts 0 and the best policy of all 1; every size is fitted."""
+    run_configured(tmp_path / "run", small_cfg())
+    shown = choosing.shown_policies((tmp_path / "run",))
+    assert len(shown) == 3
+    assert shown[0].value == 0.0
+    assert all(policy.value <= 1.0 + 1e-6 for policy in shown)
+    choosing.main(choosing.Options(run=(tmp_path / "run",), members=(2, 9), draws=1))
+    lines = [line for line in capsys.readouterr().out.splitlines() if "members" in line]
+    assert [line.split()[0] for line in lines] == ["2", "9"]
+
+
+def test_mistakes_turn_a_share_of_the_answers_round() -> None:
+    pairs = answered(400, seed=0)
+    wrong = choosing.mistaken(pairs, 0.2, np.random.default_rng(0))
+    assert (wrong.target != pairs.target).float().mean() == pytest.approx(0.2, abs=0.06)
