@@ -208,7 +208,7 @@ def test_choosing_tells_what_the_policy_paid_most_is_worth(
     assert shown[0].value == 0.0
     assert all(policy.value <= 1.0 + 1e-6 for policy in shown)
     choosing.main(choosing.Options(run=(tmp_path / "run",), members=(2, 9), draws=1))
-    lines = [line for line in capsys.readouterr().out.splitlines() if "members" in line]
+    lines = [line for line in capsys.readouterr().err.splitlines() if "members" in line]
     assert [line.split()[0] for line in lines] == ["2", "9"]
 
 
