@@ -32,9 +32,8 @@ def parse(args: Sequence[str] | None = None) -> options.Command:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run one command; the exit code is 0 only on success."""
-    command = parse(args)
     try:
-        code = run(command)
+        code = run(parse(args))
         sys.stdout.flush()
         return code
     except BrokenPipeError:

@@ -285,14 +285,18 @@ def test_json_is_all_there_is_on_standard_output(policy: Path) -> None:
     assert json.loads(done.stdout)["episodes"] == 2
 
 
-def test_a_reader_who_has_had_enough_is_no_error(tmp_path: Path) -> None:
+@pytest.mark.parametrize("asked", ["data info --json --dataset set", "loop --help"])
+def test_a_reader_who_has_had_enough_is_no_error(tmp_path: Path, asked: str) -> None:
     """As with `gaitpref ... | head -0`: no traceback, and no success either."""
-    root = Dataset.create(tmp_path / "set").root
-    command = [sys.executable, "-m", "gaitpref.cli", "data", "info", "--dataset", root]
+    Dataset.create(tmp_path / "set")
     read, write = os.pipe()
     os.close(read)
     with os.fdopen(write, "wb") as gone:
         done = subprocess.run(
-            [*command, "--json"], stdout=gone, stderr=subprocess.PIPE, text=True
+            [sys.executable, "-m", "gaitpref.cli", *asked.split()],
+            stdout=gone,
+            stderr=subprocess.PIPE,
+            text=True,
+            cwd=tmp_path,
         )
     assert (done.returncode, done.stderr) == (141, "")
