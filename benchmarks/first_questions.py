@@ -1,6 +1,6 @@
 """What the first answers from scratch teach: is a walk worth more than standing still?
 
-    python -m benchmarks.first_questions [--mistakes 0.2] [--ways WAY ...] [--json FILE]
+    python -m benchmarks.first_questions [--labels 40] [--mistakes 0.2] [--ways WAY ...]
 
 A run from scratch walks or stands by whether its first reward prefers the walk of a PPO
 policy over holding the home pose. This asks the questions of the first round alone, in
@@ -18,6 +18,7 @@ from typing import Annotated, Literal
 
 import torch
 import tyro
+from torch import Tensor
 
 from data.dataset import Dataset
 from gaitpref.asking import questions_stage
@@ -25,13 +26,16 @@ from gaitpref.criteria import load_criterion
 from gaitpref.options import Loop
 from gaitpref.people import People
 from gaitpref.rater_cfg import RaterCfg
-from gaitpref.rewards import criterion_context
+from gaitpref.rewards import criterion_context, total_reward
 from gaitpref.rounds import Round
 from gaitpref.run_config import LoopCfg, resolve
 from gaitpref.stages import fit_stage, policy_stage, record_stage
 from policy.checkpoint import Policy, load_policy
 from policy.evaluate import evaluate_actor
+from policy.exploration import ExplorationBonusCfg
+from policy.robot import Robot
 from policy.rollout import hold_home
+from policy.train import TrainCfg, train
 from rewardmodel.cfg import LinearCfg
 from rewardmodel.storage import load_reward
 
@@ -47,6 +51,8 @@ Way = Literal[
     "nothing_expected",
     "five_members",
     "never_asks_on",
+    "half_of_few",
+    "explores_first",
 ]
 
 
@@ -60,6 +66,8 @@ class Options:
     """Seeds of every way to ask."""
     ways: tuple[Way, ...] = ()
     """Only these, as `as_it_is` and `nothing_expected`; by default all."""
+    labels: int = 100
+    """Answers of the whole run, of which the first round gets its share."""
     mistakes: float = 0.0
     """Share of the answers that are turned round."""
     quick: bool = False
@@ -68,7 +76,7 @@ class Options:
     """Write the figures here."""
 
 
-def ways(cfg: LoopCfg) -> Mapping[Way, LoopCfg]:
+def ways(cfg: LoopCfg, *, quick: bool) -> Mapping[Way, LoopCfg]:
     """The first round as it is, and with one thing changed."""
     record = cfg.record
 
@@ -89,7 +97,33 @@ def ways(cfg: LoopCfg) -> Mapping[Way, LoopCfg]:
         "nothing_expected": fitted(LinearCfg(unsteady_logit=0.0)),
         "five_members": fitted(LinearCfg(num_members=5)),
         "never_asks_on": replace(cfg, most_first_share=None),
+        "half_of_few": replace(cfg, first_least=0),
+        "explores_first": replace(cfg, base_steps=3_000 if quick else 300_000),
     }
+
+
+def explore(out: Path, cfg: LoopCfg, robot: Robot) -> None:
+    """Train a policy on new motion and the safety terms alone, before any question."""
+
+    def nothing(features: Tensor, starts: Tensor) -> Tensor:
+        return features.new_zeros(starts.shape)
+
+    train(
+        out,
+        robot,
+        TrainCfg(
+            steps=cfg.base_steps,
+            env=cfg.env,
+            ppo=replace(cfg.ppo, bonus=ExplorationBonusCfg(kind="entropy")),
+            seed=cfg.seed,
+        ),
+        reward_fn=total_reward(
+            nothing,
+            robot,
+            cfg.env,
+            known=cfg.known,
+        ),
+    )
 
 
 def lead_of_walk(run: Path, cfg: LoopCfg, walk: Policy) -> float:
@@ -98,6 +132,8 @@ def lead_of_walk(run: Path, cfg: LoopCfg, walk: Policy) -> float:
     dataset, first = Dataset.create(run / "dataset"), Round(run, 0)
     first.root.mkdir(parents=True)
     criterion = load_criterion(cfg.criterion, criterion_context(robot, cfg.env))
+    if cfg.base_steps:
+        explore(first.policy.parent, cfg, robot)
     policy_stage(cfg, first, robot, dataset, people)
     record_stage(cfg, first, dataset, people)
     questions_stage(cfg, first, dataset, criterion, people)
@@ -118,7 +154,13 @@ def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> None:
         gaitpref("train", "--out", out, "--reward", "task", "--steps", steps)
     walk = load_policy(out / "policy.pt")
     cfg = resolve(
-        Loop(run=Path("unused"), base="none", criterion="task", preset="quick")
+        Loop(
+            run=Path("unused"),
+            labels=options.labels,
+            base="none",
+            criterion="task",
+            preset="quick",
+        )
     )
     cfg = replace(cfg, simulated=RaterCfg(mistakes=options.mistakes))
     if options.quick:
@@ -127,7 +169,7 @@ def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> None:
         "answers": cfg.labels_of(0),
         "most_answers": cfg.most_first_labels,
     }
-    tried = ways(cfg)
+    tried = ways(cfg, quick=options.quick)
     for name in options.ways or tried:
         way = tried[name]
         leads: list[float] = []

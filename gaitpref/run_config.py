@@ -19,6 +19,7 @@ from policy.reward import KnownTermsCfg
 from policy.variation import VariationCfg
 from rewardmodel.acquisition import StrategyName
 from rewardmodel.cfg import FitCfg
+from rewardmodel.pairs import MIN_ANSWERS
 
 from .options import Loop
 from .questions import ClipCfg
@@ -26,7 +27,7 @@ from .rater_cfg import RaterCfg
 
 CONFIG_NAME = "config.yaml"
 _LEAST_LABELS = 4
-"""Answers a round asks for at least."""
+"""Answers a round asks for at least; the first has to do for a fit."""
 
 
 class RunError(GaitprefError):
@@ -104,6 +105,9 @@ class LoopCfg:
     most_first_share: float | None = field(default=None, metadata=ADDED_LATER)
     """Share of the answers the first round may go on to, while they leave open what is
     wanted; None: it asks for its own only."""
+    first_least: int = field(default=0, metadata=ADDED_LATER)
+    """Answers the first round asks for however few there are in all, as far as
+    `most_first_share` lets it."""
     batch_labels: int = 10
     """Questions chosen at a time; a reward is fitted to all answers before the next."""
     stop_asking: bool = field(default=False, metadata=ADDED_LATER)
@@ -135,12 +139,12 @@ class LoopCfg:
             raise RunError(f"--rounds must be at least 1, got {self.rounds}")
         if self.batch_labels < 1:
             raise RunError(f"batch_labels must be at least 1, got {self.batch_labels}")
-        least = _LEAST_LABELS * self.rounds
+        least = MIN_ANSWERS + _LEAST_LABELS * (self.rounds - 1)
         if self.labels < least:
             raise RunError(
-                f"--labels {self.labels} is too few for {self.rounds} rounds: a round "
-                f"needs {_LEAST_LABELS} answers, so give at least {least}, or fewer "
-                f"--rounds"
+                f"--labels {self.labels} is too few for {self.rounds} rounds: the "
+                f"first needs {MIN_ANSWERS} answers and each other {_LEAST_LABELS}, so "
+                f"give at least {least}, or fewer --rounds"
             )
         for name in ("first_share", "most_first_share"):
             share = getattr(self, name)
@@ -155,9 +159,11 @@ class LoopCfg:
     def labels_of(self, round: int, *, first: int = 0) -> int:
         """Answers asked for in `round`, counted from 0, where the first round has asked
         for `first` by now."""
-        if self.first_share is None or self.rounds == 1:
-            return _shrinking(self.labels, self.rounds)[round]
-        own = self._first_labels(self.first_share)
+        shares = _shrinking(self.labels, self.rounds)
+        if self.rounds == 1 or (self.first_share is None and shares[0] >= MIN_ANSWERS):
+            return shares[round]
+        own = self._first_labels(self.first_share or 0.0)
+        own = max(own, min(self.first_least, self.most_first_labels))
         first = min(max(first, own), self._first_labels(1.0))
         return [first, *_shrinking(self.labels - first, self.rounds - 1)][round]
 
@@ -170,7 +176,7 @@ class LoopCfg:
 
     def _first_labels(self, share: float) -> int:
         others = _LEAST_LABELS * (self.rounds - 1)
-        return min(max(_LEAST_LABELS, int(share * self.labels)), self.labels - others)
+        return min(max(MIN_ANSWERS, int(share * self.labels)), self.labels - others)
 
 
 def _shrinking(labels: int, rounds: int) -> list[int]:
@@ -208,6 +214,7 @@ def resolve(options: Loop) -> LoopCfg:
             # answers are worth more about walks, when there are some.
             first_share=0.48,
             most_first_share=0.75,
+            first_least=30,
             base_steps=0,
             round_steps=600_000,
             # A long one overdoes what a reward got wrong, and nobody is asked any more.

@@ -43,6 +43,19 @@ def test_learning(tmp_path: Path) -> None:
         assert isinstance(result[name], int | float), name
 
 
+def test_what_the_first_questions_teach_runs_small(tmp_path: Path) -> None:
+    out = tmp_path / "figures.json"
+    command = [sys.executable, "-m", "benchmarks.first_questions", "--quick"]
+    command += ["--work", str(tmp_path / "work"), "--json", str(out)]
+    command += ["--labels", "20", "--ways", "as_it_is", "explores_first"]
+    subprocess.run(command, check=True, capture_output=True, timeout=300)
+    figures = json.loads(out.read_text())
+    assert figures["answers"] == 8
+    leads = [figures[f"{way}_median"] for way in ("as_it_is", "explores_first")]
+    # The clips are of other robots, so the rewards differ.
+    assert leads[0] != leads[1]
+
+
 def test_robots_of_others(tmp_path: Path) -> None:
     """A robot is trained, measured and published with the keys of the goals."""
     xml = tmp_path / "menagerie" / robots.ROBOTS["spot"]

@@ -21,23 +21,23 @@ def asked(cfg: LoopCfg) -> list[int]:
     ("rounds", "labels", "expected"),
     [
         (None, None, [48, 24, 17, 11]),
-        (None, 40, [19, 8, 7, 6]),
-        (None, 16, [4, 4, 4, 4]),
+        (None, 40, [28, 4, 4, 4]),
+        (None, 20, [8, 4, 4, 4]),
         (1, None, [100]),
     ],
 )
-def test_from_scratch_the_first_round_asks_for_about_half(
+def test_from_scratch_the_first_round_asks_for_half_and_not_for_too_few(
     rounds: int | None, labels: int | None, expected: list[int]
 ) -> None:
     cfg = resolve(Loop(run=RUN, base="none", rounds=rounds, labels=labels))
     assert asked(cfg) == expected
 
 
-@pytest.mark.parametrize("labels", [16, 40, 100])
+@pytest.mark.parametrize("labels", [20, 40, 100])
 def test_what_the_first_round_asks_more_the_others_ask_less(labels: int) -> None:
     cfg = resolve(Loop(run=RUN, base="none", labels=labels))
     most = cfg.most_first_labels
-    assert cfg.labels_of(0) <= most <= max(0.75 * labels, 4)
+    assert cfg.labels_of(0) <= most <= max(0.75 * labels, 8)
     others = [cfg.labels_of(round, first=most) for round in range(1, cfg.rounds)]
     assert most + sum(others) == labels
     assert min(others) >= 4
@@ -47,7 +47,9 @@ def test_a_style_asks_no_more_at_first() -> None:
     assert resolve(Loop(run=RUN)).most_first_labels == 0
 
 
-@pytest.mark.parametrize(("rounds", "labels"), [(3, 60), (5, 60), (7, 71), (2, 13)])
+@pytest.mark.parametrize(
+    ("rounds", "labels"), [(3, 60), (5, 60), (7, 71), (2, 13), (5, 24)]
+)
 def test_shares_shrink_and_leave_nothing_over(rounds: int, labels: int) -> None:
     each = asked(resolve(Loop(run=RUN, rounds=rounds, labels=labels)))
     assert sum(each) == labels
@@ -56,8 +58,8 @@ def test_shares_shrink_and_leave_nothing_over(rounds: int, labels: int) -> None:
 
 
 def test_too_few_answers_are_refused_with_what_would_do() -> None:
-    with pytest.raises(RunError, match="give at least 20, or fewer --rounds"):
-        resolve(Loop(run=RUN, rounds=5, labels=19))
+    with pytest.raises(RunError, match="give at least 24, or fewer --rounds"):
+        resolve(Loop(run=RUN, rounds=5, labels=23))
     with pytest.raises(RunError, match="first_share"):
         replace(resolve(Loop(run=RUN)), first_share=1.0)
     with pytest.raises(RunError, match=r"most_first_share must lie in \(0, 1\), got 0"):
