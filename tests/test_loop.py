@@ -145,7 +145,9 @@ def test_the_first_round_asks_on_while_answers_leave_it_open(
 ) -> None:
     """Up to its most, and the others ask for what is left; also when it goes on."""
     monkeypatch.setattr("gaitpref.asking.AGREED", agreed)
-    cfg = replace(small_cfg(), labels=40, first_share=0.4, most_first_share=0.7)
+    cfg = replace(
+        small_cfg(), labels=40, first_share=0.4, first_least=0, most_first_share=0.7
+    )
     expected = [28, 12] if asks_on else [16, 24]
     for _ in range(2):
         run_configured(tmp_path / "run", cfg)
