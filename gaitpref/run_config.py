@@ -64,7 +64,8 @@ class LoopCfg:
     rounds: int
     """Times questions are asked and the policy is retrained."""
     labels: int
-    """Answers in all; the rounds' shares shrink linearly."""
+    """Answers in all; the rounds' shares shrink linearly, or, where the first round has
+    a share of its own, those of the others grow."""
     rater: Literal["simulated", "human"]
     """Who answers."""
     criterion: str
@@ -100,8 +101,8 @@ class LoopCfg:
     clips: ClipCfg = field(default_factory=ClipCfg)
     """How episodes are cut into clips."""
     first_share: float | None = field(default=None, metadata=ADDED_LATER)
-    """Share of the answers asked for in the first round; None: as the others, whose
-    shares shrink linearly."""
+    """Share of the answers asked for in the first round; None: the most of all rounds,
+    whose shares shrink linearly."""
     most_first_share: float | None = field(default=None, metadata=ADDED_LATER)
     """Share of the answers the first round may go on to, while they leave open what is
     wanted; None: it asks for its own only."""
@@ -165,7 +166,10 @@ class LoopCfg:
         own = self._first_labels(self.first_share or 0.0)
         own = max(own, min(self.first_least, self.most_first_labels))
         first = min(max(first, own), self._first_labels(1.0))
-        return [first, *_shrinking(self.labels - first, self.rounds - 1)][round]
+        # The later a walk, the more there is to say of it, and the longer its reward is
+        # trained on.
+        others = _shrinking(self.labels - first, self.rounds - 1)
+        return [first, *reversed(others)][round]
 
     @property
     def most_first_labels(self) -> int:

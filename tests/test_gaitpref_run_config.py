@@ -20,7 +20,7 @@ def asked(cfg: LoopCfg) -> list[int]:
 @pytest.mark.parametrize(
     ("rounds", "labels", "expected"),
     [
-        (None, None, [48, 24, 17, 11]),
+        (None, None, [48, 11, 17, 24]),
         (None, 40, [28, 4, 4, 4]),
         (None, 20, [8, 4, 4, 4]),
         (1, None, [100]),
