@@ -117,12 +117,7 @@ def explore(out: Path, cfg: LoopCfg, robot: Robot) -> None:
             ppo=replace(cfg.ppo, bonus=ExplorationBonusCfg(kind="entropy")),
             seed=cfg.seed,
         ),
-        reward_fn=total_reward(
-            nothing,
-            robot,
-            cfg.env,
-            known=cfg.known,
-        ),
+        reward_fn=total_reward(nothing, robot, cfg.env, known=cfg.known),
     )
 
 

@@ -166,10 +166,12 @@ class LoopCfg:
         own = self._first_labels(self.first_share or 0.0)
         own = max(own, min(self.first_least, self.most_first_labels))
         first = min(max(first, own), self._first_labels(1.0))
-        # The later a walk, the more there is to say of it, and the longer its reward is
-        # trained on.
         others = _shrinking(self.labels - first, self.rounds - 1)
-        return [first, *reversed(others)][round]
+        if self.first_share is not None:
+            # The later a walk, the more there is to say of it, and the longer its
+            # reward is trained on.
+            others.reverse()
+        return [first, *others][round]
 
     @property
     def most_first_labels(self) -> int:

@@ -44,6 +44,7 @@ def test_learning(tmp_path: Path) -> None:
 
 
 def test_what_the_first_questions_teach_runs_small(tmp_path: Path) -> None:
+    """The first round gets its share of `--labels`, and exploring shows other clips."""
     out = tmp_path / "figures.json"
     command = [sys.executable, "-m", "benchmarks.first_questions", "--quick"]
     command += ["--work", str(tmp_path / "work"), "--json", str(out)]
@@ -52,7 +53,6 @@ def test_what_the_first_questions_teach_runs_small(tmp_path: Path) -> None:
     figures = json.loads(out.read_text())
     assert figures["answers"] == 8
     leads = [figures[f"{way}_median"] for way in ("as_it_is", "explores_first")]
-    # The clips are of other robots, so the rewards differ.
     assert leads[0] != leads[1]
 
 
