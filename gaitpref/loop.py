@@ -20,11 +20,12 @@ from .options import Loop
 from .people import People
 from .progress import console
 from .report import PAGE_NAME, write_report
+from .retraining import policy_stage
 from .rewards import criterion_context
 from .rounds import Round
 from .run_config import LoopCfg, claim, resolve
 from .setting import Setting, setting_of
-from .stages import fit_stage, policy_stage, record_stage, report_stage
+from .stages import fit_stage, record_stage, report_stage
 
 OpenPage = Callable[[Dataset], AbstractContextManager[People]]
 """Lets people in to the run's data set while the loop runs."""

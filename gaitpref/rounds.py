@@ -50,3 +50,10 @@ class Round:
 def seed_of(cfg: LoopCfg, *purpose: int) -> int:
     """A seed of its own for every purpose."""
     return int(np.random.SeedSequence([cfg.seed, *purpose]).generate_state(1)[0])
+
+
+def place_of(cfg: LoopCfg, round: Round) -> str:
+    """Where the loop is, for people, who count from 1."""
+    if round.number == cfg.rounds:
+        return "all rounds are answered"
+    return f"round {round.number + 1} of {cfg.rounds}"

@@ -91,10 +91,23 @@ class Policy:
 def policy_bytes(alg: RewardPpo, info: PolicyInfo) -> bytes:
     """The contents of a policy file; equal states give equal bytes."""
     states = alg.save()
-    payload = {**states, "iter": 0, "infos": {"gaitpref": json.dumps(to_plain(info))}}
-    buffer = io.BytesIO()
-    torch.save(payload, buffer)
-    return buffer.getvalue()
+    return _saved(
+        {**states, "iter": 0, "infos": {"gaitpref": json.dumps(to_plain(info))}}
+    )
+
+
+def holding_home(path: Path) -> bytes:
+    """The contents of the policy file `path`, its actor holding the home pose.
+
+    What nobody has trained had better do nothing than what chance put into it. The last
+    layer is zeroed, which training can begin from.
+    """
+    load_policy(path)
+    payload = read_plain(path)
+    actor = payload["actor_state_dict"]
+    for name in [name for name in actor if name.startswith("mlp.")][-2:]:
+        actor[name].zero_()
+    return _saved(payload)
 
 
 def save_policy(path: Path, alg: RewardPpo, info: PolicyInfo) -> None:
@@ -164,6 +177,12 @@ def policy_info(path: Path, payload: dict[str, Any]) -> PolicyInfo:
         raise PolicyError(
             f"{path} lacks the description gaitpref writes into its policies ({error})"
         ) from None
+
+
+def _saved(payload: dict[str, Any]) -> bytes:
+    buffer = io.BytesIO()
+    torch.save(payload, buffer)
+    return buffer.getvalue()
 
 
 def _checked(payload: Any) -> dict[str, Any]:

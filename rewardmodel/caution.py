@@ -1,12 +1,16 @@
-"""A reward that is less sure pays less: the mean of the ensemble less its spread.
+"""A reward that is less sure pays less.
 
 A policy looks for what the reward overrates. Where members fitted to resampled answers
-disagree, the answers do not say what a motion is worth; paying the mean less some
-deviations there takes the gain out of leaving what was judged (lower confidence bound;
-for learned rewards Coste et al. 2023, "Reward Model Ensembles Help Mitigate
-Overoptimization").
+disagree, the answers do not say what a motion is worth; paying less there takes the
+gain out of leaving what was judged (lower confidence bound; for learned rewards Coste
+et al. 2023, "Reward Model Ensembles Help Mitigate Overoptimization").
 
-Shapes: T steps, N sequences, F features.
+A linear reward is careful habit by habit: each weight is moved towards nothing by some
+deviations of its own over the members (soft thresholding, Donoho and Johnstone 1994). A
+bound on the whole reward also pays less for a habit that is surely good and goes with
+others in doubt, and so prefers standing still.
+
+Shapes: M ensemble members, T steps, N sequences, F features, D descriptors.
 """
 
 from __future__ import annotations
@@ -16,22 +20,23 @@ from typing import Self
 
 from torch import Tensor
 
+from .linear import LinearScorer
 from .model import RewardModel
 
 FEW_ERRORS, MANY_ERRORS = 0.1, 0.2
 """Shares of random answers between which caution sets in."""
+_MOST_RAISED = 3.0
+"""Times that what is left of a linear reward's weights is raised at most."""
 
 
 @dataclass(frozen=True, eq=False)
 class CautiousReward:
-    """A reward function: what `model` pays, less `caution` deviations of its ensemble.
-
-    A negative caution pays for what is not known yet.
-    """
+    """A reward function: what `model` pays, careful where its ensemble disagrees."""
 
     model: RewardModel
     caution: float
-    """Standard deviations of the ensemble taken off every step's reward."""
+    """Standard deviations of the ensemble taken off: of every weight of a linear
+    reward, of every step's reward of another."""
 
     @property
     def history_steps(self) -> int:
@@ -52,10 +57,30 @@ class CautiousReward:
 
     def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
         """Reward [T, N] for rows [T, N, F], in units of the model's."""
-        members = self.model.members(features, starts)
-        paid = members.mean(dim=0) - self.caution * members.std(dim=0)
+        scorer = self.model.scorer
+        if self.caution == 0.0:
+            return self.model(features, starts)
+        if isinstance(scorer, LinearScorer):
+            weights = careful_weights(scorer.weights, self.caution)
+            paid = self.model.standardised(features) @ weights
+        else:
+            members = self.model.members(features, starts)
+            paid = members.mean(dim=0) - self.caution * members.std(dim=0)
         return (paid - self.model.reward_mean) / self.model.reward_std
 
     def spread(self, features: Tensor, starts: Tensor) -> Tensor:
         """As the model's own."""
         return self.model.spread(features, starts)
+
+
+def careful_weights(weights: Tensor, caution: float) -> Tensor:
+    """One weight [D] for each habit of members' [M, D], nearer to 0 by its doubt.
+
+    Together they are made as long as they were, as far as that makes sense: a careful
+    reward should not weigh less beside other terms.
+    """
+    mean, doubt = weights.mean(dim=0), caution * weights.std(dim=0)
+    careful = mean.sign() * (mean.abs() - doubt).clamp_min(0.0)
+    if not careful.any():
+        return careful
+    return careful * (mean.norm() / careful.norm()).clamp_max(_MOST_RAISED)

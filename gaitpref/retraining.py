@@ -1,0 +1,183 @@
+"""The stage that trains: a round's policy, on the reward of the round before.
+
+Like every stage it finds what is finished already, so it can be killed anywhere.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from data.dataset import Dataset
+from data.files import replace_directory, write_atomically
+from policy.checkpoint import holding_home, load_policy
+from policy.ppo import IterationStats, RewardFn
+from policy.robot import Robot
+from policy.train import POLICY_NAME, SUMMARY_NAME, TrainCfg, train
+from rewardmodel.caution import CautiousReward
+from rewardmodel.storage import load_reward
+
+from .people import People
+from .progress import console, training_bar
+from .rewards import total_reward
+from .rounds import Round, place_of, seed_of
+from .run_config import LoopCfg
+from .tracking_limit import TrackingLimit, limit_beside
+from .watch import WatchedReward, deserves_training, watched
+
+
+class Interrupted(KeyboardInterrupt):
+    """Training was interrupted by the user; the same command goes on from there."""
+
+
+def policy_stage(
+    cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset, people: People
+) -> None:
+    """Train the round's policy: the first on the base, later ones on the reward.
+
+    A reward that does not deserve it is not trained on: the policy stays, or, where
+    there is none yet, holds the home pose.
+    """
+    if round.policy.exists():
+        return
+    untrained = _untrained(cfg, round)
+    if untrained is not None:
+        partial = round.root / "policy.partial"
+        partial.mkdir(parents=True, exist_ok=True)
+        write_atomically(partial / POLICY_NAME, untrained)
+        replace_directory(partial, round.policy.parent)
+        return
+    plan = _plan(cfg, round, robot, dataset)
+    partial = round.root / "policy.partial"
+    _train(cfg, round, robot, plan, people, out=partial)
+    if plan.watch:
+        plan.watch.save(partial)
+        if plan.watch.alarm:
+            told = f"round {round.number}: {plan.watch.alarm}"
+            asks = round.number < cfg.rounds
+            before = ", so it asks before it trains on" if asks else ""
+            console.print(f"[bold red]ALARM[/] {told}{before}")
+    replace_directory(partial, round.policy.parent)
+
+
+def _train(
+    cfg: LoopCfg, round: Round, robot: Robot, plan: _Plan, people: People, *, out: Path
+) -> Path:
+    """Train as planned, or go on with it; gives the policy file in `out`.
+
+    Raises:
+        Interrupted: the user ended it before it was done.
+    """
+    place, asks = place_of(cfg, round), round.number < cfg.rounds
+    with training_bar(f"round {round.number}: training", plan.cfg.steps) as bar:
+
+        def after(stats: IterationStats) -> bool:
+            bar(stats)
+            # The last iteration may end beyond the steps that were asked for.
+            done = min(stats.steps / max(plan.cfg.steps, 1), 1.0)
+            people.tell(f"{place}: training", done)
+            return asks and bool(plan.watch and plan.watch.alarm)
+
+        people.tell(f"{place}: training", 0.0)
+        result = train(
+            out,
+            robot,
+            plan.cfg,
+            reward_fn=plan.watch or plan.reward_fn,
+            reward_name=plan.reward_name,
+            init=plan.init,
+            resume=True,
+            on_iteration=after,
+        )
+    if not result.finished:
+        raise Interrupted
+    return result.policy
+
+
+def _untrained(cfg: LoopCfg, round: Round) -> bytes | None:
+    """The policy file of a round that trains nothing; None where it does."""
+    if round.number == 0 and cfg.base not in ("task", "none"):
+        load_policy(Path(cfg.base))
+        return Path(cfg.base).read_bytes()
+    if round.number and not deserves_training(round.before):
+        asks = round.number < cfg.rounds
+        console.print(
+            f"round {round.number}: the policy stays as it was, because the answers do "
+            f"not agree; {'asking again' if asks else 'no answers are left'}"
+        )
+        kept = round.before.policy
+        if load_policy(kept).info.steps == 0:
+            return holding_home(kept)
+        return kept.read_bytes()
+    return None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Plan:
+    """What a round's policy is trained on, and from where."""
+
+    cfg: TrainCfg
+    reward_fn: RewardFn | None = None
+    reward_name: str = "task"
+    init: Path | None = None
+    watch: WatchedReward | None = None
+
+
+def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
+    train_cfg = TrainCfg(
+        steps=planned_steps(cfg, round),
+        env=cfg.env,
+        ppo=cfg.ppo,
+        seed=seed_of(cfg, round.number, 1),
+    )
+    if round.number == 0:
+        return _Plan(cfg=train_cfg)
+    reward_fn = total_reward(
+        CautiousReward.where_answers_err(load_reward(round.before.reward), cfg.caution),
+        robot,
+        cfg.env,
+        known=cfg.known,
+        weight=cfg.learned_weight,
+        keep_task=cfg.keeps_task,
+        tracking_limit=_tracking_limit(cfg, round),
+    )
+    if cfg.exploration is not None:
+        last = round.number == cfg.rounds
+        train_cfg = replace(
+            train_cfg,
+            exploration_std=cfg.exploration.std(round.number, cfg.rounds),
+            final_std=cfg.exploration.final if last else None,
+        )
+    return _Plan(
+        cfg=train_cfg,
+        reward_fn=reward_fn,
+        reward_name=f"the reward learned in round {round.number - 1}",
+        init=round.before.policy,
+        watch=watched(cfg, round, dataset, reward_fn),
+    )
+
+
+def _tracking_limit(cfg: LoopCfg, round: Round) -> TrackingLimit | None:
+    """The same in all rounds, so that they cannot each add to the last one's error."""
+    if not cfg.keeps_task or cfg.tracking_slack_m_s is None:
+        return None
+    return limit_beside(
+        load_policy(Round(round.run, 0).policy),
+        slack_m_s=cfg.tracking_slack_m_s,
+        seed=seed_of(cfg, 0, 9),
+    )
+
+
+def planned_steps(cfg: LoopCfg, round: Round) -> int:
+    """Environment steps of a round: its own, and what the round before left over."""
+    if round.number == 0:
+        return cfg.base_steps
+    last = round.number == cfg.rounds
+    own = cfg.last_round_steps if last else cfg.round_steps
+    if round.number == 1:
+        return own
+    before = planned_steps(cfg, round.before)
+    summary = round.before.policy.parent / SUMMARY_NAME
+    done = json.loads(summary.read_text())["steps"] if summary.exists() else 0
+    return own + max(0, before - done)
