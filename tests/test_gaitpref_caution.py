@@ -78,9 +78,8 @@ def test_where_nothing_is_sure_nothing_is_paid_and_little_is_not_blown_up() -> N
 
 
 def test_of_other_models_the_spread_of_a_step_is_taken_off() -> None:
-    torch.manual_seed(0)
-    linear = quarrel()
-    scorer = MlpScorer(3, len(DESCRIPTOR_NAMES), 8)
+    linear, scorer = quarrel(), MlpScorer(3, len(DESCRIPTOR_NAMES), 8)
+    scorer.initialise(torch.Generator().manual_seed(0))
     model = RewardModel(linear.normaliser, scorer, linear.provenance)
     asked = row(speed=2.0, height=0.5)
     mean, spread = model(asked, STARTS), model.spread(asked, STARTS)
