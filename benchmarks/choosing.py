@@ -2,9 +2,9 @@
 
 `python -m benchmarks.choosing --run RUN [RUN ...]` takes finished runs on one task,
 turns a share of their answers round, fits rewards of several sizes of ensemble, and
-lets each choose among all policies of all runs. Accuracy on clips hardly tells such
-rewards apart; what they choose does, because a policy that was trained on a wrong
-reward is among what there is to choose from.
+lets each, with more or less caution, choose among all policies of all runs. Accuracy on
+clips hardly tells such rewards apart; what they choose does, because a policy that was
+trained on a wrong reward is among what there is to choose from.
 
 Shapes: T steps, N episodes, F feature columns, P policies, B pairs, K steps.
 """
@@ -29,8 +29,10 @@ from gaitpref.run_config import read_config
 from policy.checkpoint import load_policy
 from policy.evaluate import rollout_features
 from policy.rollout import hold_home
+from rewardmodel.caution import CautiousReward
 from rewardmodel.cfg import FitCfg, LinearCfg
 from rewardmodel.fit import fit_reward
+from rewardmodel.model import RewardModel
 from rewardmodel.pairs import AnsweredPairs, load_pairs
 
 _EPISODES = 16
@@ -43,13 +45,15 @@ class Options:
     """What the policy that a reward chooses is worth."""
 
     run: tuple[Path, ...]
-    """Runs of `gaitpref loop` with one criterion, whose answers are right."""
+    """Runs of `gaitpref loop` with one criterion."""
     beside: tuple[Path, ...] = ()
     """Others whose policies there are to choose from too."""
     mistakes: float = 0.2
-    """Share of the answers that are turned round."""
+    """Share of the answers that are turned round, beside what the raters got wrong."""
     members: tuple[int, ...] = (5, 50)
     """Sizes of the ensemble."""
+    caution: tuple[float, ...] = (0.0,)
+    """Deviations by which a habit that the ensemble disagrees about is paid less."""
     draws: int = 2
     """Fits for every run, each with other mistakes."""
     seed: int = 0
@@ -114,11 +118,11 @@ def mistaken(
     return replace(pairs, target=torch.where(wrong, 1 - pairs.target, pairs.target))
 
 
-def chosen(pairs: AnsweredPairs, cfg: FitCfg, shown: list[Shown], seed: int) -> float:
-    """Value of the policy that a reward fitted to `pairs` pays most for a step."""
-    model, _ = fit_reward(pairs, cfg, seed=seed, measured=False)
+def chosen(model: RewardModel, caution: float, shown: list[Shown]) -> float:
+    """Value of the policy that a careful `model` pays most for a step."""
+    reward = CautiousReward(model, caution)
     paid = [
-        model(policy.rows[None], torch.zeros(1, len(policy.rows))).mean()
+        reward(policy.rows[None], torch.zeros(1, len(policy.rows))).mean()
         for policy in shown
     ]
     return shown[int(torch.stack(paid).argmax())].value
@@ -131,15 +135,20 @@ def main(options: Options) -> int:
     for members in options.members:
         cfg = FitCfg(linear=LinearCfg(num_members=members))
         rng = np.random.default_rng(options.seed)
-        values = [
-            chosen(mistaken(pairs, options.mistakes, rng), cfg, shown, seed=draw)
+        models = [
+            fit_reward(
+                mistaken(pairs, options.mistakes, rng), cfg, seed=draw, measured=False
+            )[0]
             for draw in range(options.draws)
             for pairs in answered
         ]
-        console.print(
-            f"{members} members, {len(values)} fits: the policy chosen of {len(shown)} "
-            f"is worth {np.mean(values):.2f}, at worst {min(values):.2f}"
-        )
+        for caution in options.caution:
+            values = [chosen(model, caution, shown) for model in models]
+            console.print(
+                f"{members} members, caution {caution:g}, {len(values)} fits: the "
+                f"policy chosen of {len(shown)} is worth {np.mean(values):.2f}, at "
+                f"worst {min(values):.2f}"
+            )
     return 0
 
 

@@ -214,15 +214,20 @@ def test_a_seed_that_never_walks_is_the_worst() -> None:
 def test_choosing_tells_what_the_policy_paid_most_is_worth(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The home pose counts 0 and the best policy of all 1; every size is fitted."""
+    """The home pose counts 0 and the best policy of all 1; every size of ensemble is
+    fitted, and tried with every caution."""
     run_configured(tmp_path / "run", small_cfg())
     shown = choosing.shown_policies((tmp_path / "run",))
     assert len(shown) == 3
     assert shown[0].value == 0.0
     assert all(policy.value <= 1.0 + 1e-6 for policy in shown)
-    choosing.main(choosing.Options(run=(tmp_path / "run",), members=(2, 9), draws=1))
+    options = choosing.Options(
+        run=(tmp_path / "run",), members=(2, 9), caution=(0.0, 1.5), draws=1
+    )
+    choosing.main(options)
     lines = [line for line in capsys.readouterr().err.splitlines() if "members" in line]
-    assert [line.split()[0] for line in lines] == ["2", "9"]
+    told = [(line.split()[0], line.split()[3]) for line in lines]
+    assert told == [("2", "0,"), ("2", "1.5,"), ("9", "0,"), ("9", "1.5,")]
 
 
 def test_mistakes_turn_a_share_of_the_answers_round() -> None:
