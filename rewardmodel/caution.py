@@ -5,10 +5,10 @@ disagree, the answers do not say what a motion is worth; paying less there takes
 gain out of leaving what was judged (lower confidence bound; for learned rewards Coste
 et al. 2023, "Reward Model Ensembles Help Mitigate Overoptimization").
 
-A linear reward is careful habit by habit: each weight is moved towards nothing by some
-deviations of its own over the members (soft thresholding, Donoho and Johnstone 1994). A
-bound on the whole reward also pays less for a habit that is surely good and goes with
-others in doubt, and so prefers standing still.
+A linear reward is careful habit by habit: each weight is moved by some deviations of
+its own over the members towards what was expected of it before any answer (soft
+thresholding, Donoho and Johnstone 1994). A bound on the whole reward also pays less for
+a habit that is surely good and goes with others in doubt, so it prefers standing still.
 
 Shapes: M ensemble members, T steps, N sequences, F features, D descriptors.
 """
@@ -59,7 +59,7 @@ class CautiousReward:
         if self.caution == 0.0:
             return self.model(features, starts)
         if isinstance(scorer, LinearScorer):
-            weights = careful_weights(scorer.weights, self.caution)
+            weights = careful_weights(scorer, self.caution)
             paid = self.model.standardised(features) @ weights
         else:
             members = self.model.members(features, starts)
@@ -71,11 +71,12 @@ class CautiousReward:
         return self.model.spread(features, starts)
 
 
-def careful_weights(weights: Tensor, caution: float) -> Tensor:
-    """One weight [D] for each habit of members' [M, D], nearer to 0 by its doubt.
+def careful_weights(scorer: LinearScorer, caution: float) -> Tensor:
+    """One weight [D] for each habit, nearer to what was expected of it by its doubt.
 
     What is left is not raised: a robot that explores shakes, and where a reward makes
     much of that, falling at once is worth more than going on.
     """
-    mean, doubt = weights.mean(dim=0), caution * weights.std(dim=0)
-    return mean.sign() * (mean.abs() - doubt).clamp_min(0.0)
+    found = scorer.weights.mean(dim=0) - scorer.expected
+    doubt = caution * scorer.weights.std(dim=0)
+    return scorer.expected + found.sign() * (found.abs() - doubt).clamp_min(0.0)

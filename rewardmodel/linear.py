@@ -40,7 +40,10 @@ class LinearScorer(nn.Module):
     def __init__(self, num_members: int, num_descriptors: int) -> None:
         super().__init__()
         self.weights: Tensor
+        self.expected: Tensor
+        """[D] what was expected of them before any answer"""
         self.register_buffer("weights", torch.zeros(num_members, num_descriptors))
+        self.register_buffer("expected", torch.zeros(num_descriptors))
 
     def forward(self, steps: Tensor) -> Tensor:
         """Raw rewards [M, ...] of standardised descriptors [..., D]."""
@@ -79,6 +82,7 @@ def fit_linear(
     )
     scorer = LinearScorer(*theta.shape)
     scorer.weights.copy_(theta / spread)
+    scorer.expected.copy_(mean / spread)
     return scorer
 
 

@@ -19,13 +19,16 @@ from policy.ppo import PpoCfg
 from policy.reward import KnownTermsCfg
 from policy.robot import load_robot
 from policy.train import TrainCfg, train
-from rewardmodel import FitCfg
+from rewardmodel import FitCfg, fit_reward
 from rewardmodel.caution import CautiousReward
-from rewardmodel.descriptors import DESCRIPTOR_NAMES
+from rewardmodel.descriptors import DESCRIPTOR_NAMES, UNSTEADY
+from rewardmodel.linear import LinearScorer
 from rewardmodel.mlp import MlpScorer
 from rewardmodel.model import RewardModel
+from rewardmodel.storage import load_reward, save_reward
 
 from .test_rewardmodel_acquisition import model_of
+from .test_rewardmodel_fit import answered
 
 STARTS = torch.zeros(1, 1)
 
@@ -64,6 +67,31 @@ def test_a_habit_in_doubt_is_paid_less_and_a_sure_one_is_not() -> None:
         running = reward(row(speed=1.0, height=0.0), STARTS)
         assert rising.item() == pytest.approx(height, abs=1e-4)
         assert running.item() == pytest.approx(1.0, abs=1e-4)
+
+
+def test_a_habit_in_doubt_is_paid_as_was_expected() -> None:
+    """Members say 0.5 and -0.5 of height and nothing of speed; -0.75 and 0 were
+    expected: height is 0.75 above that, less a deviation of 0.7071."""
+    model, risen = (
+        model_of({"height": 0.5}, {"height": -0.5}),
+        row(speed=0.0, height=1.0),
+    )
+    assert isinstance(model.scorer, LinearScorer)
+    model.scorer.expected[DESCRIPTOR_NAMES.index("height")] = -0.75
+    for caution, height in ((0.0, 0.0), (0.5, -0.3536), (1.0, -0.7071), (2.0, -0.75)):
+        paid = CautiousReward(model, caution)(risen, STARTS)
+        assert paid.item() == pytest.approx(height, abs=1e-4)
+
+
+def test_what_was_expected_is_kept_with_a_fitted_reward(tmp_path: Path) -> None:
+    model, _ = fit_reward(answered(40, seed=0), FitCfg(kind="linear"), seed=0)
+    save_reward(model, tmp_path / "reward")
+    scorer = load_reward(tmp_path / "reward").scorer
+    assert isinstance(scorer, LinearScorer)
+    names = {DESCRIPTOR_NAMES[i] for i in scorer.expected.nonzero().flatten()}
+    assert names <= set(UNSTEADY)
+    assert names
+    assert (scorer.expected <= 0.0).all()
 
 
 def test_of_other_models_the_spread_of_a_step_is_taken_off() -> None:
