@@ -84,7 +84,7 @@ class LoopCfg:
     """Environment steps of the last retraining: worth more than more answers."""
     learned_weight: float
     """Weight of the learned reward, which has unit standard deviation per second."""
-    caution: float = field(default=1.5, metadata=ADDED_LATER)
+    caution: float = field(default=1.0, metadata=ADDED_LATER)
     """Deviations over the ensemble by which a learned reward pays a habit less where a
     fifth of the answers or more turned out to be random, and fewer where fewer did."""
     tracking_slack_m_s: float | None = field(default=0.03, metadata=ADDED_LATER)
