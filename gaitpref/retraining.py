@@ -41,15 +41,14 @@ def policy_stage(
     """
     if round.policy.exists():
         return
+    partial = round.root / "policy.partial"
     untrained = _untrained(cfg, round)
     if untrained is not None:
-        partial = round.root / "policy.partial"
         partial.mkdir(parents=True, exist_ok=True)
         write_atomically(partial / POLICY_NAME, untrained)
         replace_directory(partial, round.policy.parent)
         return
     plan = _plan(cfg, round, robot, dataset)
-    partial = round.root / "policy.partial"
     _train(cfg, round, robot, plan, people, out=partial)
     if plan.watch:
         plan.watch.save(partial)
@@ -63,8 +62,8 @@ def policy_stage(
 
 def _train(
     cfg: LoopCfg, round: Round, robot: Robot, plan: _Plan, people: People, *, out: Path
-) -> Path:
-    """Train as planned, or go on with it; gives the policy file in `out`.
+) -> None:
+    """Train as planned into `out`, or go on with it.
 
     Raises:
         Interrupted: the user ended it before it was done.
@@ -92,7 +91,6 @@ def _train(
         )
     if not result.finished:
         raise Interrupted
-    return result.policy
 
 
 def _untrained(cfg: LoopCfg, round: Round) -> bytes | None:
@@ -102,14 +100,14 @@ def _untrained(cfg: LoopCfg, round: Round) -> bytes | None:
         return Path(cfg.base).read_bytes()
     if round.number and not deserves_training(round.before):
         asks = round.number < cfg.rounds
-        console.print(
-            f"round {round.number}: the policy stays as it was, because the answers do "
-            f"not agree; {'asking again' if asks else 'no answers are left'}"
-        )
         kept = round.before.policy
-        if load_policy(kept).info.steps == 0:
-            return holding_home(kept)
-        return kept.read_bytes()
+        stands = cfg.base == "none" and load_policy(kept).info.steps == 0
+        stays = "robot stands still" if stands else "policy stays as it was"
+        console.print(
+            f"round {round.number}: the {stays}, because the answers do not agree; "
+            f"{'asking again' if asks else 'no answers are left'}"
+        )
+        return holding_home(kept) if stands else kept.read_bytes()
     return None
 
 

@@ -101,8 +101,10 @@ def holding_home(path: Path) -> bytes:
 
     What nobody has trained had better do nothing than what chance put into it. The last
     layer is zeroed, which training can begin from.
+
+    Raises:
+        PolicyError: the file is missing, damaged, or not ours.
     """
-    load_policy(path)
     payload = read_plain(path)
     actor = payload["actor_state_dict"]
     for name in [name for name in actor if name.startswith("mlp.")][-2:]:

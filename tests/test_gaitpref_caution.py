@@ -72,10 +72,8 @@ def test_a_habit_in_doubt_is_paid_less_and_a_sure_one_is_not() -> None:
 def test_a_habit_in_doubt_is_paid_as_was_expected() -> None:
     """Members say 0.5 and -0.5 of height and nothing of speed; -0.75 and 0 were
     expected: height is 0.75 above that, less a deviation of 0.7071."""
-    model, risen = (
-        model_of({"height": 0.5}, {"height": -0.5}),
-        row(speed=0.0, height=1.0),
-    )
+    model = model_of({"height": 0.5}, {"height": -0.5})
+    risen = row(speed=0.0, height=1.0)
     assert isinstance(model.scorer, LinearScorer)
     model.scorer.expected[DESCRIPTOR_NAMES.index("height")] = -0.75
     for caution, height in ((0.0, 0.0), (0.5, -0.3536), (1.0, -0.7071), (2.0, -0.75)):
@@ -88,6 +86,8 @@ def test_what_was_expected_is_kept_with_a_fitted_reward(tmp_path: Path) -> None:
     save_reward(model, tmp_path / "reward")
     scorer = load_reward(tmp_path / "reward").scorer
     assert isinstance(scorer, LinearScorer)
+    assert isinstance(model.scorer, LinearScorer)
+    assert torch.equal(scorer.expected, model.scorer.expected)
     names = {DESCRIPTOR_NAMES[i] for i in scorer.expected.nonzero().flatten()}
     assert names <= set(UNSTEADY)
     assert names

@@ -15,10 +15,13 @@ from data.dataset import Dataset
 from gaitpref.cli import main
 from gaitpref.criteria import load_criterion
 from gaitpref.loop import run_configured
+from gaitpref.people import People
 from gaitpref.questions import ClipCfg, ask
 from gaitpref.rater import answer_pairs
 from gaitpref.rater_cfg import RaterCfg
+from gaitpref.retraining import policy_stage
 from gaitpref.rewards import criterion_context, score_of_criterion, total_reward
+from gaitpref.rounds import Round
 from gaitpref.watch import WatchedReward
 from policy.checkpoint import load_policy
 from policy.config import EnvCfg
@@ -46,7 +49,7 @@ def test_answers_that_do_not_agree_train_nothing(
     """With 40 % of the answers wrong at random the loop says so, lets the robot stand,
     and asks again; `gaitpref trust` says the same.
 
-    Of sixty such answers the right ones are sometimes many enough to agree; with this
+    Of so few such answers the right ones are sometimes many enough to agree; with this
     seed they are not.
     """
     rater = RaterCfg(mistakes=0.4)
@@ -55,7 +58,8 @@ def test_answers_that_do_not_agree_train_nothing(
     run_configured(run, cfg)
     told = " ".join("".join(capsys.readouterr()).split())
     assert "the answers do not agree with one another" in told
-    assert "the policy stays as it was" in told
+    assert "the robot stands still, because the answers do not agree" in told
+    assert "no answers are left" in told
     first, second = (load_policy(run / f"rounds/0{n}/policy/policy.pt") for n in (0, 1))
     obs = torch.randn(5, OBS_DIM, generator=torch.Generator().manual_seed(0))
     # Nobody has trained it, so what chance put into it is not acted out either.
@@ -75,6 +79,22 @@ def test_answers_that_do_not_agree_train_nothing(
     assert trust["accuracy"]["interval"][0] <= 0.5
     assert "do not agree" in trust["alarm"]
     assert trust["answers_are_those_fitted"]
+
+
+@pytest.mark.parametrize(("steps", "base"), [(1536, "none"), (0, "policy.pt")])
+def test_a_policy_that_somebody_has_trained_or_given_stays(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], steps: int, base: str
+) -> None:
+    """Byte for byte, where the answers do not agree."""
+    cfg = replace(small_cfg(), base=base)
+    run, robot = tmp_path / "run", load_robot(physics_dt_s=cfg.env.physics_dt_s)
+    before, round = Round(run, 0), Round(run, 1)
+    start = TrainCfg(steps=steps, env=cfg.env, ppo=cfg.ppo)
+    train(before.policy.parent, robot, start)
+    before.report.write_text(json.dumps({"trust": {"deserves_training": False}}))
+    policy_stage(cfg, round, robot, Dataset.create(run / "dataset"), People())
+    assert round.policy.read_bytes() == before.policy.read_bytes()
+    assert "the policy stays as it was" in " ".join(capsys.readouterr().err.split())
 
 
 def exploitable(model: RewardModel, pairs: AnsweredPairs) -> RewardModel:
