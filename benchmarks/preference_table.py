@@ -91,9 +91,16 @@ def _shown(value: float | None, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
 
 
+def _label(row: Row) -> str:
+    """Of a line of the plot; it has one colour in all panels."""
+    return f"{row['rater']}, {row['method']}"
+
+
 def plot(rows: Sequence[Row], path: Path) -> None:
     """Fraction against answers, a panel a task; bars from worst to best seed."""
     tasks = list(dict.fromkeys(row["task"] for row in rows))
+    labels = sorted({_label(row) for row in rows})
+    colors = {label: f"C{index}" for index, label in enumerate(labels)}
     columns = min(3, len(tasks))
     lines = -(-len(tasks) // columns)
     figure, axes = plt.subplots(
@@ -103,16 +110,15 @@ def plot(rows: Sequence[Row], path: Path) -> None:
         series: dict[str, list[Row]] = defaultdict(list)
         for row in rows:
             if row["task"] == task:
-                series[f"{row['rater']}, {row['method']}"].append(row)
+                series[_label(row)].append(row)
         for label, own in series.items():
             own.sort(key=lambda row: row["answers"])
             middle = [row["fraction_median"] for row in own]
             below = [row["fraction_median"] - row["fraction_min"] for row in own]
             above = [row["fraction_max"] - row["fraction_median"] for row in own]
             answers = [row["answers"] for row in own]
-            axis.errorbar(
-                answers, middle, (below, above), marker="o", capsize=3, label=label
-            )
+            style = {"marker": "o", "capsize": 3, "color": colors[label]}
+            axis.errorbar(answers, middle, (below, above), label=label, **style)
         axis.axhline(1.0, color="0.6", linewidth=0.8)
         axis.axhline(0.0, color="0.6", linewidth=0.8, linestyle=":")
         axis.set(title=task, xlabel="answers", ylabel="fraction of the true reward")
