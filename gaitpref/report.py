@@ -83,7 +83,9 @@ def render(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
     first, last = rounds[0]["evaluation"], rounds[-1]["evaluation"]
     title = html.escape(f"gaitpref: {run.name}")
     criterion = html.escape(cfg.criterion)
-    done = f"{len(rounds) - 1} of {cfg.rounds} retrainings"
+    # A round whose answers do not agree is not trained on.
+    trained = sum("training" in round for round in rounds[1:])
+    done = f"{len(rounds) - 1} of {cfg.rounds} rounds answered, {trained} trained on"
     verdict = (
         f"Return under <code>{criterion}</code>: {_interval(first)} with the first "
         f"policy, {_interval(last)} with the last. Tracking error "
@@ -99,7 +101,7 @@ def render(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
         f'<!doctype html><html lang="en"><meta charset="utf-8">'
         f'<meta name="viewport" content="width=device-width"><title>{title}</title>'
         f"<style>{_STYLE}</style><h1>{title}</h1>"
-        f'<p class="lead">{settings}; {done} done.</p><p>{verdict}</p>'
+        f'<p class="lead">{settings}; {done}.</p><p>{verdict}</p>'
         f"{alarm_section(rounds)}"
         f'<div class="curves">{_curves(criterion, rounds)}</div>{_table(rounds)}'
         f"{clips_section(run, rounds)}"
