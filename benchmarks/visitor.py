@@ -13,7 +13,7 @@ import msgspec
 import zstandard
 
 _ANSWERED = re.compile(r"(\d+) answered, (\d+) open")
-_LOOP = re.compile(r">((?:round \d+ of \d+|all rounds are answered): [^<]*)<")
+_LOOP = re.compile(r">((?:round \d+ of \d+|the last round): [^<]*)<")
 _ATTEMPTS = 5
 _CAMERA = {
     "type": "ViewerCameraMessage",

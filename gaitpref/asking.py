@@ -6,12 +6,14 @@ import json
 import math
 import time
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
 from data.answers import AnswerStore, Pair
 from data.dataset import Dataset, EpisodeEntry
 from policy.babble import BABBLE_SHA256
+from rewardmodel.caution import answers_err
 from rewardmodel.cfg import FitCfg
 from rewardmodel.enough import remaining
 from rewardmodel.fit import fit_reward
@@ -24,7 +26,7 @@ from .people import People
 from .progress import console, counting_bar
 from .questions import ask, with_known_answer
 from .rater import answer_pairs
-from .rounds import Round, seed_of
+from .rounds import Round, place_of, seed_of
 from .run_config import LoopCfg
 
 RATER_ID = "simulated"
@@ -48,11 +50,12 @@ def questions_stage(
     patience = Patience(people)
     with dataset.answers() as store:
         first, _ = _asked_and_left(store, 0)
-        count = cfg.labels_of(round.number, first=first)
+        kept = labels_kept(cfg, round.run, dataset) if round.number else 0
+        count = cfg.labels_of(round.number, first=first, kept=kept)
         while True:
             asked, _ = _asked_and_left(store, round.number)
             last = asked >= count
-            if asked and not _answered(
+            if asked and not answered(
                 cfg, round, dataset, criterion, patience, count, last=last
             ):
                 return
@@ -63,6 +66,17 @@ def questions_stage(
                 if asked >= count:
                     return
             _add_pairs(cfg, round, dataset, min(cfg.batch_labels, count - asked))
+
+
+def labels_kept(cfg: LoopCfg, run: Path, dataset: Dataset) -> int:
+    """Answers that are kept for judging the last policy: none where the first round's
+    answers turned out not to err."""
+    first = load_reward(Round(run, 0).reward)
+    if not cfg.approval_labels or not answers_err(first):
+        return 0
+    with dataset.answers() as store:
+        asked, _ = _asked_and_left(store, 0)
+    return cfg.most_kept(first=asked)
 
 
 def _count_going_on(cfg: LoopCfg, round: Round, dataset: Dataset, asked: int) -> int:
@@ -175,7 +189,7 @@ def _fit_for_asking(cfg: LoopCfg, round: Round) -> FitCfg:
     return cfg.fit
 
 
-def _answered(
+def answered(
     cfg: LoopCfg,
     round: Round,
     dataset: Dataset,
@@ -266,7 +280,7 @@ def wait_for_people(
                 if wanted > left:
                     _add_pairs(cfg, round, dataset, wanted - left)
             people.tell(
-                f"round {round.number + 1} of {cfg.rounds}: waiting for {wanted} more "
+                f"{place_of(cfg, round)}: waiting for {wanted} more "
                 f"answer{'s' * (wanted != 1)}",
                 min(1.0, (asked - left) / count),
             )

@@ -12,6 +12,7 @@ from pathlib import Path
 from data.answer_backend import Address
 from data.dataset import Dataset
 
+from .approval import approval_stage
 from .asking import questions_stage
 from .criteria import load_criterion
 from .extras import require
@@ -82,6 +83,8 @@ def run_configured(
                 record_stage(cfg, round, dataset, people)
                 questions_stage(cfg, round, dataset, criterion, people)
                 fit_stage(cfg, round, dataset, people)
+            else:
+                approval_stage(cfg, round, dataset, criterion, people)
             report_stage(cfg, round, dataset, criterion)
             write_report(run)
     return run / PAGE_NAME

@@ -31,6 +31,19 @@ def alarm_section(rounds: list[dict[str, Any]]) -> str:
     return f'<div class="alarm"><b>Alarm</b><ul>{"".join(raised)}</ul></div>'
 
 
+def approval_section(rounds: list[dict[str, Any]]) -> str:
+    """What the answers said of the last policy; nothing where they were not asked."""
+    found = rounds[-1].get("approval")
+    if found is None:
+        return ""
+    judged = found["for_new"] + found["for_old"]
+    stays = "it stays" if found["approved"] else "the one before it stays"
+    return (
+        f"<p>As answers err, the last policy was judged beside the one before it: "
+        f"preferred in {found['for_new']} of {judged} answers, so {stays}.</p>"
+    )
+
+
 def trust_cells(of_round: dict[str, Any]) -> tuple[str, str, str]:
     """Calibration error, accuracy on the round's own clips, and share of far motion."""
     trust = of_round.get("trust", {})

@@ -18,6 +18,7 @@ from policy.train import POLICY_NAME, SUMMARY_NAME, TrainCfg, train
 from rewardmodel.caution import CautiousReward
 from rewardmodel.storage import load_reward
 
+from .asking import labels_kept
 from .people import People
 from .progress import console, training_bar
 from .rewards import total_reward
@@ -37,9 +38,10 @@ def policy_stage(
     """Train the round's policy: the first on the base, later ones on the reward.
 
     A reward that does not deserve it is not trained on: the policy stays, or, where
-    there is none yet, holds the home pose.
+    there is none yet, holds the home pose. The last one waits for approval where
+    answers are kept for that.
     """
-    if round.policy.exists():
+    if round.policy.exists() or round.candidate.exists():
         return
     partial = round.root / "policy.partial"
     untrained = _untrained(cfg, round)
@@ -57,7 +59,8 @@ def policy_stage(
             asks = round.number < cfg.rounds
             before = ", so it asks before it trains on" if asks else ""
             console.print(f"[bold red]ALARM[/] {told}{before}")
-    replace_directory(partial, round.policy.parent)
+    judged = round.number == cfg.rounds and labels_kept(cfg, round.run, dataset)
+    replace_directory(partial, round.candidate if judged else round.policy.parent)
 
 
 def _train(
@@ -105,7 +108,7 @@ def _untrained(cfg: LoopCfg, round: Round) -> bytes | None:
         stays = "robot stands still" if stands else "policy stays as it was"
         console.print(
             f"round {round.number}: the {stays}, because the answers do not agree; "
-            f"{'asking again' if asks else 'no answers are left'}"
+            f"{'asking again' if asks else 'no round is left'}"
         )
         return holding_home(kept) if stands else kept.read_bytes()
     return None

@@ -29,6 +29,16 @@ class Round:
         return self.root / "policy" / POLICY_NAME
 
     @property
+    def candidate(self) -> Path:
+        """The directory of a policy that waits for approval, or did not get it."""
+        return self.root / "candidate"
+
+    @property
+    def approval(self) -> Path:
+        """What the answers said of it."""
+        return self.root / "approval.json"
+
+    @property
     def reward(self) -> Path:
         """The reward fitted to all answers up to this round."""
         return self.root / "reward"
@@ -55,5 +65,5 @@ def seed_of(cfg: LoopCfg, *purpose: int) -> int:
 def place_of(cfg: LoopCfg, round: Round) -> str:
     """Where the loop is, for people, who count from 1."""
     if round.number == cfg.rounds:
-        return "all rounds are answered"
+        return "the last round"
     return f"round {round.number + 1} of {cfg.rounds}"

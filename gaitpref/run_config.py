@@ -87,6 +87,9 @@ class LoopCfg:
     caution: float = field(default=1.0, metadata=ADDED_LATER)
     """Deviations over the ensemble by which a learned reward pays a habit less where a
     fifth of the answers or more turned out to be random, and fewer where fewer did."""
+    approval_labels: int = field(default=7, metadata=ADDED_LATER)
+    """Answers kept back, where answers err, to judge the last policy beside the one
+    before it, which stays unless they speak for the new one; 0 judges none."""
     tracking_slack_m_s: float | None = field(default=0.03, metadata=ADDED_LATER)
     """Where the task is kept: how much worse than the base commands may be followed
     before the learned reward counts less; None lets a style cost the walk."""
@@ -156,21 +159,34 @@ class LoopCfg:
         """Whether the hand-written walking reward stays part of the total."""
         return self.base != "none"
 
-    def labels_of(self, round: int, *, first: int = 0) -> int:
+    def labels_of(self, round: int, *, first: int = 0, kept: int = 0) -> int:
         """Answers asked for in `round`, counted from 0, where the first round has asked
-        for `first` by now."""
+        for `first` by now and `kept` are for judging the last policy."""
         shares = _shrinking(self.labels, self.rounds)
-        if self.rounds == 1 or (self.first_share is None and shares[0] >= MIN_ANSWERS):
+        if self.rounds == 1:
             return shares[round]
-        own = self._first_labels(self.first_share or 0.0)
-        own = max(own, min(self.first_least, self.most_first_labels))
-        first = min(max(first, own), self._first_labels(1.0))
-        others = _shrinking(self.labels - first, self.rounds - 1)
+        if self.first_share is None and shares[0] >= MIN_ANSWERS:
+            first = shares[0]
+        else:
+            own = self._first_labels(self.first_share or 0.0)
+            own = max(own, min(self.first_least, self.most_first_labels))
+            first = min(max(first, own), self._first_labels(1.0))
+        if not round:
+            return first
+        others = _shrinking(self.labels - first - kept, self.rounds - 1)
         if self.first_share is not None:
             # The later a walk, the more there is to say of it, and the longer its
             # reward is trained on.
             others.reverse()
-        return [first, *others][round]
+        return others[round - 1]
+
+    def most_kept(self, *, first: int) -> int:
+        """Answers that can be kept for judging the last policy, where the first round
+        has asked for `first`: every other round needs some."""
+        if self.rounds == 1:
+            return 0
+        spare = self.labels - first - _LEAST_LABELS * (self.rounds - 1)
+        return max(0, min(self.approval_labels, spare))
 
     @property
     def most_first_labels(self) -> int:

@@ -94,6 +94,8 @@ def report_stage(
     summary = round.policy.parent / SUMMARY_NAME
     if summary.exists():
         result["training"] = json.loads(summary.read_text())
+    if round.approval.exists():
+        result["approval"] = json.loads(round.approval.read_text())
     rose = False
     if round.number:
         trained_against = measured(load_reward(round.before.reward))

@@ -27,6 +27,11 @@ FEW_ERRORS, MANY_ERRORS = 0.1, 0.2
 """Shares of random answers between which caution sets in."""
 
 
+def answers_err(model: RewardModel) -> bool:
+    """Whether more answers were random than can be overlooked, as the fit found."""
+    return model.provenance.cfg.error_share > FEW_ERRORS
+
+
 @dataclass(frozen=True, eq=False)
 class CautiousReward:
     """A reward function: what `model` pays, careful where its ensemble disagrees."""

@@ -27,6 +27,9 @@ from .training import TrainingPairs, training_pairs
 ENOUGH = 40
 """Answers from which "no better than chance" is a finding: a reward that foresees three
 of four answers is then cleared nine times of ten."""
+LEAST_SHARE = 0.6
+"""Answers that must be foreseen, however sure it is that some are: a reward that misses
+two in five is followed to where it is wrong."""
 ENOUGH_NEWEST = 10
 """The same for the answers of the newest round alone, where the share itself must not
 exceed one half."""
@@ -177,8 +180,8 @@ def alarms(
     if foreseen and disagree(foreseen):
         found.append(
             f"the answers do not agree with one another, or with anything this model "
-            f"can see: held-out accuracy {_spelled(foreseen.accuracy)} is no better "
-            f"than chance"
+            f"can see: held-out accuracy {_spelled(foreseen.accuracy)} is "
+            f"{_too_low(foreseen.accuracy)}"
         )
     newest = foreseen.newest if foreseen else None
     if newest and return_rose and _no_better(newest):
@@ -198,9 +201,17 @@ def alarms(
 
 
 def disagree(foreseen: Foreseen) -> bool:
-    """Whether enough answers were held out to say that they taught nothing."""
+    """Whether enough answers were held out to say that they taught too little."""
     accuracy = foreseen.accuracy
-    return accuracy is not None and accuracy.answers >= ENOUGH and accuracy.says_nothing
+    if accuracy is None or accuracy.answers < ENOUGH:
+        return False
+    return accuracy.says_nothing or accuracy.share < LEAST_SHARE
+
+
+def _too_low(accuracy: Accuracy | None) -> str:
+    if accuracy is None or accuracy.says_nothing:
+        return "no better than chance"
+    return f"below {LEAST_SHARE:g}"
 
 
 def _no_better(newest: Accuracy) -> bool:

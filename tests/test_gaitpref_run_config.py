@@ -43,6 +43,28 @@ def test_what_the_first_round_asks_more_the_others_ask_less(labels: int) -> None
     assert min(others) >= 4
 
 
+@pytest.mark.parametrize(
+    ("base", "labels", "first", "kept", "others"),
+    [
+        ("none", 100, 75, 7, [5, 6, 7]),
+        ("none", 100, 48, 7, [10, 15, 20]),
+        ("none", 40, 28, 0, [4, 4, 4]),
+        ("task", 60, 28, 7, [15, 10]),
+    ],
+)
+def test_answers_kept_for_the_last_policy_are_not_asked_before(
+    base: str, labels: int, first: int, kept: int, others: list[int]
+) -> None:
+    """As many as the other rounds can spare."""
+    cfg = resolve(Loop(run=RUN, base=base, labels=labels, preset="quick"))
+    assert cfg.most_kept(first=first) == kept
+    found = [
+        cfg.labels_of(round, first=first, kept=kept) for round in range(1, cfg.rounds)
+    ]
+    assert found == others
+    assert first + sum(found) + kept == labels
+
+
 def test_a_style_asks_no_more_at_first() -> None:
     assert resolve(Loop(run=RUN)).most_first_labels == 0
 

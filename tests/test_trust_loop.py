@@ -59,7 +59,7 @@ def test_answers_that_do_not_agree_train_nothing(
     told = " ".join("".join(capsys.readouterr()).split())
     assert "the answers do not agree with one another" in told
     assert "the robot stands still, because the answers do not agree" in told
-    assert "no answers are left" in told
+    assert "no round is left" in told
     first, second = (load_policy(run / f"rounds/0{n}/policy/policy.pt") for n in (0, 1))
     obs = torch.randn(5, OBS_DIM, generator=torch.Generator().manual_seed(0))
     # Nobody has trained it, so what chance put into it is not acted out either.

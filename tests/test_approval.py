@@ -1,0 +1,153 @@
+"""Where answers err, the last policy is judged beside the one before it."""
+
+from __future__ import annotations
+
+import io
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from data.dataset import Dataset
+from gaitpref.approval import STRATEGY, Verdict
+from gaitpref.loop import run_configured
+from gaitpref.rater_cfg import RaterCfg
+from gaitpref.run_config import LoopCfg
+from policy.checkpoint import holding_home, load_policy, read_plain
+
+from .small_loop import small_cfg
+
+KEPT = 7
+
+
+def erring_cfg() -> LoopCfg:
+    """Answers enough to see that a fifth of them is wrong."""
+    return replace(small_cfg(), labels=70, simulated=RaterCfg(mistakes=0.2))
+
+
+class _Killed(Exception):
+    pass
+
+
+def _kill(*args: object) -> None:
+    raise _Killed
+
+
+@pytest.fixture(scope="module")
+def before_approval(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small loop, killed when its last policy was trained and not yet judged."""
+    run = tmp_path_factory.mktemp("loop") / "run"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("gaitpref.loop.approval_stage", _kill)
+        with pytest.raises(_Killed):
+            run_configured(run, erring_cfg())
+    return run
+
+
+def wild(path: Path) -> bytes:
+    """The policy of a file, its actions many times as large."""
+    payload = read_plain(path)
+    actor = payload["actor_state_dict"]
+    actor[[name for name in actor if name.startswith("mlp.")][-2]] *= 50.0
+    file = io.BytesIO()
+    torch.save(payload, file)
+    return file.getvalue()
+
+
+def asked(run: Path) -> list[int]:
+    with Dataset.open(run / "dataset").answers() as store:
+        return [len(store.pairs(round=number)) for number in range(3)]
+
+
+def test_answers_are_kept_for_it(before_approval: Path) -> None:
+    """Nothing is lost, and nothing is called the round's policy yet."""
+    first, second, last = asked(before_approval)
+    assert (first + second, last) == (70 - KEPT, 0)
+    assert (before_approval / "rounds/02/candidate/policy.pt").exists()
+    assert not (before_approval / "rounds/02/policy").exists()
+
+
+@pytest.mark.parametrize("stands", ["old", "new"])
+def test_the_better_of_the_two_stays(
+    before_approval: Path, tmp_path: Path, stands: str
+) -> None:
+    """A robot that stands still is better than one that throws its legs about; a killed
+    loop asks nothing twice."""
+    run = tmp_path / "run"
+    shutil.copytree(before_approval, run)
+    files = {
+        "old": run / "rounds/01/policy/policy.pt",
+        "new": run / "rounds/02/candidate/policy.pt",
+    }
+    for which, file in files.items():
+        file.write_bytes(holding_home(file) if which == stands else wild(file))
+    expected = files[stands].read_bytes()
+    counts = set[int]()
+    for _ in range(2):
+        run_configured(run, erring_cfg())
+        assert (run / "rounds/02/policy/policy.pt").read_bytes() == expected
+        # One that falls at once leaves few clips to show.
+        counts.add(asked(run)[2])
+        assert 0 < max(counts) <= KEPT
+        found = json.loads((run / "rounds/02/report.json").read_text())["approval"]
+        assert found["approved"] == (stands == "new")
+        assert found["for_new"] + found["for_old"] in counts
+        assert "the last policy was judged" in (run / "report/index.html").read_text()
+        # As a process leaves it that is killed when all is answered.
+        for unfinished in ("approval.json", "report.json"):
+            (run / "rounds/02" / unfinished).unlink()
+        trained = run / "rounds/02/policy"
+        if stands == "new":
+            trained.rename(run / "rounds/02/candidate")
+        else:
+            shutil.rmtree(trained)
+    assert len(counts) == 1
+
+
+def test_each_pair_shows_both_policies_under_one_command(
+    before_approval: Path, tmp_path: Path
+) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(before_approval, run)
+    run_configured(run, erring_cfg())
+    new, old = (
+        load_policy(run / f"rounds/{place}/policy.pt").sha256
+        for place in ("02/policy", "01/policy")
+    )
+    dataset = Dataset.open(run / "dataset")
+    with dataset.answers() as store:
+        pairs = store.pairs(round=2)
+    commands = []
+    for pair in pairs:
+        metas = [dataset.entry(clip.rollout).meta for clip in (pair.a, pair.b)]
+        assert pair.strategy == STRATEGY
+        assert {meta.policy_sha256 for meta in metas} == {new, old}
+        assert metas[0].command == metas[1].command
+        assert metas[0].env_index == metas[1].env_index
+        assert not any(meta.stochastic for meta in metas)
+        commands.append(metas[0].command)
+    # All five commands before any of them comes again.
+    assert len(set(commands[:5])) == 5
+
+
+@pytest.mark.parametrize(
+    ("for_new", "for_old", "error_share", "odds", "approved"),
+    [
+        (4, 3, 0.4, 4.0, True),
+        (4, 3, 0.7, 13 / 7, False),
+        (5, 2, 0.7, (13 / 7) ** 3, True),
+        (3, 3, 0.4, 1.0, False),
+        (0, 0, 0.4, 1.0, False),
+        (1, 6, 0.2, 9.0**-5, False),
+    ],
+)
+def test_the_odds_are_those_of_erring_answers(
+    for_new: int, for_old: int, error_share: float, odds: float, approved: bool
+) -> None:
+    """Each answer is wrong in half of the cases in which it is random."""
+    found = Verdict(for_new=for_new, for_old=for_old, error_share=error_share)
+    assert found.odds == pytest.approx(odds)
+    assert found.approved == approved
