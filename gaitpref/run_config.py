@@ -254,7 +254,7 @@ def resolve(options: Loop) -> LoopCfg:
         base_steps=800_000 if quick else 1_500_000,
         round_steps=300_000 if quick else 600_000,
         last_round_steps=600_000 if quick else 1_200_000,
-        learned_weight=2.0,
+        learned_weight=3.0,
         exploration=None,
         record=recorded,
         **common,
