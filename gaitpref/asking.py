@@ -6,14 +6,12 @@ import json
 import math
 import time
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
 from data.answers import AnswerStore, Pair
 from data.dataset import Dataset, EpisodeEntry
 from policy.babble import BABBLE_SHA256
-from rewardmodel.caution import answers_err
 from rewardmodel.cfg import FitCfg
 from rewardmodel.enough import remaining
 from rewardmodel.fit import fit_reward
@@ -28,6 +26,7 @@ from .questions import ask, with_known_answer
 from .rater import answer_pairs
 from .rounds import Round, place_of, seed_of
 from .run_config import LoopCfg
+from .side_by_side import both_policies, labels_kept, pairs_of_both
 
 RATER_ID = "simulated"
 GOLD_SHARE = 0.05
@@ -50,7 +49,7 @@ def questions_stage(
     patience = Patience(people)
     with dataset.answers() as store:
         first, _ = _asked_and_left(store, 0)
-        kept = labels_kept(cfg, round.run, dataset) if round.number else 0
+        kept = labels_kept(cfg, round, dataset) if round.number else 0
         count = cfg.labels_of(round.number, first=first, kept=kept)
         while True:
             asked, _ = _asked_and_left(store, round.number)
@@ -66,17 +65,6 @@ def questions_stage(
                 if asked >= count:
                     return
             _add_pairs(cfg, round, dataset, min(cfg.batch_labels, count - asked))
-
-
-def labels_kept(cfg: LoopCfg, run: Path, dataset: Dataset) -> int:
-    """Answers that are kept for judging the last policy: none where the first round's
-    answers turned out not to err."""
-    first = load_reward(Round(run, 0).reward)
-    if not cfg.approval_labels or not answers_err(first):
-        return 0
-    with dataset.answers() as store:
-        asked, _ = _asked_and_left(store, 0)
-    return cfg.most_kept(first=asked)
 
 
 def _count_going_on(cfg: LoopCfg, round: Round, dataset: Dataset, asked: int) -> int:
@@ -102,32 +90,38 @@ def _count_going_on(cfg: LoopCfg, round: Round, dataset: Dataset, asked: int) ->
 
 
 def _add_pairs(cfg: LoopCfg, round: Round, dataset: Dataset, count: int) -> None:
+    """Choose `count` more pairs of a round: of its policy beside the one before, where
+    that is to be judged, and others where those do not suffice."""
     with dataset.answers() as store:
         known = store.pairs()
         enough = count_evidence(store) >= MIN_ANSWERS
     # More pairs for the same round are others, even after a restart.
     before = [pair for pair in known if pair.round == round.number]
     asked_before = len(before)
-    model = None
-    if enough:
-        seed = seed_of(cfg, round.number, 7, asked_before)
-        fit = _fit_for_asking(cfg, round)
-        # Only its doubt is asked for here; the round's own fit is the one measured.
-        model, _ = fit_reward(load_pairs([dataset]), fit, seed=seed, measured=False)
     entries = _episodes_asked_about(cfg, round, dataset)
     rng = np.random.default_rng([seed_of(cfg, round.number, 3), asked_before])
-    chosen = ask(
-        dataset,
-        entries,
-        cfg.clips,
-        count,
-        known=known,
-        model=model,
-        round_number=round.number,
-        uniform_share=cfg.uniform_share,
-        strategy=cfg.strategy,
-        rng=rng,
-    )
+    chosen: list[Pair] = []
+    if both := both_policies(cfg, round, dataset):
+        chosen = pairs_of_both(cfg, round, dataset, both, known=known)[:count]
+    if len(chosen) < count:
+        model = None
+        if enough:
+            seed = seed_of(cfg, round.number, 7, asked_before)
+            fit = _fit_for_asking(cfg, round)
+            # Only its doubt is asked for; the round's own fit is the one measured.
+            model, _ = fit_reward(load_pairs([dataset]), fit, seed=seed, measured=False)
+        chosen += ask(
+            dataset,
+            entries,
+            cfg.clips,
+            count - len(chosen),
+            known=[*known, *chosen],
+            model=model,
+            round_number=round.number,
+            uniform_share=cfg.uniform_share,
+            strategy=cfg.strategy,
+            rng=rng,
+        )
     if cfg.rater == "human":
         chosen += with_known_answer(
             entries,

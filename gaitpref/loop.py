@@ -12,7 +12,7 @@ from pathlib import Path
 from data.answer_backend import Address
 from data.dataset import Dataset
 
-from .approval import approval_stage
+from .approval import approval_stage, verdict_stage
 from .asking import questions_stage
 from .criteria import load_criterion
 from .extras import require
@@ -26,6 +26,7 @@ from .rewards import criterion_context
 from .rounds import Round
 from .run_config import LoopCfg, claim, resolve
 from .setting import Setting, setting_of
+from .side_by_side import show_stage
 from .stages import fit_stage, record_stage, report_stage
 
 OpenPage = Callable[[Dataset], AbstractContextManager[People]]
@@ -81,9 +82,12 @@ def run_configured(
             policy_stage(cfg, round, robot, dataset, people)
             if number < cfg.rounds:
                 record_stage(cfg, round, dataset, people)
+                show_stage(cfg, round, dataset, people)
                 questions_stage(cfg, round, dataset, criterion, people)
+                verdict_stage(round, dataset)
                 fit_stage(cfg, round, dataset, people)
             else:
+                show_stage(cfg, round, dataset, people)
                 approval_stage(cfg, round, dataset, criterion, people)
             report_stage(cfg, round, dataset, criterion)
             write_report(run)

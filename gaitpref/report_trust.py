@@ -32,16 +32,19 @@ def alarm_section(rounds: list[dict[str, Any]]) -> str:
 
 
 def approval_section(rounds: list[dict[str, Any]]) -> str:
-    """What the answers said of the last policy; nothing where they were not asked."""
-    found = rounds[-1].get("approval")
-    if found is None:
+    """What the answers said of new policies; nothing where they were not asked."""
+    told = []
+    for of_round in rounds:
+        if found := of_round.get("approval"):
+            judged = found["for_new"] + found["for_old"]
+            dropped = "" if found["approved"] else ", so the one before was kept"
+            told.append(
+                f"<li>Round {of_round['round']}: preferred to the policy before in "
+                f"{found['for_new']} of {judged} answers{dropped}.</li>"
+            )
+    if not told:
         return ""
-    judged = found["for_new"] + found["for_old"]
-    stays = "it stays" if found["approved"] else "the one before it stays"
-    return (
-        f"<p>As answers err, the last policy was judged beside the one before it: "
-        f"preferred in {found['for_new']} of {judged} answers, so {stays}.</p>"
-    )
+    return f"<p>As answers err, new policies were judged:</p><ul>{''.join(told)}</ul>"
 
 
 def trust_cells(of_round: dict[str, Any]) -> tuple[str, str, str]:

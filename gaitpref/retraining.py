@@ -18,12 +18,12 @@ from policy.train import POLICY_NAME, SUMMARY_NAME, TrainCfg, train
 from rewardmodel.caution import CautiousReward
 from rewardmodel.storage import load_reward
 
-from .asking import labels_kept
 from .people import People
 from .progress import console, training_bar
 from .rewards import total_reward
-from .rounds import Round, place_of, seed_of
+from .rounds import Round, approved, place_of, seed_of
 from .run_config import LoopCfg
+from .side_by_side import labels_kept
 from .tracking_limit import TrackingLimit, limit_beside
 from .watch import WatchedReward, deserves_training, watched
 
@@ -59,7 +59,7 @@ def policy_stage(
             asks = round.number < cfg.rounds
             before = ", so it asks before it trains on" if asks else ""
             console.print(f"[bold red]ALARM[/] {told}{before}")
-    judged = round.number == cfg.rounds and labels_kept(cfg, round.run, dataset)
+    judged = round.number == cfg.rounds and labels_kept(cfg, round, dataset)
     replace_directory(partial, round.candidate if judged else round.policy.parent)
 
 
@@ -103,7 +103,7 @@ def _untrained(cfg: LoopCfg, round: Round) -> bytes | None:
         return Path(cfg.base).read_bytes()
     if round.number and not deserves_training(round.before):
         asks = round.number < cfg.rounds
-        kept = round.before.policy
+        kept = approved(round.before)
         stands = cfg.base == "none" and load_policy(kept).info.steps == 0
         stays = "robot stands still" if stands else "policy stays as it was"
         console.print(
@@ -154,7 +154,7 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
         cfg=train_cfg,
         reward_fn=reward_fn,
         reward_name=f"the reward learned in round {round.number - 1}",
-        init=round.before.policy,
+        init=approved(round.before),
         watch=watched(cfg, round, dataset, reward_fn),
     )
 

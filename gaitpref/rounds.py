@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,8 +35,13 @@ class Round:
         return self.root / "candidate"
 
     @property
+    def shown(self) -> Path:
+        """Names the episodes that show the round's policy beside the one before."""
+        return self.root / "shown.json"
+
+    @property
     def approval(self) -> Path:
-        """What the answers said of it."""
+        """What the answers said of the two."""
         return self.root / "approval.json"
 
     @property
@@ -55,6 +61,19 @@ class Round:
     @property
     def before(self) -> Round:
         return Round(self.run, self.number - 1)
+
+    @property
+    def first(self) -> Round:
+        return Round(self.run, 0)
+
+
+def approved(round: Round) -> Path:
+    """The newest policy, up to that of `round`, that no answers spoke against."""
+    while round.approval.exists():
+        if json.loads(round.approval.read_text())["approved"]:
+            break
+        round = round.before
+    return round.policy
 
 
 def seed_of(cfg: LoopCfg, *purpose: int) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -12,10 +13,12 @@ import pytest
 import torch
 
 from data.dataset import Dataset
-from gaitpref.approval import STRATEGY, Verdict
+from gaitpref.approval import ODDS_TO_STAY
 from gaitpref.loop import run_configured
 from gaitpref.rater_cfg import RaterCfg
+from gaitpref.rounds import Round
 from gaitpref.run_config import LoopCfg
+from gaitpref.side_by_side import STRATEGY, Verdict
 from policy.checkpoint import holding_home, load_policy, read_plain
 
 from .small_loop import small_cfg
@@ -32,8 +35,9 @@ class _Killed(Exception):
     pass
 
 
-def _kill(*args: object) -> None:
-    raise _Killed
+def _killed_at_the_end(cfg: LoopCfg, round: Round, *others: object) -> None:
+    if round.number == cfg.rounds:
+        raise _Killed
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +45,7 @@ def before_approval(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small loop, killed when its last policy was trained and not yet judged."""
     run = tmp_path_factory.mktemp("loop") / "run"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gaitpref.loop.approval_stage", _kill)
+        patch.setattr("gaitpref.loop.show_stage", _killed_at_the_end)
         with pytest.raises(_Killed):
             run_configured(run, erring_cfg())
     return run
@@ -95,7 +99,7 @@ def test_the_better_of_the_two_stays(
         found = json.loads((run / "rounds/02/report.json").read_text())["approval"]
         assert found["approved"] == (stands == "new")
         assert found["for_new"] + found["for_old"] in counts
-        assert "the last policy was judged" in (run / "report/index.html").read_text()
+        assert "new policies were judged" in (run / "report/index.html").read_text()
         # As a process leaves it that is killed when all is answered.
         for unfinished in ("approval.json", "report.json"):
             (run / "rounds/02" / unfinished).unlink()
@@ -148,6 +152,38 @@ def test_the_odds_are_those_of_erring_answers(
     for_new: int, for_old: int, error_share: float, odds: float, approved: bool
 ) -> None:
     """Each answer is wrong in half of the cases in which it is random."""
-    found = Verdict(for_new=for_new, for_old=for_old, error_share=error_share)
+    found = Verdict(
+        for_new=for_new, for_old=for_old, error_share=error_share, needed=ODDS_TO_STAY
+    )
     assert found.odds == pytest.approx(odds)
     assert found.approved == approved
+
+
+@pytest.mark.slow
+def test_training_goes_on_from_the_policy_that_was_preferred(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where answers speak against the second retraining, the third begins where the
+    second did, and is judged beside that."""
+    monkeypatch.setattr("gaitpref.approval.ODDS_TO_GO_ON", math.inf)
+    run, cfg = tmp_path / "run", replace(erring_cfg(), rounds=3, labels=90)
+    run_configured(run, cfg)
+    first, second = (load_policy(run / f"rounds/0{n}/policy/policy.pt") for n in (1, 2))
+    judged = [run / "rounds/03/policy", run / "rounds/03/candidate"]
+    third = load_policy(next(p for p in reversed(judged) if p.exists()) / "policy.pt")
+    assert second.info.steps > first.info.steps
+    own = third.info.steps - first.info.steps
+    assert own == second.info.steps - first.info.steps + 1536
+    dataset = Dataset.open(run / "dataset")
+    compared = []
+    with dataset.answers() as store:
+        assert store.count() == 90
+        for round in (2, 3):
+            shown = {
+                dataset.entry(clip.rollout).meta.policy_sha256
+                for pair in store.pairs(round=round)
+                for clip in (pair.a, pair.b)
+            }
+            compared.append(shown)
+    assert compared == [{first.sha256, second.sha256}, {first.sha256, third.sha256}]
+    assert not json.loads((run / "rounds/02/approval.json").read_text())["approved"]

@@ -1,0 +1,184 @@
+"""Two policies side by side: recorded alike, asked about, and what the answers say.
+
+Where answers err, a reward may be right about most pairs and still ruin what is trained
+on it. So from the second retraining on, the questions of a round are about its new
+policy beside the one it was to better.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import zip_longest
+
+import numpy as np
+
+from data.answers import Pair
+from data.dataset import Dataset
+from data.files import write_atomically
+from policy.checkpoint import Policy, load_policy
+from policy.record import record
+from policy.train import POLICY_NAME
+from policy.variation import VariationCfg
+from rewardmodel.acquisition import in_step
+from rewardmodel.caution import answers_err
+from rewardmodel.storage import load_reward
+
+from .people import People
+from .questions import clips_of
+from .rounds import Round, approved, place_of, seed_of
+from .run_config import LoopCfg
+
+STRATEGY = "approval"
+_EPISODES = 10
+"""Of either policy: two of every command that is recorded."""
+_LEAST_CLIP_S = 0.1
+"""A fall is seen in no time, and one who falls at once is to be judged too."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """What the answers say of a new policy beside the one it was to better."""
+
+    for_new: int
+    """Answers that prefer it."""
+    for_old: int
+    """Answers that prefer the other."""
+    error_share: float
+    """Share of answers that are random, as the newest reward found it, in (0, 1)."""
+    needed: float
+    """Odds from which on the new policy is approved."""
+
+    @property
+    def odds(self) -> float:
+        """That the new policy is better, if either was as likely before."""
+        wrong = self.error_share / 2
+        return ((1 - wrong) / wrong) ** (self.for_new - self.for_old)
+
+    @property
+    def approved(self) -> bool:
+        return self.odds >= self.needed
+
+
+def labels_kept(cfg: LoopCfg, round: Round, dataset: Dataset) -> int:
+    """Answers that are kept for judging the last policy: none where the first round's
+    answers turned out not to err."""
+    if not cfg.approval_labels or not answers_err(load_reward(round.first.reward)):
+        return 0
+    with dataset.answers() as store:
+        asked = [pair for pair in store.pairs(round=0) if pair.gold is None]
+    return cfg.most_kept(first=len(asked))
+
+
+def both_policies(
+    cfg: LoopCfg, round: Round, dataset: Dataset
+) -> tuple[Policy, Policy] | None:
+    """The new policy of a round and the one it was to better, where the round's
+    questions are about them.
+
+    The first walk is not judged: what it is to better is a robot that stands, or a base
+    that never showed what is wanted.
+    """
+    if round.number < 2 or not labels_kept(cfg, round, dataset):
+        return None
+    waits = round.candidate / POLICY_NAME
+    new = load_policy(waits if waits.exists() else round.policy)
+    old = load_policy(approved(round.before))
+    return None if new.sha256 == old.sha256 else (new, old)
+
+
+def show_stage(cfg: LoopCfg, round: Round, dataset: Dataset, people: People) -> None:
+    """Log both policies as they would be used, from equal starts."""
+    policies = both_policies(cfg, round, dataset)
+    if round.shown.exists() or policies is None:
+        return
+    people.tell(f"{place_of(cfg, round)}: showing the new policy beside the last")
+    plain = replace(
+        cfg.record,
+        episodes=_EPISODES,
+        noisy_share=0.0,
+        variation=VariationCfg(),
+        babble_share=0.0,
+    )
+    entries = dataset.add_episodes(
+        episode
+        for policy in policies
+        for episode in record(
+            round.policy,
+            plain,
+            seed=seed_of(cfg, round.number, 10),
+            round=round.number,
+            policies=[policy],
+        )
+    )
+    names = sorted(entry.sha256 for entry in entries)
+    write_atomically(round.shown, json.dumps(names, indent=0).encode())
+
+
+def pairs_of_both(
+    cfg: LoopCfg,
+    round: Round,
+    dataset: Dataset,
+    policies: tuple[Policy, Policy],
+    *,
+    known: Sequence[Pair],
+) -> list[Pair]:
+    """All pairs of the two policies that are not known, every command in turn.
+
+    Both clips of a pair begin as near to the same step as the episodes allow.
+    """
+    names = set(json.loads(round.shown.read_text()))
+    entries = {e.sha256: e for e in dataset.entries() if e.sha256 in names}
+    new, old = (
+        [e for e in entries.values() if e.meta.policy_sha256 == policy.sha256]
+        for policy in policies
+    )
+    rng = np.random.default_rng(seed_of(cfg, round.number, 11))
+    taken = {frozenset((pair.a, pair.b)) for pair in known}
+    by_command: dict[tuple[float, ...], list[Pair]] = {}
+    cut = replace(cfg.clips, min_clip_s=min(_LEAST_CLIP_S, cfg.clips.min_clip_s))
+    clips = clips_of(new, cut)
+    for index in rng.permutation(len(clips)):
+        clip, meta = clips[index], entries[clips[index].rollout].meta
+        alike = [entry for entry in old if entry.meta.env_index == meta.env_index]
+        others = clips_of(alike, cut)
+        if not others:
+            continue
+        beside = min(others, key=lambda other: abs(other.start - clip.start))
+        sides = (clip, beside) if rng.random() < 0.5 else (beside, clip)
+        pair = in_step(
+            Pair.make(*sides, strategy=STRATEGY, round=round.number),
+            entries,
+            dataset.clip_features,
+            reach_s=cfg.clips.stride_s / 2,
+        )
+        if frozenset((pair.a, pair.b)) not in taken:
+            by_command.setdefault(meta.command, []).append(pair)
+    turns = zip_longest(*by_command.values())
+    return [pair for turn in turns for pair in turn if pair is not None]
+
+
+def verdict_of(
+    round: Round, dataset: Dataset, new: Policy, *, needed: float
+) -> Verdict | None:
+    """What the round's answers say of its new policy; None where nobody was asked."""
+    with dataset.answers() as store:
+        if all(pair.strategy != STRATEGY for pair in store.pairs(round=round.number)):
+            return None
+        answers = store.current_answers(round=round.number)
+    preferred = [
+        pair.a if answer.choice == "a" else pair.b
+        for pair, answer in answers
+        if pair.strategy == STRATEGY and answer.choice in ("a", "b")
+    ]
+    by_sha256 = {entry.sha256: entry for entry in dataset.entries()}
+    for_new = sum(
+        by_sha256[clip.rollout].meta.policy_sha256 == new.sha256 for clip in preferred
+    )
+    return Verdict(
+        for_new=for_new,
+        for_old=len(preferred) - for_new,
+        error_share=load_reward(round.before.reward).provenance.cfg.error_share,
+        needed=needed,
+    )
