@@ -15,6 +15,7 @@ from itertools import zip_longest
 import numpy as np
 
 from data.answers import Pair
+from data.clips import Clip
 from data.dataset import Dataset
 from data.files import write_atomically
 from policy.checkpoint import Policy, load_policy
@@ -136,16 +137,15 @@ def pairs_of_both(
     )
     rng = np.random.default_rng(seed_of(cfg, round.number, 11))
     taken = {frozenset((pair.a, pair.b)) for pair in known}
-    by_command: dict[tuple[float, ...], list[Pair]] = {}
     cut = replace(cfg.clips, min_clip_s=min(_LEAST_CLIP_S, cfg.clips.min_clip_s))
+    by_command: dict[tuple[float, ...], list[Pair]] = {}
     clips = clips_of(new, cut)
     for index in rng.permutation(len(clips)):
         clip, meta = clips[index], entries[clips[index].rollout].meta
         alike = [entry for entry in old if entry.meta.env_index == meta.env_index]
-        others = clips_of(alike, cut)
-        if not others:
+        beside = _nearest(clip, clips_of(alike, cut))
+        if beside is None:
             continue
-        beside = min(others, key=lambda other: abs(other.start - clip.start))
         sides = (clip, beside) if rng.random() < 0.5 else (beside, clip)
         pair = in_step(
             Pair.make(*sides, strategy=STRATEGY, round=round.number),
@@ -157,6 +157,10 @@ def pairs_of_both(
             by_command.setdefault(meta.command, []).append(pair)
     turns = zip_longest(*by_command.values())
     return [pair for turn in turns for pair in turn if pair is not None]
+
+
+def _nearest(clip: Clip, others: Sequence[Clip]) -> Clip | None:
+    return min(others, key=lambda other: abs(other.start - clip.start), default=None)
 
 
 def verdict_of(
