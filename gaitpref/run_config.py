@@ -162,18 +162,12 @@ class LoopCfg:
     def labels_of(self, round: int, *, first: int = 0, kept: int = 0) -> int:
         """Answers asked for in `round`, counted from 0, where the first round has asked
         for `first` by now and `kept` are for judging the last policy."""
-        shares = _shrinking(self.labels, self.rounds)
         if self.rounds == 1:
-            return shares[round]
-        if self.first_share is None and shares[0] >= MIN_ANSWERS:
-            first = shares[0]
-        else:
-            own = self._first_labels(self.first_share or 0.0)
-            own = max(own, min(self.first_least, self.most_first_labels))
-            first = min(max(first, own), self._first_labels(1.0))
+            return self.labels
+        own = self._own_of_first(first)
         if not round:
-            return first
-        others = _shrinking(self.labels - first - kept, self.rounds - 1)
+            return own
+        others = _shrinking(self.labels - own - kept, self.rounds - 1)
         if self.first_share is not None:
             # The later a walk, the more there is to say of it, and the longer its
             # reward is trained on.
@@ -185,8 +179,18 @@ class LoopCfg:
         has asked for `first`: every other round needs some."""
         if self.rounds == 1:
             return 0
-        spare = self.labels - first - _LEAST_LABELS * (self.rounds - 1)
+        others = _LEAST_LABELS * (self.rounds - 1)
+        spare = self.labels - self._own_of_first(first) - others
         return max(0, min(self.approval_labels, spare))
+
+    def _own_of_first(self, asked: int) -> int:
+        """Answers of the first round, which has asked for `asked` by now."""
+        shares = _shrinking(self.labels, self.rounds)
+        if self.first_share is None and shares[0] >= MIN_ANSWERS:
+            return shares[0]
+        own = self._first_labels(self.first_share or 0.0)
+        own = max(own, min(self.first_least, self.most_first_labels))
+        return min(max(asked, own), self._first_labels(1.0))
 
     @property
     def most_first_labels(self) -> int:

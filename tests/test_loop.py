@@ -125,7 +125,7 @@ def test_a_round_stops_asking_where_answers_are_enough(
     for name, never_missed in (("SETTLED", -1.0), ("FORESEEN", -1.0)):
         monkeypatch.setattr(f"rewardmodel.enough.{name}", never_missed)
     monkeypatch.setattr("rewardmodel.enough.MIN_HELD_OUT", 1)
-    cfg = replace(small_cfg(), stop_asking=True)
+    cfg = replace(small_cfg(), stop_asking=True, approval_labels=0)
     assert cfg.labels_of(0) > cfg.batch_labels
     for _ in range(2):
         run_configured(tmp_path / "run", cfg)
@@ -146,7 +146,12 @@ def test_the_first_round_asks_on_while_answers_leave_it_open(
     """Up to its most, and the others ask for what is left; also when it goes on."""
     monkeypatch.setattr("gaitpref.asking.AGREED", agreed)
     cfg = replace(
-        small_cfg(), labels=40, first_share=0.4, first_least=0, most_first_share=0.7
+        small_cfg(),
+        labels=40,
+        first_share=0.4,
+        first_least=0,
+        most_first_share=0.7,
+        approval_labels=0,
     )
     expected = [28, 12] if asks_on else [16, 24]
     for _ in range(2):
