@@ -6,6 +6,7 @@ import json
 import math
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -177,9 +178,11 @@ def _enough(cfg: LoopCfg, round: Round, dataset: Dataset) -> bool:
 
 
 def _fit_for_asking(cfg: LoopCfg, round: Round) -> FitCfg:
-    """Settings of a fit between two batches: `auto` keeps the last round's choice."""
-    if cfg.fit.kind == "auto" and round.number:
-        return load_reward(round.before.reward).provenance.cfg
+    """Settings of a fit between two batches: where the model is to be chosen, the last
+    round's choice is kept."""
+    if cfg.fit.kind in ("auto", "grow") and round.number:
+        chosen = load_reward(round.before.reward).provenance.cfg
+        return replace(cfg.fit, kind=chosen.kind)
     return cfg.fit
 
 

@@ -132,7 +132,7 @@ class LoopCfg:
     """What is recorded every round."""
     simulated: RaterCfg = field(default_factory=RaterCfg)
     """How the simulated rater errs; as it is, never."""
-    fit: FitCfg = field(default_factory=FitCfg)
+    fit: FitCfg = field(default_factory=lambda: FitCfg(kind="grow"))
     """The reward model."""
     known: KnownTermsCfg = field(default_factory=KnownTermsCfg)
     """Safety terms the learned reward is added to."""

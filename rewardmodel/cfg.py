@@ -179,10 +179,11 @@ class SemiSupervisedCfg:
 class FitCfg:
     """How a reward model is fitted to the answers collected so far."""
 
-    kind: Kind | Literal["auto"] = "linear"
+    kind: Kind | Literal["auto", "grow"] = "linear"
     """Model: `linear` in the gait descriptors, a Gaussian process (`gp`) or a small
-    network (`mlp`) on them, one on the last steps (`history`, `transformer`), or
-    `auto`, whichever foresees held-out answers best."""
+    network (`mlp`) on them, one on the last steps (`history`, `transformer`), `auto`,
+    whichever foresees held-out answers best, or `grow`: `linear`, and `gp` where the
+    answers look wrong to it and a Gaussian process surely foresees them better."""
     error_share: float = 0.3
     """Share of the answers expected to be random, in [0, 1)."""
     adapt: bool = field(default=True, metadata=ADDED_LATER)

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from .calibration import calibration, fit_temperature
+from .caution import FEW_ERRORS
 from .cfg import FitCfg as FitCfg
 from .cfg import Kind
 from .enough import enough, remaining
@@ -35,6 +36,9 @@ from .training import TrainingPairs, training_pairs
 from .transformer import fit_transformer
 
 logger = logging.getLogger(__name__)
+
+GROWN: tuple[Kind, ...] = ("linear", "gp")
+"""What `grow` chooses from."""
 
 
 def fold_of(sha256: str, folds: int = 5) -> int:
@@ -165,13 +169,19 @@ def _chosen(
     All expect the same errors here: to a model that finds no sense in the answers, they
     would look random, and it would foresee them as well as chance does.
     """
-    if cfg.kind != "auto":
+    if cfg.kind not in ("auto", "grow"):
         return cfg.kind, ()
+    stiffest = get_args(Kind)[0]
     if not measured:
-        return get_args(Kind)[0], ()
+        return stiffest, ()
+    # Linear weights say most of a walk from few answers; what they cannot say looks
+    # like errors to them.
+    grows = cfg.kind == "grow"
+    if grows and find(plain, cfg).error_share <= FEW_ERRORS:
+        return stiffest, ()
     foreseen: dict[Kind, Tensor] = {}
     described, _ = with_reliability(plain, pairs.raters, cfg, seed=seed)
-    for kind in get_args(Kind):
+    for kind in GROWN if grows else get_args(Kind):
         # It takes as long as all others together, and where what led to a step does
         # not matter to the simpler of the two, it does not matter.
         if kind == "transformer" and choose_kind(foreseen) != "history":
@@ -182,7 +192,7 @@ def _chosen(
         if len(foreseen[kind]) < MIN_HELD_OUT:
             return kind, ()
     means = tuple((kind, values.mean().item()) for kind, values in foreseen.items())
-    return choose_kind(foreseen), means
+    return choose_kind(foreseen, errors=2.0 if grows else 1.0), means
 
 
 def held_out_leads(

@@ -15,14 +15,15 @@ MIN_HELD_OUT = 30
 """Held-out answers below which the stiffest model is taken unseen."""
 
 
-def choose_kind(log_likelihoods: Mapping[Kind, Tensor]) -> Kind:
+def choose_kind(log_likelihoods: Mapping[Kind, Tensor], *, errors: float = 1.0) -> Kind:
     """The model to take, given the log-likelihood [B] of the same held-out answers.
 
     A more flexible model must foresee them better than the one taken so far by more
-    than the standard error of the difference: a draw goes to the stiffer one.
+    than `errors` standard errors of the difference: a draw goes to the stiffer one.
 
     Args:
         log_likelihoods: By kind, from the stiffest to the most flexible.
+        errors: How sure one wants to be.
     """
     kinds = iter(log_likelihoods)
     chosen = next(kinds)
@@ -31,6 +32,6 @@ def choose_kind(log_likelihoods: Mapping[Kind, Tensor]) -> Kind:
         if len(gain) < MIN_HELD_OUT:
             break
         error = gain.std() / len(gain) ** 0.5
-        if gain.mean() > error:
+        if gain.mean() > errors * error:
             chosen = kind
     return chosen
