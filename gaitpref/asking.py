@@ -27,7 +27,7 @@ from .questions import ask, with_known_answer
 from .rater import answer_pairs
 from .rounds import Round, place_of, seed_of
 from .run_config import LoopCfg
-from .side_by_side import both_policies, labels_kept, pairs_of_both
+from .side_by_side import STRATEGY, both_policies, labels_kept, pairs_of_both
 
 RATER_ID = "simulated"
 GOLD_SHARE = 0.05
@@ -91,8 +91,8 @@ def _count_going_on(cfg: LoopCfg, round: Round, dataset: Dataset, asked: int) ->
 
 
 def _add_pairs(cfg: LoopCfg, round: Round, dataset: Dataset, count: int) -> None:
-    """Choose `count` more pairs of a round: of its policy beside the one before, where
-    that is to be judged, and others where those do not suffice."""
+    """Choose `count` more pairs of a round: first of its policy beside the one before,
+    where that is to be judged."""
     with dataset.answers() as store:
         known = store.pairs()
         enough = count_evidence(store) >= MIN_ANSWERS
@@ -103,7 +103,9 @@ def _add_pairs(cfg: LoopCfg, round: Round, dataset: Dataset, count: int) -> None
     rng = np.random.default_rng([seed_of(cfg, round.number, 3), asked_before])
     chosen: list[Pair] = []
     if both := both_policies(cfg, round, dataset):
-        chosen = pairs_of_both(cfg, round, dataset, both, known=known)[:count]
+        judged = sum(pair.strategy == STRATEGY for pair in before)
+        most = min(count, cfg.approval_labels - judged)
+        chosen = pairs_of_both(cfg, round, dataset, both, known=known)[: max(0, most)]
     if len(chosen) < count:
         model = None
         if enough:

@@ -88,8 +88,8 @@ class LoopCfg:
     """Deviations over the ensemble by which a learned reward pays a habit less where a
     fifth of the answers or more turned out to be random, and fewer where fewer did."""
     approval_labels: int = field(default=7, metadata=ADDED_LATER)
-    """Answers kept back, where answers err, to judge the last policy beside the one
-    before it, which stays unless they speak for the new one; 0 judges none."""
+    """Answers that, where answers err, judge each new policy beside the one before it,
+    which stays where they speak for it; 0 judges none."""
     tracking_slack_m_s: float | None = field(default=0.03, metadata=ADDED_LATER)
     """Where the task is kept: how much worse than the base commands may be followed
     before the learned reward counts less; None lets a style cost the walk."""

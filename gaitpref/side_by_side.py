@@ -1,8 +1,8 @@
 """Two policies side by side: recorded alike, asked about, and what the answers say.
 
 Where answers err, a reward may be right about most pairs and still ruin what is trained
-on it. So from the second retraining on, the questions of a round are about its new
-policy beside the one it was to better.
+on it. So the first questions of a round are about its new policy beside the one it was
+to better.
 """
 
 from __future__ import annotations
@@ -78,10 +78,10 @@ def both_policies(
     """The new policy of a round and the one it was to better, where the round's
     questions are about them.
 
-    The first walk is not judged: what it is to better is a robot that stands, or a base
-    that never showed what is wanted.
+    A first walk from scratch is not judged: it need not please yet.
     """
-    if round.number < 2 or not labels_kept(cfg, round, dataset):
+    first = 1 if cfg.keeps_task else 2
+    if round.number < first or not labels_kept(cfg, round, dataset):
         return None
     waits = round.candidate / POLICY_NAME
     new = load_policy(waits if waits.exists() else round.policy)

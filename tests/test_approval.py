@@ -182,6 +182,7 @@ def test_training_goes_on_from_the_policy_that_was_preferred(
             shown = {
                 dataset.entry(clip.rollout).meta.policy_sha256
                 for pair in store.pairs(round=round)
+                if pair.strategy == STRATEGY
                 for clip in (pair.a, pair.b)
             }
             compared.append(shown)
