@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import torch
 from hypothesis import settings
 
 from data.answer_backend import Address
@@ -15,6 +16,9 @@ from . import postgres
 # A busy machine is no failure: how long one example takes is not what is tested.
 settings.register_profile("gaitpref", deadline=None)
 settings.load_profile("gaitpref")
+# As in every command: small matrices gain nothing from a second thread, and MKL's waited
+# for one another for ever on a busy machine.
+torch.set_num_threads(1)
 
 
 @pytest.fixture(scope="session")
