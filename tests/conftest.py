@@ -16,8 +16,8 @@ from . import postgres
 # A busy machine is no failure: how long one example takes is not what is tested.
 settings.register_profile("gaitpref", deadline=None)
 settings.load_profile("gaitpref")
-# As in every command: small matrices gain nothing from a second thread, and MKL's waited
-# for one another for ever on a busy machine.
+# As in every command: small matrices gain nothing from a second thread, and those of
+# MKL waited for one another for ever on a busy machine.
 torch.set_num_threads(1)
 
 
