@@ -27,6 +27,9 @@ def alarm_section(rounds: list[dict[str, Any]]) -> str:
         for reason in of_round.get("trust", {}).get("alarms", ())
     ]
     if not raised:
+        judged = [found["approved"] for r in rounds if (found := r.get("approval"))]
+        if not all(judged):
+            return "<p>No alarm beside that.</p>"
         return "<p>No alarm: nothing says that the learned reward misleads.</p>"
     return f'<div class="alarm"><b>Alarm</b><ul>{"".join(raised)}</ul></div>'
 

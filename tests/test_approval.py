@@ -99,7 +99,10 @@ def test_the_better_of_the_two_stays(
         found = json.loads((run / "rounds/02/report.json").read_text())["approval"]
         assert found["approved"] == (stands == "new")
         assert found["for_new"] + found["for_old"] in counts
-        assert "new policies were judged" in (run / "report/index.html").read_text()
+        page = (run / "report/index.html").read_text()
+        assert "new policies were judged" in page
+        assert ("so the one before was kept" in page) == (stands == "old")
+        assert "nothing says that" not in page or stands == "new"
         # As a process leaves it that is killed when all is answered.
         for unfinished in ("approval.json", "report.json"):
             (run / "rounds/02" / unfinished).unlink()
