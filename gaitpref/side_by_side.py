@@ -83,16 +83,21 @@ def both_policies(
     first = 1 if cfg.keeps_task else 2
     if round.number < first or not labels_kept(cfg, round, dataset):
         return None
-    waits = round.candidate / POLICY_NAME
-    new = load_policy(waits if waits.exists() else round.policy)
-    old = load_policy(approved(round.before))
+    last = round.number == cfg.rounds
+    file = round.candidate / POLICY_NAME if last else round.policy
+    if not file.exists():
+        return None
+    new, old = load_policy(file), load_policy(approved(round.before))
     return None if new.sha256 == old.sha256 else (new, old)
 
 
 def show_stage(cfg: LoopCfg, round: Round, dataset: Dataset, people: People) -> None:
     """Log both policies as they would be used, from equal starts."""
+    # A run that an earlier version finished is not asked about again.
+    if round.shown.exists() or round.reward.exists():
+        return
     policies = both_policies(cfg, round, dataset)
-    if round.shown.exists() or policies is None:
+    if policies is None:
         return
     people.tell(f"{place_of(cfg, round)}: showing the new policy beside the last")
     plain = replace(
