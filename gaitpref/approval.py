@@ -47,6 +47,7 @@ def approval_stage(
             asked = store.add_pairs(pairs[: labels_kept(cfg, round, dataset)])
     answered(cfg, round, dataset, criterion, Patience(people), asked, last=True)
     new = load_policy(file)
+    # A policy no clip shows, as one whose simulations diverge, is not approved either.
     if _judge(round, dataset, new, ODDS_TO_STAY, otherwise="what stays is"):
         replace_directory(round.candidate, round.policy.parent)
         return
@@ -60,10 +61,10 @@ def approval_stage(
 def _judge(
     round: Round, dataset: Dataset, new: Policy, needed: float, *, otherwise: str
 ) -> bool:
-    """Write down what the answers say of `new`; whether they approve it."""
+    """Write down what the answers say of `new`, if asked; whether they approve it."""
     verdict = verdict_of(round, dataset, new, needed=needed)
     if verdict is None:
-        return True
+        return False
     console.print(
         f"round {round.number}: the new policy is preferred to the one before in "
         f"{verdict.for_new} of {verdict.for_new + verdict.for_old} answers"

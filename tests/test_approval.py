@@ -114,6 +114,18 @@ def test_the_better_of_the_two_stays(
     assert len(counts) == 1
 
 
+def test_a_policy_that_no_clip_shows_is_not_approved(
+    before_approval: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where every simulation of it diverges: the one before stays."""
+    monkeypatch.setattr("gaitpref.approval.pairs_of_both", lambda *_, **__: [])
+    run = tmp_path / "run"
+    shutil.copytree(before_approval, run)
+    run_configured(run, erring_cfg())
+    before, last = (run / f"rounds/0{n}/policy/policy.pt" for n in (1, 2))
+    assert last.read_bytes() == before.read_bytes()
+
+
 def test_each_pair_shows_both_policies_under_one_command(
     before_approval: Path, tmp_path: Path
 ) -> None:
