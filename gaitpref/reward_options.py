@@ -90,10 +90,13 @@ class Fit:
     """Data set directory; give it again for more."""
     out: Path
     """Directory of the reward."""
-    model: Literal["auto", "linear", "gp", "mlp", "history", "transformer"] = "linear"
-    """Linear in the gait descriptors, a Gaussian process or a small network on them, a
-    network or a transformer on the last half second, for rhythms; or whichever of these
-    foresees held-out answers best."""
+    model: Literal[
+        "auto", "linear", "sparse", "gp", "mlp", "history", "transformer"
+    ] = "linear"
+    """Linear in the gait descriptors; curves of few of them, of single legs and of the
+    stride rate; a Gaussian process or a small network on them; a network or a
+    transformer on the last half second, for rhythms; or whichever of these foresees
+    held-out answers best."""
     semi_supervised: bool = False
     """Let what the reward is sure of in pairs nobody answered count a little too. Where
     it was measured (docs/benchmarks.md) it did not pay."""

@@ -261,6 +261,9 @@ def resolve(options: Loop) -> LoopCfg:
         learned_weight=3.0,
         exploration=None,
         record=recorded,
+        # A wish about a walk that is there is about few habits, and seldom a straight
+        # line; of robots that tumble, everything is to be learned at once.
+        fit=FitCfg(kind="sparse"),
         **common,
     )
 

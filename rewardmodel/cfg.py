@@ -7,6 +7,8 @@ from typing import Literal
 
 from data.plain import ADDED_LATER
 
+from .descriptors import Sight
+
 
 def _require_members(num_members: int) -> None:
     if num_members < 2:
@@ -135,6 +137,24 @@ class GpCfg:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SparseCfg:
+    """A sum of curves of single descriptors, of which the answers pick few."""
+
+    num_members: int = 8
+    """Models fitted to resampled answers."""
+    sparsity: float = 1.0
+    """Shape of the inverse gamma prior on the variance of a curve's weights: larger
+    means fewer curves."""
+    num_updates: int = 30
+    """Times the variances are found anew."""
+
+    def __post_init__(self) -> None:
+        _require_members(self.num_members)
+        if self.sparsity < 0.0:
+            raise ValueError(f"sparsity must not be negative, got {self.sparsity}")
+
+
+@dataclass(frozen=True, kw_only=True)
 class ReliabilityCfg:
     """How reliable each of several raters is, estimated together with the reward."""
 
@@ -146,10 +166,19 @@ class ReliabilityCfg:
     """Times reward and reliabilities are estimated in turn."""
 
 
-Kind = Literal["linear", "gp", "mlp", "history", "transformer"]
+Kind = Literal["linear", "sparse", "gp", "mlp", "history", "transformer"]
 """The models there are, from the stiffest to the most flexible."""
-LOOKING_BACK: tuple[Kind, ...] = ("history", "transformer")
-"""Those to which a step is what led to it."""
+
+
+def sight_of(kind: str) -> Sight:
+    """What a kind of model sees; of one still to be chosen, all that any sees."""
+    match kind:
+        case "sparse" | "auto":
+            return "legs"
+        case "history" | "transformer":
+            return "contacts"
+        case _:
+            return "habits"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,7 +209,8 @@ class FitCfg:
     """How a reward model is fitted to the answers collected so far."""
 
     kind: Kind | Literal["auto", "grow"] = "linear"
-    """Model: `linear` in the gait descriptors, a Gaussian process (`gp`) or a small
+    """Model: `linear` in the gait descriptors, curves of few of them and of single legs
+    (`sparse`), a Gaussian process (`gp`) or a small
     network (`mlp`) on them, one on the last steps (`history`, `transformer`), `auto`,
     whichever foresees held-out answers best, or `grow`: `linear`, and `gp` where the
     answers look wrong to it and a Gaussian process surely foresees them better."""
@@ -199,6 +229,8 @@ class FitCfg:
     """Groups of episodes left out in turn to measure accuracy."""
     linear: LinearCfg = LinearCfg()
     """Settings of the `linear` model."""
+    sparse: SparseCfg = field(default=SparseCfg(), metadata=ADDED_LATER)
+    """Settings of the `sparse` model."""
     gp: GpCfg = GpCfg()
     """Settings of the `gp` model."""
     mlp: MlpCfg = MlpCfg()
@@ -225,6 +257,6 @@ class FitCfg:
             raise ValueError(f"folds must be at least 2, got {self.folds}")
 
     @property
-    def looks_back(self) -> bool:
-        """Whether the model sees steps before a step, and which feet are down."""
-        return self.kind in LOOKING_BACK
+    def sight(self) -> Sight:
+        """What the model sees."""
+        return sight_of(self.kind)

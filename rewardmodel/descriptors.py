@@ -12,40 +12,17 @@ Shapes: F columns of a feature row, D descriptors.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from typing import Literal
 
 import torch
 from torch import Tensor
 
-from data.features import column
+from .legs import CONTACTS, SINGLE
+from .row import Descriptor as Descriptor
+from .row import Row
 
 _LIFT_OFF_S = 0.05
 """Time over which a lift-off fades: it must be shorter than a swing."""
-_LIMIT = 1e6
-"""Magnitude at which columns are cut: no robot comes near, and the squares of what is
-left, summed over twelve joints, stay finite in float32."""
-
-
-class Row:
-    """Named views of feature rows [..., F]: `row["joint_vel"]` is [..., 12]."""
-
-    def __init__(self, features: Tensor) -> None:
-        self._features = features.to(torch.float32).clamp(-_LIMIT, _LIMIT)
-
-    def __getitem__(self, name: str) -> Tensor:
-        return self._features[..., column(name)]
-
-
-@dataclass(frozen=True)
-class Descriptor:
-    """One habit of a gait, as a number per control step."""
-
-    name: str
-    unit: str
-    meaning: str
-    compute: Callable[[Row], Tensor]
-    """Its value [...] for rows [..., F]; finite for every finite row."""
 
 
 def _sum_of_squares(values: Tensor) -> Tensor:
@@ -222,28 +199,27 @@ DESCRIPTORS = (
 DESCRIPTOR_NAMES = tuple(descriptor.name for descriptor in DESCRIPTORS)
 UNSTEADY = ("vertical_speed_sq", "roll_rate_sq", "pitch_rate_sq", "slip")
 """Habits hardly anybody wants more of, and that standing and a good walk both lack."""
-LEG_NAMES = tuple(f"contact_{leg}" for leg in ("FR", "FL", "RR", "RL"))
-"""What models that look back see besides: without telling the legs apart, a trot and a
-pace of one frequency are the same."""
+Sight = Literal["habits", "contacts", "legs"]
+"""What a model sees: the table, the contact of each foot besides, or all of
+`rewardmodel.legs`."""
+_SEEN: dict[Sight, tuple[Descriptor, ...]] = {
+    "habits": DESCRIPTORS,
+    "contacts": DESCRIPTORS + CONTACTS,
+    "legs": DESCRIPTORS + CONTACTS + SINGLE,
+}
 
 
-def names_seen(*, legs: bool) -> tuple[str, ...]:
+def names_seen(sight: Sight) -> tuple[str, ...]:
     """Names of the columns of `describe`."""
-    return DESCRIPTOR_NAMES + LEG_NAMES if legs else DESCRIPTOR_NAMES
+    return tuple(descriptor.name for descriptor in _SEEN[sight])
 
 
-def describe(features: Tensor, *, legs: bool = False) -> Tensor:
+def describe(features: Tensor, sight: Sight = "habits") -> Tensor:
     """Descriptors [..., D] of feature rows [..., F], float32, in table order.
 
     Logged clips and live batches go through this one function. A row that is not finite
-    gives descriptors that are not finite.
-
-    Args:
-        features: The rows.
-        legs: Whether the contact of each foot follows, D being 4 larger.
+    gives descriptors that are not finite. Who sees more has the columns of those who
+    see less in front.
     """
     row = Row(features)
-    values = [item.compute(row) for item in DESCRIPTORS]
-    if legs:
-        values += row["foot_contact"].unbind(dim=-1)
-    return torch.stack(values, dim=-1)
+    return torch.stack([item.compute(row) for item in _SEEN[sight]], dim=-1)

@@ -20,7 +20,7 @@ from .cfg import FitCfg
 from .likelihood import Errors, log_likelihood_derivatives
 from .linear import (
     expected_weights,
-    positive_hessian,
+    hessian_factor,
     posterior_modes,
     scaled_differences,
 )
@@ -64,12 +64,14 @@ def find(pairs: TrainingPairs, cfg: FitCfg) -> Found:
     return Found(*max(tried, key=lambda settings: tried[settings]))
 
 
-def settled(cfg: FitCfg, found: Found) -> FitCfg:
-    """`cfg` with what was found put in, done adapting.
+def settled(cfg: FitCfg, found: Found, share: float | None = None) -> FitCfg:
+    """`cfg` with what was found put in, done adapting; `share` by a model of its own.
 
     What a linear reward cannot see looks like an error to it, so a model that sees more
     expects no more errors than it did; fewer, where even the linear one finds fewer.
     """
+    if share is not None:
+        return replace(cfg, adapt=False, error_share=share)
     if cfg.kind != "linear":
         share = min(cfg.error_share, found.error_share)
         return replace(cfg, adapt=False, error_share=share)
@@ -81,9 +83,10 @@ def evidence(
     inputs: Tensor,
     pairs: TrainingPairs,
     cfg: FitCfg,
-    precision: float,
+    precision: Tensor | float,
     *,
     mean: Tensor | float = 0.0,
+    start: Tensor | None = None,
 ) -> float:
     """Log of the probability of the answers, all weights averaged over.
 
@@ -91,11 +94,14 @@ def evidence(
         inputs: [B, D] float64 scaled differences of the clips.
         pairs: Their answers and falls.
         cfg: The likelihood of an answer.
-        precision: Of the Gaussian prior on every weight.
+        precision: Of the Gaussian prior on each weight, [D] or one for all.
         mean: Of the same, [D] or one for all.
+        start: [1, D] where to start looking for the mode, if not at the mean.
     """
     counts = inputs.new_ones(1, len(pairs))
-    theta = posterior_modes(inputs, pairs, counts, cfg, precision=precision, mean=mean)
+    theta = posterior_modes(
+        inputs, pairs, counts, cfg, precision=precision, mean=mean, start=start
+    )
     leads = theta @ inputs.mT + pairs.fall_lead.double()
     _, curvature = log_likelihood_derivatives(
         leads,
@@ -103,10 +109,11 @@ def evidence(
         tie_threshold=cfg.tie_threshold,
         error_share=pairs.errors,
     )
-    hessian = positive_hessian(inputs, -counts * curvature, precision)[0]
+    factor = hessian_factor(inputs, -counts * curvature, precision)[0]
     fitted = pairs.log_likelihood(leads, cfg).sum()
-    held_back = precision / 2 * (theta - mean).square().sum()
-    free = torch.logdet(hessian) - inputs.shape[1] * math.log(precision)
+    prior = precision + inputs.new_zeros(inputs.shape[1])
+    held_back = (prior * (theta - mean).square()).sum() / 2
+    free = 2 * factor.diagonal().log().sum() - prior.log().sum()
     return float(fitted - held_back - free / 2)
 
 
@@ -118,12 +125,14 @@ def erring(pairs: TrainingPairs, cfg: FitCfg, share: float) -> TrainingPairs:
 
 def _expected(cfg: FitCfg, precision: float, share: float) -> float:
     """Log of how much settings are expected before any answer, up to a constant."""
-    centre = min(max(cfg.error_share, ERROR_SHARES[0]), ERROR_SHARES[-1])
     off_precision = math.log(precision / cfg.linear.prior_precision)
-    off_share = _logit(share) - _logit(centre)
-    return -0.5 * (
-        (off_precision / _PRECISION_SPREAD) ** 2 + (off_share / _ERROR_SPREAD) ** 2
-    )
+    return expected_share(cfg, share) - 0.5 * (off_precision / _PRECISION_SPREAD) ** 2
+
+
+def expected_share(cfg: FitCfg, share: float) -> float:
+    """The same for a share of random answers alone."""
+    centre = min(max(cfg.error_share, ERROR_SHARES[0]), ERROR_SHARES[-1])
+    return -0.5 * ((_logit(share) - _logit(centre)) / _ERROR_SPREAD) ** 2
 
 
 def _logit(share: float) -> float:

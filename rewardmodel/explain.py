@@ -18,8 +18,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .descriptors import LEG_NAMES
+from data.features import LEGS
+
 from .errors import RewardError
+from .legs import CONTACTS, SINGLE
 from .linear import LinearScorer
 from .model import RewardModel
 
@@ -32,9 +34,11 @@ GROUPS = {
         "yaw_rate_error",
         "yaw_rate_error_sq",
         "forward_speed",
+        "leftward_speed",
+        "yaw_rate",
     ),
     "steadiness": ("vertical_speed_sq", "roll_rate_sq", "pitch_rate_sq", "tilt_sq"),
-    "posture": ("height", "height_sq", "joint_offset_sq"),
+    "posture": ("height", "height_sq", "joint_offset_sq", "nose_down", "left_down"),
     "effort": ("joint_speed_sq", "torque_sq", "power"),
     "shaking": ("action_sq", "action_rate_sq"),
     "feet": (
@@ -46,7 +50,13 @@ GROUPS = {
         "air_time_mean",
         "air_time_max",
         "lift_offs",
-        *LEG_NAMES,
+        *(item.name for item in SINGLE if item.name.endswith(LEGS)),
+    ),
+    "stepping": (
+        *(item.name for item in CONTACTS),
+        "diagonal_support",
+        "side_support",
+        "end_support",
     ),
 }
 """Habits that belong together; correlated descriptors share a reward by chance, their

@@ -32,6 +32,7 @@ from .report import FitReport as FitReport
 from .report import wilson_interval
 from .selection import MIN_HELD_OUT, choose_kind
 from .semi_supervised import Unanswered, with_opinions
+from .sparse import find_share, fit_sparse
 from .training import TrainingPairs, training_pairs
 from .transformer import fit_transformer
 
@@ -77,7 +78,9 @@ def fit_reward(
     kind, considered = _chosen(plain, pairs, cfg, seed, measured)
     cfg = replace(cfg, kind=kind, linear=members_for(cfg.linear, len(pairs)))
     if cfg.adapt:
-        cfg = settled(cfg, find(plain, cfg))
+        sparse = cfg.kind == "sparse"
+        share = find_share(plain, cfg) if sparse else None
+        cfg = settled(cfg, find(plain, cfg), share)
         plain = erring(plain, cfg, cfg.error_share)
     described, raters = with_reliability(plain, pairs.raters, cfg, seed=seed)
     described = described.seen_by(cfg)
@@ -144,6 +147,8 @@ def _fit_once(
     normaliser = Normaliser(pairs.steps.shape[-1]).fit(pairs.scored_steps)
     standardised = pairs.transformed(normaliser)
     match cfg.kind:
+        case "sparse":
+            scorer = fit_sparse(standardised, cfg, generator=generator)
         case "gp":
             scorer = fit_gp(standardised, cfg, generator=generator)
         case "mlp":

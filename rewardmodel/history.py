@@ -21,7 +21,7 @@ def lags_of(cfg: SequenceCfg) -> Tensor:
     return torch.arange(0, cfg.history_steps + 1, cfg.stride)
 
 
-def _since_start(starts: Tensor) -> Tensor:
+def since_start(starts: Tensor) -> Tensor:
     """[..., T] index of the newest start at or before each step of `starts` [..., T].
 
     Steps before the first start belong to a sequence that began earlier; the first of
@@ -46,7 +46,7 @@ def windows(steps: Tensor, lags: Tensor, starts: Tensor | None = None) -> Tensor
     index = torch.arange(length, device=steps.device)[:, None] - lags
     if starts is None:
         return steps[..., index.clamp_min(0), :]
-    index = torch.maximum(index, _since_start(starts)[..., None])  # [..., T, L]
+    index = torch.maximum(index, since_start(starts)[..., None])  # [..., T, L]
     flat = steps.take_along_dim(index.flatten(-2)[..., None], dim=-2)
     return flat.unflatten(-2, (length, len(lags)))
 

@@ -114,8 +114,9 @@ def posterior_modes(
     counts: Tensor,
     cfg: FitCfg,
     *,
-    precision: float,
+    precision: Tensor | float,
     mean: Tensor | float = 0.0,
+    start: Tensor | None = None,
 ) -> Tensor:
     """Weights theta [M, D] at a mode of the posterior, by damped Newton steps from mu.
 
@@ -129,12 +130,15 @@ def posterior_modes(
         pairs: Their answers and falls.
         counts: [M, B] float64, how often a member sees an answer.
         cfg: The likelihood of an answer.
-        precision: Of the Gaussian prior on every weight.
+        precision: Of the Gaussian prior on each weight, [M, D] or one for all.
         mean: Of the same, [D] or one for all.
+        start: [M, D] where to start instead.
     """
     target, offset = pairs.target.double(), pairs.fall_lead.double()
     sizes = torch.tensor(_STEP_SIZES, dtype=inputs.dtype)[:, None, None]
     theta = inputs.new_zeros(len(counts), inputs.shape[1]) + mean
+    if start is not None:
+        theta = start
 
     for _ in range(_MAX_UPDATES):
         slope, curvature = log_likelihood_derivatives(
@@ -146,11 +150,12 @@ def posterior_modes(
         uphill = (counts * slope) @ inputs - precision * (theta - mean)
         if uphill.abs().max() < _TOLERANCE:
             break
-        hessian = positive_hessian(inputs, -counts * curvature, precision)
-        tried = theta + sizes * torch.linalg.solve(hessian, uphill)  # [S, M, D]
+        factor = hessian_factor(inputs, -counts * curvature, precision)
+        step = torch.cholesky_solve(uphill[..., None], factor)[..., 0]
+        tried = theta + sizes * step  # [S, M, D]
         likelihood = pairs.log_likelihood(tried @ inputs.mT + offset, cfg)
-        off = (tried - mean).square().sum(-1)
-        height = (counts * likelihood).sum(-1) - precision / 2 * off
+        off = (precision * (tried - mean).square()).sum(-1)
+        height = (counts * likelihood).sum(-1) - off / 2
         best = height.argmax(dim=0)
         if not best.any():
             break
@@ -158,19 +163,43 @@ def posterior_modes(
     return theta
 
 
-def positive_hessian(inputs: Tensor, bends: Tensor, precision: float) -> Tensor:
-    """Hessian [M, D, D] of the negated objective, made positive where it is not.
+def posterior_variances(
+    inputs: Tensor,
+    pairs: TrainingPairs,
+    counts: Tensor,
+    cfg: FitCfg,
+    precision: Tensor | float,
+    theta: Tensor,
+) -> Tensor:
+    """Variances [M, D] of the weights around a mode, as Laplace's approximation has it.
+
+    The arguments are those of `posterior_modes`, and the modes [M, D] it found.
+    """
+    _, curvature = log_likelihood_derivatives(
+        theta @ inputs.mT + pairs.fall_lead.double(),
+        pairs.target.double(),
+        tie_threshold=cfg.tie_threshold,
+        error_share=pairs.errors,
+    )
+    factor = hessian_factor(inputs, -counts * curvature, precision)
+    return torch.cholesky_inverse(factor).diagonal(dim1=-2, dim2=-1)
+
+
+def hessian_factor(inputs: Tensor, bends: Tensor, precision: Tensor | float) -> Tensor:
+    """Cholesky factor [M, D, D] of the Hessian of the negated objective, made positive
+    where it is not.
 
     Args:
         inputs: [B, D] scaled differences of the clips.
         bends: [M, B] second derivatives of the negated log-likelihood.
-        precision: Of the prior.
+        precision: Of the prior, [M, D] or one for all.
     """
-    prior = precision * torch.eye(inputs.shape[1], dtype=inputs.dtype)
+    prior = torch.diag_embed(precision + inputs.new_zeros(inputs.shape[1]))
     exact = (bends[..., None] * inputs).mT @ inputs + prior
-    _, failures = torch.linalg.cholesky_ex(exact)
+    factor, failures = torch.linalg.cholesky_ex(exact)
     if not failures.any():
-        return exact
+        return factor
     # Answers that bend the wrong way count as straight: every step climbs again.
     climbing = (bends.clamp_min(0)[..., None] * inputs).mT @ inputs + prior
-    return torch.where((failures == 0)[:, None, None], exact, climbing)
+    straight = torch.linalg.cholesky(climbing)
+    return torch.where((failures == 0)[:, None, None], factor, straight)

@@ -23,6 +23,7 @@ from .linear import LinearScorer
 from .mlp import MlpScorer
 from .normaliser import Normaliser, fill_missing
 from .report import FitReport
+from .sparse import SparseScorer
 from .training import TrainingPairs
 from .transformer import TransformerScorer
 
@@ -31,7 +32,7 @@ _MIN_STD = 1e-4
 
 StepScorer = LinearScorer | GpScorer | MlpScorer
 """Standardised descriptors [..., D] to raw rewards [M, ...] of all members at once."""
-SequenceScorer = HistoryScorer | TransformerScorer
+SequenceScorer = SparseScorer | HistoryScorer | TransformerScorer
 """The same for sequences [..., T, D], of which `starts` [..., T] says where episodes
 begin; `history_steps` is how far it looks back."""
 Scorer = StepScorer | SequenceScorer
@@ -43,10 +44,12 @@ def make_scorer(cfg: FitCfg) -> Scorer:
     Raises:
         ValueError: the kind is still to be chosen.
     """
-    count = len(names_seen(legs=cfg.looks_back))
+    count = len(names_seen(cfg.sight))
     match cfg.kind:
         case "linear":
             return LinearScorer(cfg.linear.num_members, count)
+        case "sparse":
+            return SparseScorer(cfg.sparse.num_members, count)
         case "gp":
             return GpScorer(cfg.gp.num_members, count, cfg.gp.num_features)
         case "mlp":
@@ -99,7 +102,7 @@ class RewardModel(nn.Module):
     @property
     def names(self) -> tuple[str, ...]:
         """What the model looks at, a name for each of its D numbers."""
-        return names_seen(legs=self.provenance.cfg.looks_back)
+        return names_seen(self.provenance.cfg.sight)
 
     def calibrate(self, pairs: TrainingPairs) -> RewardModel:
         """Freeze centre and scale on the steps of standardised pairs.
@@ -117,8 +120,7 @@ class RewardModel(nn.Module):
 
     def standardised(self, features: Tensor) -> Tensor:
         """What the model sees [..., D] of rows [..., F]."""
-        legs = self.provenance.cfg.looks_back
-        return self.normaliser(describe(features, legs=legs))
+        return self.normaliser(describe(features, self.provenance.cfg.sight))
 
     def members(self, features: Tensor, starts: Tensor) -> Tensor:
         """Raw reward [M, T, N] of every member for rows [T, N, F]."""

@@ -21,7 +21,7 @@ from data.features import FEATURES, features_sha256
 from data.files import replace_directory, sha256_bytes
 from data.plain import from_plain, to_plain
 
-from .cfg import LOOKING_BACK, FitCfg
+from .cfg import FitCfg, sight_of
 from .descriptors import names_seen
 from .errors import RewardError
 from .model import Provenance, RewardModel, make_scorer
@@ -76,7 +76,7 @@ def load_reward(directory: Path) -> RewardModel:
             str(facts["answers_sha256"]),
             frozenset(map(str, facts["episodes"])),
         )
-        count = len(names_seen(legs=provenance.cfg.looks_back))
+        count = len(names_seen(provenance.cfg.sight))
         model = RewardModel(Normaliser(count), make_scorer(provenance.cfg), provenance)
         model.load_state_dict(load_tensors(tensors_bytes))
     except (ValueError, KeyError, TypeError, RuntimeError, SafetensorError) as error:
@@ -123,7 +123,7 @@ def _check_readable(facts: dict[str, Any], directory: Path) -> None:
             f"reads {FORMAT_VERSION}; fit the reward again"
         )
     _check_names("feature", facts["features"], _FEATURE_NAMES, directory)
-    seen = names_seen(legs=facts["kind"] in LOOKING_BACK)
+    seen = names_seen(sight_of(str(facts["kind"])))
     _check_names("descriptor", facts["descriptors"], seen, directory)
     if facts["features_sha256"] != features_sha256():
         raise RewardError(

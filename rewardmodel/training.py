@@ -71,7 +71,7 @@ class TrainingPairs:
 
     def seen_by(self, cfg: FitCfg) -> TrainingPairs:
         """The columns that the model of `cfg` looks at."""
-        count = len(names_seen(legs=cfg.looks_back))
+        count = len(names_seen(cfg.sight))
         return replace(self, steps=self.steps[..., :count])
 
     def transformed(self, transform: Callable[[Tensor], Tensor]) -> TrainingPairs:
@@ -107,9 +107,8 @@ class TrainingPairs:
 def training_pairs(pairs: AnsweredPairs, cfg: FitCfg) -> TrainingPairs:
     """Describe answered pairs, once for the fit, all its folds and kinds of model."""
     left_fell, right_fell = pairs.fell.unbind(dim=-1)
-    legs = cfg.looks_back or cfg.kind == "auto"
     sides = (pairs.left.features, pairs.right.features)
-    steps = torch.stack([describe(features, legs=legs) for features in sides])
+    steps = torch.stack([describe(features, cfg.sight) for features in sides])
     if steps.isnan().any():
         missing = steps.isnan().any(dim=2).any(dim=0)
         steps.masked_fill_(missing[:, None], torch.nan)

@@ -1,0 +1,93 @@
+"""Descriptors that tell the legs, the sides and the directions apart.
+
+The table of habits sums over the legs and squares signs away, which is what makes
+thirty weights enough. A wish about one foot, about which feet are down together, or
+about which way the trunk leans needs these; only models that pick few of many, or look
+back, see them.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+from torch import Tensor
+
+from data.features import LEGS
+
+from .row import Descriptor, Row
+
+
+def _of_leg(row: Row, *, name: str, leg: int) -> Tensor:
+    return row[name][..., leg]
+
+
+def _column(row: Row, *, name: str, index: int) -> Tensor:
+    return row[name][..., index]
+
+
+def _apart(row: Row, *, first: tuple[int, int]) -> Tensor:
+    """How far one pair of feet is down and the other two up, in [0, 1]."""
+    contact = row["foot_contact"]
+    down = contact[..., list(first)].sum(dim=-1)
+    return (2 * down - contact.sum(dim=-1)).abs() / 2
+
+
+def _each_leg(name: str, feature: str, unit: str, meaning: str):
+    return tuple(
+        Descriptor(
+            f"{name}_{leg}", unit, meaning, partial(_of_leg, name=feature, leg=index)
+        )
+        for index, leg in enumerate(LEGS)
+    )
+
+
+CONTACTS = _each_leg("contact", "foot_contact", "1", "whether this foot is down")
+"""Without telling the legs apart, a trot and a pace of one frequency are the same."""
+
+SINGLE = (
+    *_each_leg("foot_height", "foot_height", "m", "height of this foot"),
+    *_each_leg("foot_speed", "foot_speed", "m/s", "horizontal speed of this foot"),
+    *_each_leg("air_time", "foot_air_time", "s", "time since this foot lifted off"),
+    Descriptor(
+        "diagonal_support",
+        "1",
+        "one pair of diagonal feet down and the other up, as in a trot",
+        partial(_apart, first=(0, 3)),
+    ),
+    Descriptor(
+        "side_support",
+        "1",
+        "the feet of one side down and those of the other up, as in a pace",
+        partial(_apart, first=(0, 2)),
+    ),
+    Descriptor(
+        "end_support",
+        "1",
+        "the front or the rear feet down and the others up, as in a bound",
+        partial(_apart, first=(0, 1)),
+    ),
+    Descriptor(
+        "nose_down",
+        "1",
+        "sine of the angle by which the nose points down",
+        partial(_column, name="gravity_b", index=0),
+    ),
+    Descriptor(
+        "left_down",
+        "1",
+        "sine of the angle by which the left side hangs down",
+        partial(_column, name="gravity_b", index=1),
+    ),
+    Descriptor(
+        "leftward_speed",
+        "m/s",
+        "speed to the body's left",
+        partial(_column, name="base_lin_vel_b", index=1),
+    ),
+    Descriptor(
+        "yaw_rate",
+        "rad/s",
+        "turning to the left",
+        partial(_column, name="base_ang_vel_b", index=2),
+    ),
+)

@@ -1,0 +1,194 @@
+"""A sum of curves, one for every descriptor, of which the answers pick few.
+
+A wish about a walk that is there already is about one or two habits, and hardly ever a
+straight line: a trunk carried *so* low, one foot held *so* high. The reward of a step
+is a sum of smooth curves, one of each descriptor, and the weights of a curve share a
+variance that is found from the answers (automatic relevance determination, MacKay 1994,
+"Bayesian methods for backpropagation networks"; expectation maximisation as in Tipping
+2001, "Sparse Bayesian learning", eq. 48, with an inverse gamma prior on each variance).
+What the answers do not speak of ends at next to nothing, however many descriptors there
+are, so this model sees the legs one by one and the stride rate too.
+
+Shapes: M ensemble members, B pairs, T steps, D descriptors, G curves (D and the stride
+rate's), W weights of a curve, P = G W.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from .cfg import FitCfg
+from .clips import mean_over
+from .descriptors import names_seen
+from .evidence import ERROR_SHARES, erring, evidence, expected_share
+from .history import since_start
+from .linear import MIN_SPREAD, posterior_modes, posterior_variances
+from .normaliser import Normaliser
+from .training import TrainingPairs, bootstrap_counts
+
+_CENTRES = (-2.0, -1.0, 0.0, 1.0, 2.0)
+"""Of the bumps a curve is made of besides a straight line, in deviations."""
+_WEIGHTS = 1 + len(_CENTRES)
+_RATE_STEPS, _LEAST_STEPS = 50, 20
+"""Steps over which lift-offs are counted, 1 s at 50 Hz, and the fewest a count is
+divided by: early in an episode one lift-off is no rate."""
+_FLOOR, _PRUNED = 1e-4, 1e-2
+"""The least variance of a curve's weights, and the one at which it is left out."""
+_CONTACTS = tuple(
+    index
+    for index, name in enumerate(names_seen("legs"))
+    if name.startswith("contact_")
+)
+_AT_ONCE = 64
+"""Pairs whose steps are looked at together, some 20 MB."""
+
+
+class SparseScorer(nn.Module):
+    """Weights of all members over the curves of all descriptors."""
+
+    history_steps = _RATE_STEPS
+
+    def __init__(self, num_members: int, num_descriptors: int) -> None:
+        super().__init__()
+        self.weights: Tensor
+        self.rate_mean: Tensor
+        self.rate_std: Tensor
+        total = (num_descriptors + 1) * _WEIGHTS
+        self.register_buffer("weights", torch.zeros(num_members, total))
+        self.register_buffer("rate_mean", torch.zeros(()))
+        self.register_buffer("rate_std", torch.ones(()))
+
+    def see_rates(self, pairs: TrainingPairs) -> None:
+        """Take the constants that standardise the stride rate from its values."""
+        std, mean = torch.std_mean(stride_rate(pairs.steps)[pairs.scored], correction=0)
+        self.rate_mean.copy_(mean)
+        self.rate_std.copy_(std if std > 1e-6 else torch.ones(()))
+
+    def curves(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
+        """Lines and bumps [..., T, P] of standardised sequences [..., T, D]."""
+        rate = (stride_rate(steps, starts) - self.rate_mean) / self.rate_std
+        seen = torch.cat([steps, rate.clamp(-5, 5)[..., None]], dim=-1)[..., None]
+        bumps = (-0.5 * (seen - seen.new_tensor(_CENTRES)).square()).exp()
+        return torch.cat([seen, bumps], dim=-1).flatten(-2)
+
+    def forward(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
+        """Raw rewards [M, ..., T] of standardised sequences [..., T, D]."""
+        return (self.curves(steps, starts) @ self.weights.mT).movedim(-1, 0)
+
+
+def stride_rate(steps: Tensor, starts: Tensor | None = None) -> Tensor:
+    """[..., T] strides per step of standardised `steps` [..., T, D], over the last
+    second of the episode at hand: lift-offs of all feet, by four.
+
+    Args:
+        steps: Sequences.
+        starts: [..., T] bool; None where only the first step of each begins.
+    """
+    down = steps[..., list(_CONTACTS)]
+    lifted = torch.zeros_like(down)
+    # However standardised, a contact takes two values, some deviations apart.
+    lifted[..., 1:, :] = (down[..., :-1, :] - down[..., 1:, :] > 0.5).float()
+    if starts is not None:
+        lifted = lifted.masked_fill(starts[..., None], 0.0)
+    counted = torch.nn.functional.pad(lifted.sum(dim=-1).cumsum(dim=-1), (1, 0))
+    time = torch.arange(steps.shape[-2], device=steps.device)
+    first = (time - _RATE_STEPS + 1).clamp_min(0).expand(lifted.shape[:-1])
+    if starts is not None:
+        first = torch.maximum(first, since_start(starts))
+    strides = (counted[..., 1:] - counted.gather(-1, first)) / 4
+    return strides / (time - first + 1).clamp_min(_LEAST_STEPS)
+
+
+def fit_sparse(
+    pairs: TrainingPairs, cfg: FitCfg, *, generator: torch.Generator
+) -> SparseScorer:
+    """Fit each member to its own bootstrap of standardised `pairs`."""
+    scorer = SparseScorer(cfg.sparse.num_members, pairs.steps.shape[-1])
+    scorer.see_rates(pairs)
+    inputs, units = scaled_curves(scorer, pairs)
+    counts = bootstrap_counts(cfg.sparse.num_members, len(pairs), generator=generator)
+    theta, _ = relevant(inputs, pairs, counts.double(), cfg)
+    scorer.weights.copy_(theta / units)
+    return scorer
+
+
+def scaled_curves(scorer: SparseScorer, pairs: TrainingPairs) -> tuple[Tensor, Tensor]:
+    """Differences [B, P] of the clips' curves in float64, and what they are divided by.
+
+    A curve's straight line and its bumps, all together, shift a pair by the usual
+    amount for one unit of weight.
+    """
+    parts = []
+    for chosen in torch.arange(len(pairs)).split(_AT_ONCE):
+        part = pairs.subset(chosen)
+        values = scorer.curves(part.steps).mT
+        left, right = mean_over(values, part.scored[..., None, :])
+        parts.append((left - right).double())
+    difference = torch.cat(parts)
+    squares = difference.square().mean(dim=0).unflatten(0, (-1, _WEIGHTS))
+    line, bumps = squares[:, :1], squares[:, 1:].sum(dim=1, keepdim=True)
+    units = torch.cat([line, bumps.expand(-1, len(_CENTRES))], dim=1).sqrt()
+    units = units.clamp_min(MIN_SPREAD).flatten()
+    return difference / units, units
+
+
+def relevant(
+    inputs: Tensor, pairs: TrainingPairs, counts: Tensor, cfg: FitCfg
+) -> tuple[Tensor, Tensor]:
+    """Weights [M, P] of the curves that matter, and the variances [M, G] found.
+
+    Args:
+        inputs: [B, P] float64 scaled differences of the clips' curves.
+        pairs: Their answers and falls.
+        counts: [M, B] float64, how often a member sees an answer.
+        cfg: The likelihood of an answer, and how much a curve has to say to stay.
+    """
+    curves = inputs.unflatten(1, (-1, _WEIGHTS))  # [B, G, W]
+    members, own = len(counts), cfg.sparse
+    theta = inputs.new_zeros(members, *curves.shape[1:])
+    variance = inputs.new_ones(members, curves.shape[1])
+    kept = torch.arange(curves.shape[1])
+    for _ in range(own.num_updates):
+        seen = curves[:, kept].flatten(1)
+        precision = (1 / variance[:, kept]).repeat_interleave(_WEIGHTS, dim=1)
+        modes = posterior_modes(
+            seen,
+            pairs,
+            counts,
+            cfg,
+            precision=precision,
+            start=theta[:, kept].flatten(1),
+        )
+        unsure = posterior_variances(seen, pairs, counts, cfg, precision, modes)
+        size = (modes.square() + unsure).unflatten(1, (-1, _WEIGHTS)).sum(dim=-1)
+        found = (size + 2 * own.sparsity * _FLOOR) / (_WEIGHTS + 2 * own.sparsity)
+        variance[:, kept] = found.clamp_min(_FLOOR)
+        theta = torch.zeros_like(theta)
+        theta[:, kept] = modes.unflatten(1, (-1, _WEIGHTS))
+        kept = kept[(found > _PRUNED).any(dim=0)]
+        if not len(kept):
+            return torch.zeros_like(theta).flatten(1), variance
+    return theta.flatten(1), variance
+
+
+def find_share(pairs: TrainingPairs, cfg: FitCfg) -> float:
+    """The share of random answers with the largest evidence, for described `pairs`.
+
+    To weights that cannot say what was wanted, all answers look random; curves that can
+    say it tell the raters' errors from their own.
+    """
+    seen = pairs.seen_by(cfg)
+    normaliser = Normaliser(seen.steps.shape[-1]).fit(seen.scored_steps)
+    standardised = seen.transformed(normaliser)
+    scorer = SparseScorer(1, seen.steps.shape[-1])
+    scorer.see_rates(standardised)
+    inputs, _ = scaled_curves(scorer, standardised)
+    tried = {}
+    for share in ERROR_SHARES:
+        own = erring(standardised, cfg, share)
+        theta, variance = relevant(inputs, own, inputs.new_ones(1, len(own)), cfg)
+        precision = (1 / variance[0]).repeat_interleave(_WEIGHTS)
+        found = evidence(inputs, own, cfg, precision, start=theta)
+        tried[share] = expected_share(cfg, share) + found
+    return max(tried, key=lambda share: tried[share])

@@ -1,0 +1,204 @@
+"""Curves of few descriptors: wishes about one foot, one rhythm, one best amount."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from data.features import FEATURE_DIM, LEGS, column
+from rewardmodel import AnsweredPairs, FitCfg, RewardModel, fit_reward
+from rewardmodel.clips import pad_clips
+from rewardmodel.descriptors import describe, names_seen
+from rewardmodel.explain import explain
+from rewardmodel.sparse import SparseScorer, find_share, stride_rate
+from rewardmodel.training import training_pairs
+
+from .test_rewardmodel_fit import accuracy, answered, gait
+
+STEPS = 60
+SEEN = names_seen("legs")
+SPARSE = FitCfg(kind="sparse")
+
+Taste = Callable[[Tensor], Tensor]
+"""Worth [B] of clips whose rows are [B, T, F]."""
+
+
+def stepping(rng: np.random.Generator) -> np.ndarray:
+    """Rows of a robot whose feet step at a rhythm of the clip, some more in phase."""
+    rows = gait(rng, STEPS)
+    phase = rng.uniform(1.5, 4.0) * 0.02 * np.arange(STEPS)[:, None] + rng.random(4)
+    rows[:, column("foot_contact")] = np.sin(2 * math.pi * phase) > 0
+    lifted = rows[:, column("foot_contact")] == 0
+    rows[:, column("foot_height")] = lifted * rng.uniform(0.02, 0.12, 4)
+    rows[:, column("base_height")] = rng.uniform(0.2, 0.4)
+    return rows
+
+
+def asked(
+    taste: Taste, count: int, *, seed: int, flipped: float = 0.0
+) -> AnsweredPairs:
+    """Pairs of stepping robots, answered by `taste`, a share of them wrongly."""
+    rng = np.random.default_rng(seed)
+    left, right = (
+        pad_clips([stepping(rng) for _ in range(count)]) for _ in ("left", "right")
+    )
+    better = taste(left.features) > taste(right.features)
+    wrong = torch.from_numpy(rng.random(count) < flipped)
+    pairs = answered(count, seed=seed)
+    return replace(pairs, left=left, right=right, target=(better != wrong).float())
+
+
+def mean_of(name: str, rows: Tensor) -> Tensor:
+    """Mean [B] of a descriptor over clips' rows [B, T, F]."""
+    return describe(rows, "legs")[..., SEEN.index(name)].mean(dim=1)
+
+
+def one_foot(rows: Tensor) -> Tensor:
+    return mean_of("foot_height_RL", rows)
+
+
+def best_height(rows: Tensor) -> Tensor:
+    return -(mean_of("height", rows) - 0.3).abs()
+
+
+def apart(rows: Tensor) -> Tensor:
+    return mean_of("side_support", rows)
+
+
+def best_rate(rows: Tensor) -> Tensor:
+    lifted = (rows[:, :-1] - rows[:, 1:])[..., column("foot_contact")] > 0
+    return -(lifted.float().sum(dim=(1, 2)) / 4 / (STEPS * 0.02) - 2.75).abs()
+
+
+def curves_kept(model: RewardModel) -> set[str]:
+    """Names of the curves that matter to at least half of the members."""
+    scorer = model.scorer
+    assert isinstance(scorer, SparseScorer)
+    size = scorer.weights.unflatten(1, (-1, 6)).norm(dim=-1).median(dim=0).values
+    names = (*SEEN, "stride_rate")
+    return {n for n, s in zip(names, size, strict=True) if s > 0.1 * size.max()}
+
+
+@pytest.mark.parametrize(
+    ("taste", "answers", "named", "least", "by_weights"),
+    [
+        (one_foot, 60, {"foot_height_RL"}, 0.9, 0.75),
+        (apart, 60, {"side_support"}, 0.9, 0.65),
+        (best_height, 60, {"height", "height_sq"}, 0.85, 0.7),
+        (best_rate, 120, {"stride_rate"}, 0.8, 0.65),
+    ],
+)
+def test_few_answers_name_the_one_thing_wanted(
+    taste: Taste, answers: int, named: set[str], least: float, by_weights: float
+) -> None:
+    """Judged on fresh pairs, beside the linear model, which cannot say it."""
+    pairs, fresh = asked(taste, answers, seed=0), asked(taste, 300, seed=99)
+    model, report = fit_reward(pairs, SPARSE, seed=0)
+    assert accuracy(model, fresh) > least
+    assert curves_kept(model) & named
+    assert len(curves_kept(model)) <= 6
+    assert report.held_out_accuracy is not None
+    assert report.held_out_accuracy > least - 0.1
+    linear, _ = fit_reward(pairs, FitCfg(), seed=0, measured=False)
+    assert accuracy(linear, fresh) < by_weights
+
+
+def test_random_answers_are_not_foreseen() -> None:
+    """Among so many descriptors some fit them by chance; held-out answers say so."""
+    _, report = fit_reward(asked(one_foot, 60, seed=0, flipped=0.5), SPARSE, seed=0)
+    assert report.held_out_accuracy is not None
+    assert report.held_out_accuracy < 0.6
+
+
+def test_it_tells_the_errors_of_raters_from_its_own() -> None:
+    """What no weighted sum says is no error to it; what is one is."""
+    share = {
+        flipped: find_share(
+            training_pairs(asked(one_foot, 100, seed=0, flipped=flipped), SPARSE),
+            SPARSE,
+        )
+        for flipped in (0.0, 0.3)
+    }
+    assert share[0.0] <= 0.1
+    assert share[0.3] >= 0.3
+    linear, _ = fit_reward(asked(apart, 100, seed=0), FitCfg(), seed=0, measured=False)
+    assert linear.provenance.cfg.error_share >= 0.3
+
+
+@pytest.mark.parametrize("frequency_hz", [1.5, 2.5, 3.5])
+def test_the_stride_rate_is_the_one_of_the_feet(frequency_hz: float) -> None:
+    """Counted over a second, after which two strides and more have been seen."""
+    steps = torch.zeros(1, 150, len(SEEN))
+    phase = frequency_hz * 0.02 * torch.arange(150)[:, None] + torch.rand(4)
+    down = (phase * 2 * math.pi).sin() > 0
+    feet = [SEEN.index(f"contact_{leg}") for leg in LEGS]
+    steps[0, :, feet] = down.float() * 2.5 - 1
+    rate_hz = stride_rate(steps)[0] / 0.02
+    assert (rate_hz[50:] - frequency_hz).abs().max() <= 0.76
+    assert abs(float(rate_hz[50:].mean()) - frequency_hz) < 0.1
+    starts = torch.zeros(1, 150, dtype=torch.bool)
+    starts[0, 100] = True
+    assert stride_rate(steps, starts)[0, 100] == 0.0
+    assert torch.equal(
+        stride_rate(steps, starts)[0, 100:], stride_rate(steps[:, 100:])[0]
+    )
+
+
+def row_with(contact: tuple[int, ...]) -> Tensor:
+    row = torch.zeros(FEATURE_DIM)
+    row[column("foot_contact")] = torch.tensor(contact, dtype=torch.float32)
+    return row
+
+
+@pytest.mark.parametrize(
+    ("contact", "expected"),
+    [
+        ((1, 0, 0, 1), (1.0, 0.0, 0.0)),
+        ((0, 1, 0, 1), (0.0, 1.0, 0.0)),
+        ((0, 0, 1, 1), (0.0, 0.0, 1.0)),
+        ((1, 1, 1, 1), (0.0, 0.0, 0.0)),
+        ((1, 0, 0, 0), (0.5, 0.5, 0.5)),
+    ],
+)
+def test_pairs_of_feet(contact: tuple[int, ...], expected: tuple[float, ...]) -> None:
+    """Front right, front left, rear right, rear left: a trot, a pace, a bound, standing
+    and one foot alone."""
+    found = dict(zip(SEEN, describe(row_with(contact), "legs"), strict=True))
+    names = ("diagonal_support", "side_support", "end_support")
+    assert tuple(float(found[name]) for name in names) == expected
+
+
+def test_who_sees_more_has_the_columns_of_those_who_see_less_in_front() -> None:
+    rows = torch.rand(7, FEATURE_DIM)
+    seen = [describe(rows, sight) for sight in ("habits", "contacts", "legs")]
+    for less, more in pairwise(seen):
+        assert torch.equal(more[:, : less.shape[1]], less)
+    assert len(set(SEEN)) == len(SEEN)
+
+
+def test_explanations_name_the_habit() -> None:
+    model, _ = fit_reward(asked(one_foot, 60, seed=0), SPARSE, seed=0, measured=False)
+    found = explain(model, stepping(np.random.default_rng(3)))
+    largest = np.abs(found.shares).mean(axis=0).argmax()
+    assert found.groups[largest] == "feet"
+    assert np.allclose(
+        found.shares.sum(axis=1) + found.average, found.reward, atol=1e-3
+    )
+
+
+def test_a_clip_without_feet_still_has_a_reward() -> None:
+    """Hardware that measured no contact: the habits that are there are judged."""
+    pairs = asked(best_height, 60, seed=0)
+    for clips in (pairs.left, pairs.right):
+        clips.features[..., column("foot_contact")] = torch.nan
+    model, _ = fit_reward(pairs, SPARSE, seed=0, measured=False)
+    rewards = model.clip_returns(pairs.left)
+    assert rewards.isfinite().all()
+    assert accuracy(model, pairs) > 0.8
