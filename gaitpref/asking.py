@@ -32,8 +32,6 @@ from .side_by_side import STRATEGY, both_policies, labels_kept, pairs_of_both
 RATER_ID = "simulated"
 GOLD_SHARE = 0.05
 """Pairs with a known answer to every pair that people are asked."""
-AGREED = 0.94
-"""Rank correlation of the members from which on the first answers are enough."""
 _POLL_S = 0.5
 _OPEN_PAIRS = 2
 
@@ -81,11 +79,11 @@ def _count_going_on(cfg: LoopCfg, round: Round, dataset: Dataset, asked: int) ->
     seed = seed_of(cfg, 0, 5)
     model, _ = fit_reward(pairs, _fit_for_asking(cfg, round), seed=seed, measured=False)
     agreement = remaining(model, pairs).agreement
-    if agreement >= AGREED:
+    if agreement >= cfg.first_agreement:
         return asked
     console.print(
-        f"round 0: what {asked} answers say of walking is open (agreement "
-        f"{agreement:.2f}, {AGREED} would do), so it asks on, up to {most}"
+        f"round 0: what {asked} answers say is open (agreement {agreement:.2f}, "
+        f"{cfg.first_agreement} would do), so it asks on, up to {most}"
     )
     return min(asked + cfg.batch_labels, most)
 

@@ -108,6 +108,9 @@ class LoopCfg:
     most_first_share: float | None = field(default=None, metadata=ADDED_LATER)
     """Share of the answers the first round may go on to, while they leave open what is
     wanted; None: it asks for its own only."""
+    first_agreement: float = field(default=0.94, metadata=ADDED_LATER)
+    """Rank correlation, over the clips, of the members of a reward fitted to them from
+    which on the first round's answers leave nothing open."""
     first_least: int = field(default=0, metadata=ADDED_LATER)
     """Answers the first round asks for however few there are in all, as far as
     `most_first_share` lets it."""
@@ -187,9 +190,10 @@ class LoopCfg:
         """Answers of the first round, which has asked for `asked` by now."""
         shares = _shrinking(self.labels, self.rounds)
         if self.first_share is None and shares[0] >= MIN_ANSWERS:
-            return shares[0]
-        own = self._first_labels(self.first_share or 0.0)
-        own = max(own, min(self.first_least, self.most_first_labels))
+            own = shares[0]
+        else:
+            own = self._first_labels(self.first_share or 0.0)
+            own = max(own, min(self.first_least, self.most_first_labels))
         return min(max(asked, own), self._first_labels(1.0))
 
     @property
@@ -261,6 +265,8 @@ def resolve(options: Loop) -> LoopCfg:
         learned_weight=3.0,
         exploration=None,
         record=recorded,
+        most_first_share=0.75,
+        first_agreement=0.8,
         # A wish about a walk that is there is about few habits, and seldom a straight
         # line; of robots that tumble, everything is to be learned at once.
         fit=FitCfg(kind="sparse"),

@@ -142,11 +142,14 @@ class SparseCfg:
 
     num_members: int = 8
     """Models fitted to resampled answers."""
-    sparsity: float = 1.0
-    """Shape of the inverse gamma prior on the variance of a curve's weights: larger
-    means fewer curves."""
+    sparsity: float = 0.2
+    """Shape of the inverse gamma prior on the variance of a line or bend, for each of
+    its weights: larger means fewer curves."""
     num_updates: int = 30
     """Times the variances are found anew."""
+    single_legs: bool | None = None
+    """Whether one leg or one side may matter more than another; None: where the answers
+    speak for it (`rewardmodel.sparse.find`)."""
 
     def __post_init__(self) -> None:
         _require_members(self.num_members)

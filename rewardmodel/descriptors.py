@@ -17,7 +17,7 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from .legs import CONTACTS, SINGLE
+from .legs import CONTACTS, SINGLE, TOGETHER
 from .row import Descriptor as Descriptor
 from .row import Row
 
@@ -205,7 +205,7 @@ Sight = Literal["habits", "contacts", "legs"]
 _SEEN: dict[Sight, tuple[Descriptor, ...]] = {
     "habits": DESCRIPTORS,
     "contacts": DESCRIPTORS + CONTACTS,
-    "legs": DESCRIPTORS + CONTACTS + SINGLE,
+    "legs": DESCRIPTORS + CONTACTS + SINGLE + TOGETHER,
 }
 
 

@@ -64,14 +64,12 @@ def find(pairs: TrainingPairs, cfg: FitCfg) -> Found:
     return Found(*max(tried, key=lambda settings: tried[settings]))
 
 
-def settled(cfg: FitCfg, found: Found, share: float | None = None) -> FitCfg:
-    """`cfg` with what was found put in, done adapting; `share` by a model of its own.
+def settled(cfg: FitCfg, found: Found) -> FitCfg:
+    """`cfg` with what was found put in, done adapting.
 
     What a linear reward cannot see looks like an error to it, so a model that sees more
     expects no more errors than it did; fewer, where even the linear one finds fewer.
     """
-    if share is not None:
-        return replace(cfg, adapt=False, error_share=share)
     if cfg.kind != "linear":
         share = min(cfg.error_share, found.error_share)
         return replace(cfg, adapt=False, error_share=share)

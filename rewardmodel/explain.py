@@ -21,7 +21,7 @@ from torch import Tensor
 from data.features import LEGS
 
 from .errors import RewardError
-from .legs import CONTACTS, SINGLE
+from .legs import CONTACTS, SINGLE, TOGETHER
 from .linear import LinearScorer
 from .model import RewardModel
 
@@ -53,10 +53,7 @@ GROUPS = {
         *(item.name for item in SINGLE if item.name.endswith(LEGS)),
     ),
     "stepping": (
-        *(item.name for item in CONTACTS),
-        "diagonal_support",
-        "side_support",
-        "end_support",
+        *(item.name for item in (*CONTACTS, *TOGETHER) if item.name != "nose_down"),
     ),
 }
 """Habits that belong together; correlated descriptors share a reward by chance, their

@@ -32,7 +32,8 @@ from .report import FitReport as FitReport
 from .report import wilson_interval
 from .selection import MIN_HELD_OUT, choose_kind
 from .semi_supervised import Unanswered, with_opinions
-from .sparse import find_share, fit_sparse
+from .sparse import find as look
+from .sparse import fit_sparse
 from .training import TrainingPairs, training_pairs
 from .transformer import fit_transformer
 
@@ -79,8 +80,7 @@ def fit_reward(
     cfg = replace(cfg, kind=kind, linear=members_for(cfg.linear, len(pairs)))
     if cfg.adapt:
         sparse = cfg.kind == "sparse"
-        share = find_share(plain, cfg) if sparse else None
-        cfg = settled(cfg, find(plain, cfg), share)
+        cfg = look(plain, cfg) if sparse else settled(cfg, find(plain, cfg))
         plain = erring(plain, cfg, cfg.error_share)
     described, raters = with_reliability(plain, pairs.raters, cfg, seed=seed)
     described = described.seen_by(cfg)

@@ -49,6 +49,28 @@ SINGLE = (
     *_each_leg("foot_speed", "foot_speed", "m/s", "horizontal speed of this foot"),
     *_each_leg("air_time", "foot_air_time", "s", "time since this foot lifted off"),
     Descriptor(
+        "left_down",
+        "1",
+        "sine of the angle by which the left side hangs down",
+        partial(_column, name="gravity_b", index=1),
+    ),
+    Descriptor(
+        "leftward_speed",
+        "m/s",
+        "speed to the body's left",
+        partial(_column, name="base_lin_vel_b", index=1),
+    ),
+    Descriptor(
+        "yaw_rate",
+        "rad/s",
+        "turning to the left",
+        partial(_column, name="base_ang_vel_b", index=2),
+    ),
+)
+"""What tells one leg or side from the others: hardly ever what somebody wants."""
+
+TOGETHER = (
+    Descriptor(
         "diagonal_support",
         "1",
         "one pair of diagonal feet down and the other up, as in a trot",
@@ -72,22 +94,5 @@ SINGLE = (
         "sine of the angle by which the nose points down",
         partial(_column, name="gravity_b", index=0),
     ),
-    Descriptor(
-        "left_down",
-        "1",
-        "sine of the angle by which the left side hangs down",
-        partial(_column, name="gravity_b", index=1),
-    ),
-    Descriptor(
-        "leftward_speed",
-        "m/s",
-        "speed to the body's left",
-        partial(_column, name="base_lin_vel_b", index=1),
-    ),
-    Descriptor(
-        "yaw_rate",
-        "rad/s",
-        "turning to the left",
-        partial(_column, name="base_ang_vel_b", index=2),
-    ),
 )
+"""How the legs go together, and whether the nose points up or down."""

@@ -15,6 +15,8 @@ rate's), W weights of a curve, P = G W.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import torch
 from torch import Tensor, nn
 
@@ -23,6 +25,7 @@ from .clips import mean_over
 from .descriptors import names_seen
 from .evidence import ERROR_SHARES, erring, evidence, expected_share
 from .history import since_start
+from .legs import CONTACTS, SINGLE
 from .linear import MIN_SPREAD, posterior_modes, posterior_variances
 from .normaliser import Normaliser
 from .training import TrainingPairs, bootstrap_counts
@@ -40,6 +43,14 @@ _CONTACTS = tuple(
     for index, name in enumerate(names_seen("legs"))
     if name.startswith("contact_")
 )
+_SINGLE = tuple(
+    index
+    for index, name in enumerate(names_seen("legs"))
+    if name in {item.name for item in (*CONTACTS, *SINGLE)}
+)
+_SINGLES_PRICE = 10.0
+"""Logarithm of the odds against single legs before any answer: fits of wishes about all
+legs alike gained up to 8, of one about one foot 21 from 73 answers."""
 _AT_ONCE = 64
 """Pairs whose steps are looked at together, some 20 MB."""
 
@@ -65,16 +76,24 @@ class SparseScorer(nn.Module):
         self.rate_mean.copy_(mean)
         self.rate_std.copy_(std if std > 1e-6 else torch.ones(()))
 
-    def curves(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
-        """Lines and bumps [..., T, P] of standardised sequences [..., T, D]."""
+    def seen(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
+        """[..., T, G] what has a curve, for standardised sequences [..., T, D]."""
         rate = (stride_rate(steps, starts) - self.rate_mean) / self.rate_std
-        seen = torch.cat([steps, rate.clamp(-5, 5)[..., None]], dim=-1)[..., None]
-        bumps = (-0.5 * (seen - seen.new_tensor(_CENTRES)).square()).exp()
-        return torch.cat([seen, bumps], dim=-1).flatten(-2)
+        return torch.cat([steps, rate.clamp(-5, 5)[..., None]], dim=-1)
 
     def forward(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
         """Raw rewards [M, ..., T] of standardised sequences [..., T, D]."""
-        return (self.curves(steps, starts) @ self.weights.mT).movedim(-1, 0)
+        weights = self.weights.unflatten(1, (-1, _WEIGHTS))
+        used = weights.abs().sum(dim=(0, 2)) > 0
+        seen = curves(self.seen(steps, starts)[..., used])
+        return (seen @ weights[:, used].flatten(1).mT).movedim(-1, 0)
+
+
+def curves(seen: Tensor) -> Tensor:
+    """Lines and bumps [..., G W] of standardised descriptors [..., G]."""
+    seen = seen[..., None]
+    bumps = (-0.5 * (seen - seen.new_tensor(_CENTRES)).square()).exp()
+    return torch.cat([seen, bumps], dim=-1).flatten(-2)
 
 
 def stride_rate(steps: Tensor, starts: Tensor | None = None) -> Tensor:
@@ -122,7 +141,7 @@ def scaled_curves(scorer: SparseScorer, pairs: TrainingPairs) -> tuple[Tensor, T
     parts = []
     for chosen in torch.arange(len(pairs)).split(_AT_ONCE):
         part = pairs.subset(chosen)
-        values = scorer.curves(part.steps).mT
+        values = curves(scorer.seen(part.steps)).mT
         left, right = mean_over(values, part.scored[..., None, :])
         parts.append((left - right).double())
     difference = torch.cat(parts)
@@ -136,7 +155,7 @@ def scaled_curves(scorer: SparseScorer, pairs: TrainingPairs) -> tuple[Tensor, T
 def relevant(
     inputs: Tensor, pairs: TrainingPairs, counts: Tensor, cfg: FitCfg
 ) -> tuple[Tensor, Tensor]:
-    """Weights [M, P] of the curves that matter, and the variances [M, G] found.
+    """Weights [M, P] of the lines and bends that matter, and their variances [M, P].
 
     Args:
         inputs: [B, P] float64 scaled differences of the clips' curves.
@@ -144,39 +163,42 @@ def relevant(
         counts: [M, B] float64, how often a member sees an answer.
         cfg: The likelihood of an answer, and how much a curve has to say to stay.
     """
-    curves = inputs.unflatten(1, (-1, _WEIGHTS))  # [B, G, W]
-    members, own = len(counts), cfg.sparse
-    theta = inputs.new_zeros(members, *curves.shape[1:])
-    variance = inputs.new_ones(members, curves.shape[1])
-    kept = torch.arange(curves.shape[1])
+    own, total = cfg.sparse, inputs.shape[1]
+    # A line and the bends on it are picked apart: where a line will do, the curve goes
+    # on beyond what was judged as it was going.
+    part = torch.arange(total) // _WEIGHTS * 2 + (torch.arange(total) % _WEIGHTS > 0)
+    share = torch.bincount(part).double()  # weights of a part
+    theta = inputs.new_zeros(len(counts), total)
+    variance = torch.full_like(theta, _FLOOR)
+    kept = torch.arange(total)
+    if not own.single_legs:
+        kept = kept[~torch.isin(kept // _WEIGHTS, torch.tensor(_SINGLE))]
+    variance[:, kept] = 1.0
     for _ in range(own.num_updates):
-        seen = curves[:, kept].flatten(1)
-        precision = (1 / variance[:, kept]).repeat_interleave(_WEIGHTS, dim=1)
+        seen, precision = inputs[:, kept], 1 / variance[:, kept]
         modes = posterior_modes(
-            seen,
-            pairs,
-            counts,
-            cfg,
-            precision=precision,
-            start=theta[:, kept].flatten(1),
+            seen, pairs, counts, cfg, precision=precision, start=theta[:, kept]
         )
         unsure = posterior_variances(seen, pairs, counts, cfg, precision, modes)
-        size = (modes.square() + unsure).unflatten(1, (-1, _WEIGHTS)).sum(dim=-1)
-        found = (size + 2 * own.sparsity * _FLOOR) / (_WEIGHTS + 2 * own.sparsity)
-        variance[:, kept] = found.clamp_min(_FLOOR)
+        size = theta.new_zeros(len(counts), len(share))
+        size.index_add_(1, part[kept], modes.square() + unsure)
+        found = (size / share + 2 * own.sparsity * _FLOOR) / (1 + 2 * own.sparsity)
+        variance[:, kept] = found.clamp_min(_FLOOR)[:, part[kept]]
         theta = torch.zeros_like(theta)
-        theta[:, kept] = modes.unflatten(1, (-1, _WEIGHTS))
-        kept = kept[(found > _PRUNED).any(dim=0)]
+        theta[:, kept] = modes
+        kept = kept[(found > _PRUNED).any(dim=0)[part[kept]]]
         if not len(kept):
-            return torch.zeros_like(theta).flatten(1), variance
-    return theta.flatten(1), variance
+            return torch.zeros_like(theta), variance
+    return theta, variance
 
 
-def find_share(pairs: TrainingPairs, cfg: FitCfg) -> float:
-    """The share of random answers with the largest evidence, for described `pairs`.
+def find(pairs: TrainingPairs, cfg: FitCfg) -> FitCfg:
+    """`cfg` with what described `pairs` speak for put in, done adapting: the share of
+    random answers, and whether single legs matter.
 
     To weights that cannot say what was wanted, all answers look random; curves that can
-    say it tell the raters' errors from their own.
+    say it tell the raters' errors from their own. Among so many curves of single legs
+    some always fit a few answers, so the evidence for them has to be overwhelming.
     """
     seen = pairs.seen_by(cfg)
     normaliser = Normaliser(seen.steps.shape[-1]).fit(seen.scored_steps)
@@ -184,11 +206,17 @@ def find_share(pairs: TrainingPairs, cfg: FitCfg) -> float:
     scorer = SparseScorer(1, seen.steps.shape[-1])
     scorer.see_rates(standardised)
     inputs, _ = scaled_curves(scorer, standardised)
-    tried = {}
-    for share in ERROR_SHARES:
-        own = erring(standardised, cfg, share)
-        theta, variance = relevant(inputs, own, inputs.new_ones(1, len(own)), cfg)
-        precision = (1 / variance[0]).repeat_interleave(_WEIGHTS)
-        found = evidence(inputs, own, cfg, precision, start=theta)
-        tried[share] = expected_share(cfg, share) + found
-    return max(tried, key=lambda share: tried[share])
+    tried: dict[tuple[bool, float], float] = {}
+    single_legs = cfg.sparse.single_legs
+    for singles in (False, True) if single_legs is None else (single_legs,):
+        own_cfg = replace(cfg, sparse=replace(cfg.sparse, single_legs=singles))
+        for share in ERROR_SHARES:
+            own = erring(standardised, cfg, share)
+            counts = inputs.new_ones(1, len(own))
+            theta, variance = relevant(inputs, own, counts, own_cfg)
+            found = evidence(inputs, own, cfg, 1 / variance[0], start=theta)
+            price = _SINGLES_PRICE * singles
+            tried[singles, share] = expected_share(cfg, share) + found - price
+    singles, share = max(tried, key=lambda settings: tried[settings])
+    sparse = replace(cfg.sparse, single_legs=singles)
+    return replace(cfg, adapt=False, error_share=share, sparse=sparse)

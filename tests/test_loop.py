@@ -141,16 +141,16 @@ def test_a_round_stops_asking_where_answers_are_enough(
 @pytest.mark.slow
 @pytest.mark.parametrize(("agreed", "asks_on"), [(2.0, True), (-2.0, False)])
 def test_the_first_round_asks_on_while_answers_leave_it_open(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, agreed: float, asks_on: bool
+    tmp_path: Path, agreed: float, asks_on: bool
 ) -> None:
     """Up to its most, and the others ask for what is left; also when it goes on."""
-    monkeypatch.setattr("gaitpref.asking.AGREED", agreed)
     cfg = replace(
         small_cfg(),
         labels=40,
         first_share=0.4,
         first_least=0,
         most_first_share=0.7,
+        first_agreement=agreed,
         approval_labels=0,
     )
     expected = [28, 12] if asks_on else [16, 24]

@@ -17,7 +17,7 @@ from rewardmodel import AnsweredPairs, FitCfg, RewardModel, fit_reward
 from rewardmodel.clips import pad_clips
 from rewardmodel.descriptors import describe, names_seen
 from rewardmodel.explain import explain
-from rewardmodel.sparse import SparseScorer, find_share, stride_rate
+from rewardmodel.sparse import SparseScorer, find, stride_rate
 from rewardmodel.training import training_pairs
 
 from .test_rewardmodel_fit import accuracy, answered, gait
@@ -120,10 +120,10 @@ def test_random_answers_are_not_foreseen() -> None:
 def test_it_tells_the_errors_of_raters_from_its_own() -> None:
     """What no weighted sum says is no error to it; what is one is."""
     share = {
-        flipped: find_share(
+        flipped: find(
             training_pairs(asked(one_foot, 100, seed=0, flipped=flipped), SPARSE),
             SPARSE,
-        )
+        ).error_share
         for flipped in (0.0, 0.3)
     }
     assert share[0.0] <= 0.1
