@@ -5,7 +5,8 @@ from 90 raw columns what "shaky" or "dragging its feet" means; they are enough t
 two dozen such habits. None needs to know the robot: signs that depend on how a joint is
 mounted are squared away. What hardly varies in the first clips and is common in a good
 gait (such as standing on two diagonal feet) is left out: answers about the one would be
-stretched far beyond what they say of the other.
+stretched far beyond what they say of the other. `rewardmodel.legs` has that, and what
+tells the legs apart, for models that pick few of many.
 
 Shapes: F columns of a feature row, D descriptors.
 """

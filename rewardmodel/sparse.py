@@ -36,6 +36,9 @@ _WEIGHTS = 1 + len(_CENTRES)
 _RATE_STEPS, _LEAST_STEPS = 50, 20
 """Steps over which lift-offs are counted, 1 s at 50 Hz, and the fewest a count is
 divided by: early in an episode one lift-off is no rate."""
+_RANGE_QUANTILE = 0.01
+"""Judged steps left out at either end of the range of a descriptor. Beyond it a curve
+is flat: from a crouch nobody was shown, no answer says whether it is too low."""
 _FLOOR, _PRUNED = 1e-4, 1e-2
 """The least variance of a curve's weights, and the one at which it is left out."""
 _CONTACTS = tuple(
@@ -65,21 +68,32 @@ class SparseScorer(nn.Module):
         self.weights: Tensor
         self.rate_mean: Tensor
         self.rate_std: Tensor
+        self.judged: Tensor
+        """[2, G] the range of each descriptor in the judged clips"""
         total = (num_descriptors + 1) * _WEIGHTS
         self.register_buffer("weights", torch.zeros(num_members, total))
         self.register_buffer("rate_mean", torch.zeros(()))
         self.register_buffer("rate_std", torch.ones(()))
+        self.register_buffer("judged", torch.zeros(2, num_descriptors + 1))
 
-    def see_rates(self, pairs: TrainingPairs) -> None:
-        """Take the constants that standardise the stride rate from its values."""
-        std, mean = torch.std_mean(stride_rate(pairs.steps)[pairs.scored], correction=0)
+    def look_at(self, pairs: TrainingPairs) -> None:
+        """Take from `pairs` what standardises the stride rate, and what was judged."""
+        rate = stride_rate(pairs.steps)[pairs.scored]
+        std, mean = torch.std_mean(rate, correction=0)
         self.rate_mean.copy_(mean)
         self.rate_std.copy_(std if std > 1e-6 else torch.ones(()))
+        rate = (rate - self.rate_mean) / self.rate_std
+        seen = torch.cat([pairs.scored_steps, rate[:, None]], dim=-1).sort(dim=0).values
+        last = len(seen) - 1
+        ends = [round(share * last) for share in (_RANGE_QUANTILE, 1 - _RANGE_QUANTILE)]
+        self.judged.copy_(seen[ends])
 
     def seen(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
-        """[..., T, G] what has a curve, for standardised sequences [..., T, D]."""
+        """[..., T, G] what has a curve, for standardised sequences [..., T, D]: no
+        further than it was judged."""
         rate = (stride_rate(steps, starts) - self.rate_mean) / self.rate_std
-        return torch.cat([steps, rate.clamp(-5, 5)[..., None]], dim=-1)
+        seen = torch.cat([steps, rate[..., None]], dim=-1)
+        return seen.clamp(*self.judged)
 
     def forward(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
         """Raw rewards [M, ..., T] of standardised sequences [..., T, D]."""
@@ -124,7 +138,7 @@ def fit_sparse(
 ) -> SparseScorer:
     """Fit each member to its own bootstrap of standardised `pairs`."""
     scorer = SparseScorer(cfg.sparse.num_members, pairs.steps.shape[-1])
-    scorer.see_rates(pairs)
+    scorer.look_at(pairs)
     inputs, units = scaled_curves(scorer, pairs)
     counts = bootstrap_counts(cfg.sparse.num_members, len(pairs), generator=generator)
     theta, _ = relevant(inputs, pairs, counts.double(), cfg)
@@ -164,8 +178,7 @@ def relevant(
         cfg: The likelihood of an answer, and how much a curve has to say to stay.
     """
     own, total = cfg.sparse, inputs.shape[1]
-    # A line and the bends on it are picked apart: where a line will do, the curve goes
-    # on beyond what was judged as it was going.
+    # A line and the bends on it are picked apart: one weight is sooner known than six.
     part = torch.arange(total) // _WEIGHTS * 2 + (torch.arange(total) % _WEIGHTS > 0)
     share = torch.bincount(part).double()  # weights of a part
     theta = inputs.new_zeros(len(counts), total)
@@ -204,7 +217,7 @@ def find(pairs: TrainingPairs, cfg: FitCfg) -> FitCfg:
     normaliser = Normaliser(seen.steps.shape[-1]).fit(seen.scored_steps)
     standardised = seen.transformed(normaliser)
     scorer = SparseScorer(1, seen.steps.shape[-1])
-    scorer.see_rates(standardised)
+    scorer.look_at(standardised)
     inputs, _ = scaled_curves(scorer, standardised)
     tried: dict[tuple[bool, float], float] = {}
     single_legs = cfg.sparse.single_legs

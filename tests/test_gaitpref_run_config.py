@@ -65,8 +65,13 @@ def test_answers_kept_for_the_last_policy_are_not_asked_before(
     assert first + sum(found) + kept == labels
 
 
-def test_a_style_asks_no_more_at_first() -> None:
-    assert resolve(Loop(run=RUN)).most_first_labels == 0
+def test_a_style_may_ask_on_at_first_where_its_answers_contradict_each_other() -> None:
+    style, scratch = resolve(Loop(run=RUN)), resolve(Loop(run=RUN, base="none"))
+    assert style.labels_of(0) < style.most_first_labels < style.labels
+    assert style.first_agreement < scratch.first_agreement
+    first = style.most_first_labels
+    asked_later = [style.labels_of(n, first=first) for n in range(1, style.rounds)]
+    assert first + sum(asked_later) == style.labels
 
 
 @pytest.mark.parametrize(

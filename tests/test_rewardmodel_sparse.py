@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +14,14 @@ import torch
 from torch import Tensor
 
 from data.features import FEATURE_DIM, LEGS, column
-from rewardmodel import AnsweredPairs, FitCfg, RewardModel, fit_reward
+from rewardmodel import (
+    AnsweredPairs,
+    FitCfg,
+    RewardModel,
+    fit_reward,
+    load_reward,
+    save_reward,
+)
 from rewardmodel.clips import pad_clips
 from rewardmodel.descriptors import describe, names_seen
 from rewardmodel.explain import explain
@@ -191,6 +199,21 @@ def test_explanations_name_the_habit() -> None:
     assert np.allclose(
         found.shares.sum(axis=1) + found.average, found.reward, atol=1e-3
     )
+
+
+def test_nothing_is_paid_for_going_further_than_was_judged(tmp_path: Path) -> None:
+    """Lower is better in all clips, from 0.2 m on: no answer says that 0.1 m is."""
+    pairs = asked(lambda rows: -mean_of("height", rows), 60, seed=0)
+    fitted, _ = fit_reward(pairs, SPARSE, seed=0, measured=False)
+    save_reward(fitted, tmp_path / "reward")
+    rows = torch.from_numpy(stepping(np.random.default_rng(3)))[:1].repeat(4, 1)
+    rows[:, column("base_height")] = torch.tensor([[0.35], [0.25], [0.18], [0.1]])
+    rows = rows[:, None]
+    starts = torch.ones(4, 1, dtype=torch.bool)
+    for model in (fitted, load_reward(tmp_path / "reward")):
+        high, low, lowest, beyond = model(rows, starts)[:, 0].tolist()
+        assert high < low < lowest
+        assert lowest == pytest.approx(beyond, abs=1e-5)
 
 
 def test_a_clip_without_feet_still_has_a_reward() -> None:
