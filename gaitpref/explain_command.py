@@ -15,6 +15,7 @@ from data.dataset import Dataset, EpisodeEntry
 from data.errors import GaitprefError
 from data.files import write_atomically
 from rewardmodel.clips import mean_over, pad_clips
+from rewardmodel.curves import Curve, learned_curves
 from rewardmodel.explain import Explanation, explain
 from rewardmodel.model import RewardModel
 from rewardmodel.storage import load_reward
@@ -22,7 +23,7 @@ from rewardmodel.storage import load_reward
 from . import options
 from .pictures import save_picture
 from .questions import ClipCfg, clips_of
-from .strips import clip_picture
+from .strips import clip_picture, curves_picture
 
 DATA_NAME = "explanation.json"
 _BATCH = 256
@@ -57,7 +58,16 @@ def run(command: options.Explain) -> int:
         save_picture(clip_picture(shown, entry, found.clip, found.reward), picture)
         told.append(clip_json(name, found, entry, shown))
         print(f"{picture}  reward {found.reward:+.2f}  {found.clip.key}")
-    data = {"descriptors": list(model.names), "clips": told}
+    dt_s = dataset.entry(chosen[0][1].clip.rollout).meta.control_dt_s
+    if curves := learned_curves(model, control_dt_s=dt_s):
+        picture = command.out / "habits.svg"
+        save_picture(curves_picture(curves), picture)
+        print(f"{picture}  most of all {curves[0].name}")
+    data = {
+        "descriptors": list(model.names),
+        "clips": told,
+        "curves": [curve_json(curve) for curve in curves],
+    }
     write_atomically(command.out / DATA_NAME, json.dumps(data).encode())
     print(f"the figures are in {command.out / DATA_NAME}")
     return 0
@@ -154,10 +164,6 @@ def clip_json(
     name: str, found: Ranked, entry: EpisodeEntry, shown: Explanation
 ) -> dict[str, Any]:
     """A clip's figures as plain values, rounded to what can be seen."""
-
-    def rounded(values: np.ndarray) -> list[Any]:
-        return np.round(values.astype(float), 4).tolist()
-
     return {
         "name": name,
         "clip": found.clip.key,
@@ -165,12 +171,27 @@ def clip_json(
         "command": list(entry.meta.command),
         "control_dt_s": entry.meta.control_dt_s,
         "method": shown.method,
-        "reward": rounded(shown.reward),
-        "spread": rounded(shown.spread),
+        "reward": _rounded(shown.reward),
+        "spread": _rounded(shown.spread),
         "average": round(shown.average, 4),
         "groups": list(shown.groups),
-        "shares": rounded(shown.shares),
+        "shares": _rounded(shown.shares),
         "by_descriptor": (
-            None if shown.method == "occlusion" else rounded(shown.descriptors)
+            None if shown.method == "occlusion" else _rounded(shown.descriptors)
         ),
     }
+
+
+def curve_json(curve: Curve) -> dict[str, Any]:
+    """A habit's curve as plain values."""
+    return {
+        "name": curve.name,
+        "unit": curve.unit,
+        "values": _rounded(curve.values),
+        "reward": _rounded(curve.reward),
+        "spread": _rounded(curve.spread),
+    }
+
+
+def _rounded(values: np.ndarray) -> list[Any]:
+    return np.round(values.astype(float), 4).tolist()

@@ -8,12 +8,13 @@ from typing import Any
 
 from data.dataset import Dataset
 from data.errors import GaitprefError
+from rewardmodel.curves import learned_curves
 from rewardmodel.explain import explain
 from rewardmodel.storage import load_reward
 
 from .explain_command import extremes
 from .pictures import svg_of
-from .strips import clip_picture
+from .strips import clip_picture, curves_picture
 
 COUNT = 2
 """Best, and worst clips on the page."""
@@ -74,6 +75,7 @@ def clips_section(run: Path, rounds: list[dict[str, Any]]) -> str:
         dataset = Dataset.open(run / "dataset")
         entries = [e for e in dataset.entries() if e.meta.round == newest]
         found = extremes(model, dataset, COUNT, entries=entries)
+        dt_s = dataset.entry(found[0][1].clip.rollout).meta.control_dt_s
     except GaitprefError as error:
         return f"<p>No clips are shown: {html.escape(str(error))}</p>"
     figures = []
@@ -89,9 +91,17 @@ def clips_section(run: Path, rounds: list[dict[str, Any]]) -> str:
         figures.append(
             f"<figure>{svg_of(picture.axes[0])}<figcaption>{title}</figcaption></figure>"
         )
+    learned = ""
+    if curves := learned_curves(model, control_dt_s=dt_s):
+        learned = (
+            "<p>What each habit adds to the reward of a step, over what was judged, "
+            "with the spread of the ensemble; those that matter most.</p>"
+            f"<figure>{svg_of(curves_picture(curves).axes[0])}</figure>"
+        )
     return (
-        f"<h2>What the reward of round {newest} likes</h2><p>Reward of each step with "
-        f"the spread of the ensemble, and what each group of habits adds to the reward "
-        f"of an average step; the dotted line is that average.</p>"
+        f"<h2>What the reward of round {newest} likes</h2>{learned}"
+        f"<p>Reward of each step with the spread of the ensemble, and what each group "
+        f"of habits adds to the reward of an average step; the dotted line is that "
+        f"average.</p>"
         f'<div class="curves">{"".join(figures)}</div>'
     )

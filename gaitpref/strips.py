@@ -1,12 +1,15 @@
-"""A clip as a strip: its reward over time, and the share of each group of habits."""
+"""A reward in pictures: a clip as a strip, and the curve of each habit it looks at."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from data.clips import Clip
 from data.dataset import EpisodeEntry
+from rewardmodel.curves import Curve
 from rewardmodel.explain import Explanation
 
 from .pictures import BLUE, GREY, plain_axes
@@ -49,4 +52,24 @@ def clip_picture(
     bar = figure.colorbar(image, ax=below, pad=0.01)
     bar.set_label("liked", fontsize=8)
     bar.ax.tick_params(labelsize=7)
+    return figure
+
+
+def curves_picture(curves: Sequence[Curve]) -> Figure:
+    """What each habit adds to the reward, over what was judged, with the spread."""
+    columns = min(3, len(curves))
+    rows = -(-len(curves) // columns)
+    figure = Figure(figsize=(2.6 * columns, 2.1 * rows), layout="constrained")
+    panels = figure.subplots(rows, columns, sharey=True, squeeze=False).flatten()
+    for axes, curve in zip(panels, curves, strict=False):
+        plain_axes(axes, curve.name)
+        band = (curve.reward - curve.spread, curve.reward + curve.spread)
+        axes.fill_between(curve.values, *band, color=BLUE, alpha=0.2, linewidth=0)
+        axes.plot(curve.values, curve.reward, color=BLUE, linewidth=1.5)
+        axes.axhline(0.0, color=GREY, linestyle=":", linewidth=1)
+        axes.set_xlabel("" if curve.unit == "1" else curve.unit, fontsize=9)
+    for axes in panels[len(curves) :]:
+        axes.set_visible(False)
+    for axes in panels[::columns]:
+        axes.set_ylabel("adds to the reward", fontsize=9)
     return figure

@@ -215,6 +215,11 @@ def names_seen(sight: Sight) -> tuple[str, ...]:
     return tuple(descriptor.name for descriptor in _SEEN[sight])
 
 
+def units_seen(sight: Sight) -> tuple[str, ...]:
+    """Their units."""
+    return tuple(descriptor.unit for descriptor in _SEEN[sight])
+
+
 def describe(features: Tensor, sight: Sight = "habits") -> Tensor:
     """Descriptors [..., D] of feature rows [..., F], float32, in table order.
 

@@ -102,6 +102,12 @@ class SparseScorer(nn.Module):
         seen = curves(self.seen(steps, starts)[..., used])
         return (seen @ weights[:, used].flatten(1).mT).movedim(-1, 0)
 
+    def along(self, values: Tensor) -> Tensor:
+        """What each curve adds to the raw reward, [M, K, G], at `values` [K, G]."""
+        weights = self.weights.unflatten(1, (-1, _WEIGHTS))
+        parts = curves(values).unflatten(1, (-1, _WEIGHTS))
+        return (parts * weights[:, None]).sum(dim=-1)
+
 
 def curves(seen: Tensor) -> Tensor:
     """Lines and bumps [..., G W] of standardised descriptors [..., G]."""
