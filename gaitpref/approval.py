@@ -17,11 +17,17 @@ from .people import People
 from .progress import console
 from .rounds import Round, approved
 from .run_config import LoopCfg
-from .side_by_side import both_policies, labels_kept, pairs_of_both, verdict_of
+from .side_by_side import (
+    both_policies,
+    first_erred,
+    labels_kept,
+    pairs_of_both,
+    verdict_of,
+)
 
 ODDS_TO_GO_ON, ODDS_TO_STAY = 1.0, 3.0
 """How much likelier than not answers must make it that a new policy is better: for the
-next training to begin from it, and to be the last one."""
+next training to begin from it, and to be the last one where answers err."""
 
 
 def verdict_stage(round: Round, dataset: Dataset) -> None:
@@ -48,7 +54,8 @@ def approval_stage(
     answered(cfg, round, dataset, criterion, Patience(people), asked, last=True)
     new = load_policy(file)
     # A policy no clip shows, as one whose simulations diverge, is not approved either.
-    if _judge(round, dataset, new, ODDS_TO_STAY, otherwise="what stays is"):
+    needed = ODDS_TO_STAY if first_erred(round) else ODDS_TO_GO_ON
+    if _judge(round, dataset, new, needed, otherwise="what stays is"):
         replace_directory(round.candidate, round.policy.parent)
         return
     partial = round.root / "policy.partial"

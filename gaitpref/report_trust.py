@@ -48,7 +48,7 @@ def approval_section(rounds: list[dict[str, Any]]) -> str:
             )
     if not told:
         return ""
-    return f"<p>As answers err, new policies were judged:</p><ul>{''.join(told)}</ul>"
+    return f"<p>New policies were judged by answers:</p><ul>{''.join(told)}</ul>"
 
 
 def trust_cells(of_round: dict[str, Any]) -> tuple[str, str, str]:

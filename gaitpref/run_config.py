@@ -90,6 +90,10 @@ class LoopCfg:
     approval_labels: int = field(default=7, metadata=ADDED_LATER)
     """Answers that, where answers err, judge each new policy beside the one before it,
     which stays where they speak for it; 0 judges none."""
+    last_labels: int = field(default=0, metadata=ADDED_LATER)
+    """Answers that judge the last policy alone where answers do not err: the longest
+    training ends where nobody is asked any more. It stays unless they speak against
+    it."""
     tracking_slack_m_s: float | None = field(default=0.03, metadata=ADDED_LATER)
     """Where the task is kept: how much worse than the base commands may be followed
     before the learned reward counts less; None lets a style cost the walk."""
@@ -177,14 +181,14 @@ class LoopCfg:
             others.reverse()
         return others[round - 1]
 
-    def most_kept(self, *, first: int) -> int:
-        """Answers that can be kept for judging the last policy, where the first round
-        has asked for `first`: every other round needs some."""
+    def most_kept(self, wanted: int, *, first: int) -> int:
+        """Answers, `wanted` or fewer, that can be kept for judging the last policy,
+        where the first round has asked for `first`: every other round needs some."""
         if self.rounds == 1:
             return 0
         others = _LEAST_LABELS * (self.rounds - 1)
         spare = self.labels - self._own_of_first(first) - others
-        return max(0, min(self.approval_labels, spare))
+        return max(0, min(wanted, spare))
 
     def _own_of_first(self, asked: int) -> int:
         """Answers of the first round, which has asked for `asked` by now."""
@@ -263,6 +267,7 @@ def resolve(options: Loop) -> LoopCfg:
         round_steps=300_000 if quick else 600_000,
         last_round_steps=600_000 if quick else 1_200_000,
         learned_weight=3.0,
+        last_labels=5,
         exploration=None,
         record=recorded,
         most_first_share=0.75,

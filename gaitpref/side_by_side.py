@@ -2,7 +2,7 @@
 
 Where answers err, a reward may be right about most pairs and still ruin what is trained
 on it. So the first questions of a round are about its new policy beside the one it was
-to better.
+to better. A style's last policy is judged in any case: after it nobody is asked.
 """
 
 from __future__ import annotations
@@ -63,13 +63,18 @@ class Verdict:
 
 
 def labels_kept(cfg: LoopCfg, round: Round, dataset: Dataset) -> int:
-    """Answers that are kept for judging the last policy: none where the first round's
-    answers turned out not to err."""
-    if not cfg.approval_labels or not answers_err(load_reward(round.first.reward)):
+    """Answers that are kept for judging the last policy."""
+    wanted = cfg.approval_labels if first_erred(round) else cfg.last_labels
+    if not wanted:
         return 0
     with dataset.answers() as store:
         asked = [pair for pair in store.pairs(round=0) if pair.gold is None]
-    return cfg.most_kept(first=len(asked))
+    return cfg.most_kept(wanted, first=len(asked))
+
+
+def first_erred(round: Round) -> bool:
+    """Whether the first round's answers turned out to err."""
+    return answers_err(load_reward(round.first.reward))
 
 
 def both_policies(
@@ -80,10 +85,12 @@ def both_policies(
 
     A first walk from scratch is not judged: it need not please yet.
     """
+    last = round.number == cfg.rounds
     first = 1 if cfg.keeps_task else 2
     if round.number < first or not labels_kept(cfg, round, dataset):
         return None
-    last = round.number == cfg.rounds
+    if not last and not first_erred(round):
+        return None
     file = round.candidate / POLICY_NAME if last else round.policy
     if not file.exists():
         return None

@@ -63,7 +63,7 @@ def learned_curves(
         case SparseScorer() as scorer:
             low, high = scorer.judged
             values = low + place * (high - low)
-            added = scorer.along(values)
+            added = scorer.along(place.expand(-1, values.shape[1]))
             names, units = [*names, "stride_rate"], [*units, "Hz"]
             rates = torch.stack([scorer.rate_mean, scorer.rate_std]) / control_dt_s
             centre = torch.cat([centre, rates[:1]])

@@ -30,8 +30,9 @@ from .linear import MIN_SPREAD, posterior_modes, posterior_variances
 from .normaliser import Normaliser
 from .training import TrainingPairs, bootstrap_counts
 
-_CENTRES = (-2.0, -1.0, 0.0, 1.0, 2.0)
-"""Of the bumps a curve is made of besides a straight line, in deviations."""
+_CENTRES = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Of the bumps a curve is made of besides a straight line, on the judged range, each as
+wide as they are apart."""
 _WEIGHTS = 1 + len(_CENTRES)
 _RATE_STEPS, _LEAST_STEPS = 50, 20
 """Steps over which lift-offs are counted, 1 s at 50 Hz, and the fewest a count is
@@ -89,11 +90,12 @@ class SparseScorer(nn.Module):
         self.judged.copy_(seen[ends])
 
     def seen(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
-        """[..., T, G] what has a curve, for standardised sequences [..., T, D]: no
-        further than it was judged."""
+        """[..., T, G] what has a curve, for standardised sequences [..., T, D]: 0 and 1
+        are the ends of what was judged, and nothing goes beyond."""
         rate = (stride_rate(steps, starts) - self.rate_mean) / self.rate_std
+        low, high = self.judged
         seen = torch.cat([steps, rate[..., None]], dim=-1)
-        return seen.clamp(*self.judged)
+        return ((seen - low) / (high - low).clamp_min(1e-6)).clamp(0, 1)
 
     def forward(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
         """Raw rewards [M, ..., T] of standardised sequences [..., T, D]."""
@@ -103,16 +105,18 @@ class SparseScorer(nn.Module):
         return (seen @ weights[:, used].flatten(1).mT).movedim(-1, 0)
 
     def along(self, values: Tensor) -> Tensor:
-        """What each curve adds to the raw reward, [M, K, G], at `values` [K, G]."""
+        """What each curve adds to the raw reward, [M, K, G], at `values` [K, G] on the
+        judged range."""
         weights = self.weights.unflatten(1, (-1, _WEIGHTS))
         parts = curves(values).unflatten(1, (-1, _WEIGHTS))
         return (parts * weights[:, None]).sum(dim=-1)
 
 
 def curves(seen: Tensor) -> Tensor:
-    """Lines and bumps [..., G W] of standardised descriptors [..., G]."""
+    """Lines and bumps [..., G W] of descriptors [..., G] on their judged range."""
     seen = seen[..., None]
-    bumps = (-0.5 * (seen - seen.new_tensor(_CENTRES)).square()).exp()
+    off = (seen - seen.new_tensor(_CENTRES)) / (_CENTRES[1] - _CENTRES[0])
+    bumps = (-0.5 * off.square()).exp()
     return torch.cat([seen, bumps], dim=-1).flatten(-2)
 
 
@@ -175,7 +179,7 @@ def scaled_curves(scorer: SparseScorer, pairs: TrainingPairs) -> tuple[Tensor, T
 def relevant(
     inputs: Tensor, pairs: TrainingPairs, counts: Tensor, cfg: FitCfg
 ) -> tuple[Tensor, Tensor]:
-    """Weights [M, P] of the lines and bends that matter, and their variances [M, P].
+    """Weights [M, P] of the curves that matter, and their variances [M, P].
 
     Args:
         inputs: [B, P] float64 scaled differences of the clips' curves.
@@ -184,9 +188,7 @@ def relevant(
         cfg: The likelihood of an answer, and how much a curve has to say to stay.
     """
     own, total = cfg.sparse, inputs.shape[1]
-    # A line and the bends on it are picked apart: one weight is sooner known than six.
-    part = torch.arange(total) // _WEIGHTS * 2 + (torch.arange(total) % _WEIGHTS > 0)
-    share = torch.bincount(part).double()  # weights of a part
+    part = torch.arange(total) // _WEIGHTS
     theta = inputs.new_zeros(len(counts), total)
     variance = torch.full_like(theta, _FLOOR)
     kept = torch.arange(total)
@@ -199,9 +201,9 @@ def relevant(
             seen, pairs, counts, cfg, precision=precision, start=theta[:, kept]
         )
         unsure = posterior_variances(seen, pairs, counts, cfg, precision, modes)
-        size = theta.new_zeros(len(counts), len(share))
+        size = theta.new_zeros(len(counts), total // _WEIGHTS)
         size.index_add_(1, part[kept], modes.square() + unsure)
-        found = (size / share + 2 * own.sparsity * _FLOOR) / (1 + 2 * own.sparsity)
+        found = (size / _WEIGHTS + 2 * own.sparsity * _FLOOR) / (1 + 2 * own.sparsity)
         variance[:, kept] = found.clamp_min(_FLOOR)[:, part[kept]]
         theta = torch.zeros_like(theta)
         theta[:, kept] = modes

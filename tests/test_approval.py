@@ -100,7 +100,7 @@ def test_the_better_of_the_two_stays(
         assert found["approved"] == (stands == "new")
         assert found["for_new"] + found["for_old"] in counts
         page = (run / "report/index.html").read_text()
-        assert "new policies were judged" in page
+        assert "New policies were judged" in page
         assert ("so the one before was kept" in page) == (stands == "old")
         assert "nothing says that" not in page or stands == "new"
         # As a process leaves it that is killed when all is answered.
@@ -112,6 +112,34 @@ def test_the_better_of_the_two_stays(
         else:
             shutil.rmtree(trained)
     assert len(counts) == 1
+
+
+@pytest.mark.parametrize("stands", ["old", "new"])
+def test_a_style_is_judged_at_its_end_though_no_answer_errs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stands: str
+) -> None:
+    """Nobody is asked after the longest training; rounds before it ask as ever."""
+    monkeypatch.setattr("gaitpref.side_by_side.answers_err", lambda _: False)
+    cfg = replace(small_cfg(), labels=40, last_labels=5)
+    run = tmp_path / "run"
+    with monkeypatch.context() as patch:
+        patch.setattr("gaitpref.loop.show_stage", _killed_at_the_end)
+        with pytest.raises(_Killed):
+            run_configured(run, cfg)
+    assert (sum(asked(run)), asked(run)[2]) == (35, 0)
+    files = {
+        "old": run / "rounds/01/policy/policy.pt",
+        "new": run / "rounds/02/candidate/policy.pt",
+    }
+    for which, file in files.items():
+        file.write_bytes(holding_home(file) if which == stands else wild(file))
+    expected = files[stands].read_bytes()
+    run_configured(run, cfg)
+    assert (run / "rounds/02/policy/policy.pt").read_bytes() == expected
+    with Dataset.open(run / "dataset").answers() as store:
+        pairs = store.pairs()
+    judged = {pair.round for pair in pairs if pair.strategy == STRATEGY}
+    assert judged == {2}
 
 
 def test_a_policy_that_no_clip_shows_is_not_approved(
