@@ -7,19 +7,21 @@ answers `PAIRS` pairs drawn at random from all the run's episodes.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from data.dataset import Dataset
 from gaitpref.criteria import Criterion
 from gaitpref.questions import clips_of
 from gaitpref.rater import ClipScores
 from gaitpref.run_config import LoopCfg
-from rewardmodel import Uniform, choose_pairs
+from rewardmodel import RewardModel, Uniform, choose_pairs
 from rewardmodel.calibration import calibration
-from rewardmodel.clips import pad_clips
+from rewardmodel.clips import ClipBatch, pad_clips
 from rewardmodel.storage import load_reward
 from rewardmodel.trust import accuracy_of
 
@@ -27,15 +29,23 @@ PAIRS = 400
 _SEED = 1_000_004
 
 
-def on_fresh_pairs(
-    run: Path, cfg: LoopCfg, criterion: Criterion
-) -> dict[str, float | None]:
-    """Accuracy and calibration error of a run's last fit on pairs drawn at random.
+@dataclass(frozen=True, eq=False)
+class FreshPairs:
+    """Pairs nobody was asked about, and what the criterion says of them."""
 
-    None where the criterion prefers no clip to another.
-    """
+    left: ClipBatch
+    right: ClipBatch
+    target: Tensor
+    """[B] 1, 0.5 or 0: left, neither, right is better."""
+
+    def leads(self, model: RewardModel) -> Tensor:
+        """What `model` says of them: mean logit [B] of the left clips."""
+        return model.leads(self.left, self.right).mean(dim=0)
+
+
+def fresh_pairs(run: Path, cfg: LoopCfg, criterion: Criterion) -> FreshPairs:
+    """Pairs drawn at random from all episodes of a run."""
     dataset = Dataset.open(run / "dataset")
-    model = load_reward(run / f"rounds/{cfg.rounds - 1:02d}/reward")
     entries = dataset.entries()
     with dataset.answers_copy() as store:
         known = store.pairs()
@@ -50,14 +60,26 @@ def on_fresh_pairs(
     )
     scores = ClipScores(dataset.features, criterion)
     better = [scores(pair.a).mean() - scores(pair.b).mean() for pair in pairs]
-    target = (torch.tensor(np.array(better)).sign() + 1) / 2
     left, right = (
         pad_clips([dataset.clip_features(clip) for clip in clips])
         for clips in zip(*((pair.a, pair.b) for pair in pairs), strict=True)
     )
-    lead = model.leads(left, right).mean(dim=0)
-    accuracy = accuracy_of(lead, target)
-    found = calibration(lead / model.provenance.report.temperature, target)
+    target = (torch.tensor(np.array(better)).sign() + 1) / 2
+    return FreshPairs(left, right, target)
+
+
+def on_fresh_pairs(
+    run: Path, cfg: LoopCfg, criterion: Criterion
+) -> dict[str, float | None]:
+    """Accuracy and calibration error of a run's last fit on pairs drawn at random.
+
+    None where the criterion prefers no clip to another.
+    """
+    model = load_reward(run / f"rounds/{cfg.rounds - 1:02d}/reward")
+    pairs = fresh_pairs(run, cfg, criterion)
+    lead = pairs.leads(model)
+    accuracy = accuracy_of(lead, pairs.target)
+    found = calibration(lead / model.provenance.report.temperature, pairs.target)
     return {
         "fresh_accuracy": accuracy.share if accuracy else None,
         "fresh_ece": found.ece if found else None,

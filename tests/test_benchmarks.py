@@ -11,13 +11,15 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks import choosing, hour, robots, throughput, walk
+from benchmarks import choosing, hour, kinds, robots, throughput, walk
 from benchmarks.preference_plan import HELD_BACK, plan
 from benchmarks.preference_table import BEGIN, END, publish_rows, together
 from benchmarks.wishes import carried_right_foot, nose_up_when_slow
+from data.dataset import Dataset
 from data.features import FEATURE_DIM, column
 from gaitpref.loop import run_configured
 from rewardmodel.descriptors import describe
+from rewardmodel.pairs import load_pairs
 from tests.foreign_robots import Drawing, mjcf
 from tests.small_loop import small_cfg
 from tests.test_rewardmodel_fit import answered
@@ -210,6 +212,10 @@ def test_a_seed_that_never_walks_is_the_worst() -> None:
     assert figures["walked"] == 2
 
 
+def _rounds_of(run: Path) -> tuple[int, ...]:
+    return load_pairs([Dataset.open(run / "dataset")]).rounds
+
+
 @pytest.mark.slow
 def test_choosing_tells_what_the_policy_paid_most_is_worth(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -228,6 +234,17 @@ def test_choosing_tells_what_the_policy_paid_most_is_worth(
     lines = [line for line in capsys.readouterr().err.splitlines() if "members" in line]
     told = [(line.split()[0], line.split()[3]) for line in lines]
     assert told == [("2", "0,"), ("2", "1.5,"), ("9", "0,"), ("9", "1.5,")]
+    asked = kinds.Options(
+        run=(tmp_path / "run",), kinds=("linear", "gp"), mistakes=(0.0, 0.3)
+    )
+    kinds.main(asked)
+    lines = [line.split() for line in capsys.readouterr().err.splitlines()]
+    told = [(line[0], *line[1:3]) for line in lines if line[-2:-1] == ["found:"]]
+    shares = [("0.00", "linear"), ("0.00", "gp"), ("0.30", "linear"), ("0.30", "gp")]
+    first = sum(number == 0 for number in _rounds_of(tmp_path / "run"))
+    assert told == [(str(n), *share) for n in (first, 24) for share in shares]
+    fresh = [float(line[4]) for line in lines if line[-2:-1] == ["found:"]]
+    assert all(0.0 <= share <= 1.0 for share in fresh)
 
 
 def test_mistakes_turn_a_share_of_the_answers_round() -> None:

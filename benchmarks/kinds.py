@@ -1,0 +1,121 @@
+"""What each kind of model learns from the same answers.
+
+`python -m benchmarks.kinds --run RUN [RUN ...]` takes finished runs of a simulated
+rater, turns a share of the answers round, fits every kind of model to the answers of
+the first round and to all of them, and asks each about pairs nobody was asked about.
+The questions are those the run's own model was least sure of.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+import tyro
+
+from data.dataset import Dataset
+from gaitpref.criteria import load_criterion
+from gaitpref.progress import console
+from gaitpref.rewards import criterion_context
+from gaitpref.run_config import LoopCfg, read_config
+from policy.checkpoint import load_policy
+from rewardmodel.cfg import Kind
+from rewardmodel.fit import fit_reward
+from rewardmodel.pairs import AnsweredPairs, load_pairs
+from rewardmodel.trust import accuracy_of
+
+from .preference_fresh import FreshPairs, fresh_pairs
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Accuracy of kinds of models, fitted to the answers of finished runs."""
+
+    run: tuple[Path, ...]
+    """Runs of `gaitpref loop` with a simulated rater."""
+    kinds: tuple[Kind, ...] = ("linear", "sparse", "gp")
+    """Models to fit."""
+    mistakes: tuple[float, ...] = (0.0,)
+    """Shares of the answers that are turned round, beside what the rater got wrong."""
+    seed: int = 0
+    """Of the fits, and which answers are turned round."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Learned:
+    """What one model learned."""
+
+    answers: int
+    mistakes: float
+    kind: Kind
+    error_share: float
+    """Of the answers, as the fit found it."""
+    held_out: float | None
+    """Share of the held-out preferences foreseen."""
+    fresh: float | None
+    """The same of pairs nobody was asked about."""
+
+
+def learned(run: Path, options: Options) -> Iterator[Learned]:
+    """Every kind's result on the answers of one run."""
+    cfg = read_config(run)
+    dataset = Dataset.open(run / "dataset")
+    policy = load_policy(run / "rounds/00/policy/policy.pt")
+    context = criterion_context(policy.robot(), policy.info.env)
+    fresh = fresh_pairs(run, cfg, load_criterion(cfg.criterion, context))
+    pairs = load_pairs([dataset])
+    of_first = torch.tensor(pairs.rounds) == 0
+    for some in (pairs.subset(of_first), pairs):
+        for mistakes in options.mistakes:
+            asked = turned_round(some, mistakes, seed=options.seed)
+            for kind in options.kinds:
+                yield _fitted(asked, kind, mistakes, cfg, fresh, options.seed)
+
+
+def _fitted(
+    pairs: AnsweredPairs,
+    kind: Kind,
+    mistakes: float,
+    cfg: LoopCfg,
+    fresh: FreshPairs,
+    seed: int,
+) -> Learned:
+    model, report = fit_reward(pairs, replace(cfg.fit, kind=kind), seed=seed)
+    accuracy = accuracy_of(fresh.leads(model), fresh.target)
+    return Learned(
+        answers=len(pairs),
+        mistakes=mistakes,
+        kind=kind,
+        error_share=model.provenance.cfg.error_share,
+        held_out=report.held_out_accuracy,
+        fresh=accuracy.share if accuracy else None,
+    )
+
+
+def turned_round(pairs: AnsweredPairs, share: float, *, seed: int) -> AnsweredPairs:
+    """`pairs` with each answer turned round with probability `share`."""
+    rng = torch.Generator().manual_seed(seed)
+    wrong = torch.rand(len(pairs), generator=rng) < share
+    return replace(pairs, target=torch.where(wrong, 1 - pairs.target, pairs.target))
+
+
+def main(options: Options) -> int:
+    """Print a line for every fit."""
+    torch.set_num_threads(1)
+    for run in options.run:
+        console.print(f"{run.name}: answers, turned round, model, held out, fresh")
+        for found in learned(run, options):
+            shares = (found.held_out, found.fresh)
+            told = ("-" if share is None else f"{share:.2f}" for share in shares)
+            console.print(
+                f"  {found.answers:4d}  {found.mistakes:4.2f}  {found.kind:11s}  "
+                f"{'  '.join(told)}  (errors found: {found.error_share:g})"
+            )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(tyro.cli(Options, description=__doc__)))
