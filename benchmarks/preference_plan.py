@@ -46,11 +46,10 @@ METHODS: dict[str, Callable[[LoopCfg], LoopCfg]] = {
     },
     **{
         name: lambda cfg, name=name: replace(cfg, fit=replace(cfg.fit, kind=name))
-        for name in ("gp", "mlp", "auto")
+        for name in ("linear", "sparse", "gp", "mlp", "auto")
     },
-    "linear": lambda cfg: replace(cfg, fit=replace(cfg.fit, kind="linear")),
     "no-caution": lambda cfg: replace(cfg, caution=0.0),
-    "unjudged": lambda cfg: replace(cfg, approval_labels=0),
+    "unjudged": lambda cfg: replace(cfg, approval_labels=0, last_labels=0),
     "weight-2": lambda cfg: replace(cfg, learned_weight=2.0),
     "weight-4": lambda cfg: replace(cfg, learned_weight=4.0),
     "plain-linear": lambda cfg: replace(

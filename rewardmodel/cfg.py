@@ -150,6 +150,9 @@ class SparseCfg:
     single_legs: bool | None = None
     """Whether one leg or one side may matter more than another; None: where the answers
     speak for it (`rewardmodel.sparse.find`)."""
+    lines_apart: bool | None = None
+    """Whether a straight line and the bends on it are picked apart, so that a line is
+    one weight, sooner known than six; None: as the answers speak for it."""
 
     def __post_init__(self) -> None:
         _require_members(self.num_members)

@@ -15,12 +15,13 @@ rate's), W weights of a curve, P = G W.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import torch
 from torch import Tensor, nn
 
-from .cfg import FitCfg
+from .cfg import FitCfg, SparseCfg
 from .clips import mean_over
 from .descriptors import names_seen
 from .evidence import ERROR_SHARES, erring, evidence, expected_share
@@ -189,6 +190,9 @@ def relevant(
     """
     own, total = cfg.sparse, inputs.shape[1]
     part = torch.arange(total) // _WEIGHTS
+    if own.lines_apart:
+        part = 2 * part + (torch.arange(total) % _WEIGHTS > 0)
+    weights = torch.bincount(part).double()
     theta = inputs.new_zeros(len(counts), total)
     variance = torch.full_like(theta, _FLOOR)
     kept = torch.arange(total)
@@ -201,9 +205,9 @@ def relevant(
             seen, pairs, counts, cfg, precision=precision, start=theta[:, kept]
         )
         unsure = posterior_variances(seen, pairs, counts, cfg, precision, modes)
-        size = theta.new_zeros(len(counts), total // _WEIGHTS)
+        size = theta.new_zeros(len(counts), len(weights))
         size.index_add_(1, part[kept], modes.square() + unsure)
-        found = (size / _WEIGHTS + 2 * own.sparsity * _FLOOR) / (1 + 2 * own.sparsity)
+        found = (size / weights + 2 * own.sparsity * _FLOOR) / (1 + 2 * own.sparsity)
         variance[:, kept] = found.clamp_min(_FLOOR)[:, part[kept]]
         theta = torch.zeros_like(theta)
         theta[:, kept] = modes
@@ -215,7 +219,7 @@ def relevant(
 
 def find(pairs: TrainingPairs, cfg: FitCfg) -> FitCfg:
     """`cfg` with what described `pairs` speak for put in, done adapting: the share of
-    random answers, and whether single legs matter.
+    random answers, whether single legs matter, and how curves are picked.
 
     To weights that cannot say what was wanted, all answers look random; curves that can
     say it tell the raters' errors from their own. Among so many curves of single legs
@@ -227,17 +231,23 @@ def find(pairs: TrainingPairs, cfg: FitCfg) -> FitCfg:
     scorer = SparseScorer(1, seen.steps.shape[-1])
     scorer.look_at(standardised)
     inputs, _ = scaled_curves(scorer, standardised)
-    tried: dict[tuple[bool, float], float] = {}
-    single_legs = cfg.sparse.single_legs
-    for singles in (False, True) if single_legs is None else (single_legs,):
-        own_cfg = replace(cfg, sparse=replace(cfg.sparse, single_legs=singles))
+    tried: dict[tuple[SparseCfg, float], float] = {}
+    for sparse in _open_settings(cfg.sparse):
+        price = _SINGLES_PRICE if sparse.single_legs else 0.0
         for share in ERROR_SHARES:
             own = erring(standardised, cfg, share)
             counts = inputs.new_ones(1, len(own))
-            theta, variance = relevant(inputs, own, counts, own_cfg)
+            settings = replace(cfg, sparse=sparse)
+            theta, variance = relevant(inputs, own, counts, settings)
             found = evidence(inputs, own, cfg, 1 / variance[0], start=theta)
-            price = _SINGLES_PRICE * singles
-            tried[singles, share] = expected_share(cfg, share) + found - price
-    singles, share = max(tried, key=lambda settings: tried[settings])
-    sparse = replace(cfg.sparse, single_legs=singles)
+            tried[sparse, share] = expected_share(cfg, share) + found - price
+    sparse, share = max(tried, key=lambda settings: tried[settings])
     return replace(cfg, adapt=False, error_share=share, sparse=sparse)
+
+
+def _open_settings(cfg: SparseCfg) -> Iterator[SparseCfg]:
+    """`cfg` with everything it leaves open put in, in every way."""
+    both = (False, True)
+    for singles in both if cfg.single_legs is None else (cfg.single_legs,):
+        for apart in both if cfg.lines_apart is None else (cfg.lines_apart,):
+            yield replace(cfg, single_legs=singles, lines_apart=apart)
