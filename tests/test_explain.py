@@ -197,12 +197,18 @@ def test_the_command_draws_and_tells(
     on = ["--reward", str(tmp_path / "reward"), "--dataset", str(judged.root)]
     out = tmp_path / "out"
     assert main(["explain", *on, "--out", str(out), "--count", "2"]) == 0
-    told = json.loads((out / "explanation.json").read_text())["clips"]
+    written = json.loads((out / "explanation.json").read_text())
+    told = written["clips"]
     assert [c["name"] for c in told] == ["best-1", "best-2", "worst-1", "worst-2"]
     assert told[0]["reward_of_clip"] > told[1]["reward_of_clip"]
     assert told[1]["reward_of_clip"] > told[3]["reward_of_clip"]
     assert all(len(c["reward"]) == len(c["shares"]) for c in told)
-    assert len(list(out.glob("*.svg"))) == 4
+    assert len(list(out.glob("*.svg"))) == 5
+    curves = written["curves"]
+    assert curves[0]["name"] in (out / "habits.svg").read_text()
+    weights = [max(c["reward"]) - min(c["reward"]) for c in curves]
+    assert weights == sorted(weights, reverse=True)
+    assert all(len(c["values"]) == len(c["spread"]) for c in curves)
 
     clip = told[0]["clip"]
     assert main(["explain", *on, "--out", str(out), "--clip", clip]) == 0

@@ -23,6 +23,7 @@ from rewardmodel import (
     save_reward,
 )
 from rewardmodel.clips import pad_clips
+from rewardmodel.curves import learned_curves
 from rewardmodel.descriptors import describe, names_seen
 from rewardmodel.explain import explain
 from rewardmodel.sparse import SparseScorer, find, stride_rate
@@ -189,6 +190,20 @@ def test_who_sees_more_has_the_columns_of_those_who_see_less_in_front() -> None:
     for less, more in pairwise(seen):
         assert torch.equal(more[:, : less.shape[1]], less)
     assert len(set(SEEN)) == len(SEEN)
+
+
+def test_its_curves_say_what_is_best() -> None:
+    """In metres, over what was judged; a Gaussian process has none to draw."""
+    pairs = asked(best_height, 120, seed=0)
+    model, _ = fit_reward(pairs, SPARSE, seed=0, measured=False)
+    found = {c.name: c for c in learned_curves(model, control_dt_s=0.02)}
+    first = next(iter(found.values()))
+    assert first.name in ("height", "height_sq")
+    best = first.values[first.reward.argmax()]
+    best_m = best if first.name == "height" else math.sqrt(best)
+    assert best_m == pytest.approx(0.3, abs=0.05)
+    gp, _ = fit_reward(pairs, FitCfg(kind="gp"), seed=0, measured=False)
+    assert learned_curves(gp, control_dt_s=0.02) == ()
 
 
 def test_explanations_name_the_habit() -> None:
