@@ -272,9 +272,9 @@ def resolve(options: Loop) -> LoopCfg:
         record=recorded,
         most_first_share=0.75,
         first_agreement=0.8,
-        # A wish about a walk that is there is about few habits, and seldom a straight
-        # line; of robots that tumble, everything is to be learned at once.
-        fit=FitCfg(kind="sparse"),
+        # What weights cannot say of a walk that is there is about few things; of robots
+        # that tumble, everything is to be learned at once.
+        fit=FitCfg(kind="grow", grows_to="sparse"),
         **common,
     )
 

@@ -30,7 +30,7 @@ from .pairs import AnsweredPairs
 from .reliability import with_reliability
 from .report import FitReport as FitReport
 from .report import wilson_interval
-from .selection import MIN_HELD_OUT, choose_kind
+from .selection import FEW_HELD_OUT, MIN_HELD_OUT, choose_kind
 from .semi_supervised import Unanswered, with_opinions
 from .sparse import find as look
 from .sparse import fit_sparse
@@ -39,8 +39,9 @@ from .transformer import fit_transformer
 
 logger = logging.getLogger(__name__)
 
-GROWN: tuple[Kind, ...] = ("linear", "gp")
-"""What `grow` chooses from."""
+WELL_FORESEEN = 0.75
+"""Held-out preferences that linear weights must foresee, or curves of few habits are
+tried: among a hundred weights some always fit a few answers, and few look wrong."""
 
 
 def fold_of(sha256: str, folds: int = 5) -> int:
@@ -181,12 +182,14 @@ def _chosen(
         return stiffest, ()
     # Linear weights say most of a walk from few answers; what they cannot say looks
     # like errors to them.
-    grows = cfg.kind == "grow"
-    if grows and find(plain, cfg).error_share <= FEW_ERRORS:
+    grows, least = cfg.kind == "grow", MIN_HELD_OUT
+    if grows and _weights_will_do(plain, pairs, cfg, seed):
         return stiffest, ()
+    if grows and cfg.grows_to == "sparse":
+        least = FEW_HELD_OUT
     foreseen: dict[Kind, Tensor] = {}
     described, _ = with_reliability(plain, pairs.raters, cfg, seed=seed)
-    for kind in GROWN if grows else get_args(Kind):
+    for kind in (stiffest, cfg.grows_to) if grows else get_args(Kind):
         # It takes as long as all others together, and where what led to a step does
         # not matter to the simpler of the two, it does not matter.
         if kind == "transformer" and choose_kind(foreseen) != "history":
@@ -194,10 +197,26 @@ def _chosen(
         own = replace(cfg, kind=kind)
         asked, leads = held_out_leads(described, pairs.episodes, own, seed)
         foreseen[kind] = described.subset(asked).log_likelihood(leads, own)
-        if len(foreseen[kind]) < MIN_HELD_OUT:
+        if len(foreseen[kind]) < least:
             return kind, ()
     means = tuple((kind, values.mean().item()) for kind, values in foreseen.items())
-    return choose_kind(foreseen, errors=2.0 if grows else 1.0), means
+    errors = 2.0 if grows else 1.0
+    return choose_kind(foreseen, errors=errors, least=least), means
+
+
+def _weights_will_do(
+    plain: TrainingPairs, pairs: AnsweredPairs, cfg: FitCfg, seed: int
+) -> bool:
+    """Whether linear weights say what the answers do: few of them look wrong, and where
+    curves of few habits are the alternative, held-out ones are foreseen too."""
+    if find(plain, cfg).error_share > FEW_ERRORS:
+        return False
+    if cfg.grows_to != "sparse":
+        return True
+    own = replace(cfg, kind="linear")
+    asked, leads = held_out_leads(plain, pairs.episodes, own, seed)
+    right, preferences = _count_right(plain.target[asked], leads)
+    return right >= WELL_FORESEEN * preferences
 
 
 def held_out_leads(

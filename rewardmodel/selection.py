@@ -13,9 +13,16 @@ from .cfg import Kind
 
 MIN_HELD_OUT = 30
 """Held-out answers below which the stiffest model is taken unseen."""
+FEW_HELD_OUT = 20
+"""The same where stiff weights failed and the other model picks few of many."""
 
 
-def choose_kind(log_likelihoods: Mapping[Kind, Tensor], *, errors: float = 1.0) -> Kind:
+def choose_kind(
+    log_likelihoods: Mapping[Kind, Tensor],
+    *,
+    errors: float = 1.0,
+    least: int = MIN_HELD_OUT,
+) -> Kind:
     """The model to take, given the log-likelihood [B] of the same held-out answers.
 
     A more flexible model must foresee them better than the one taken so far by more
@@ -24,12 +31,13 @@ def choose_kind(log_likelihoods: Mapping[Kind, Tensor], *, errors: float = 1.0) 
     Args:
         log_likelihoods: By kind, from the stiffest to the most flexible.
         errors: How sure one wants to be.
+        least: Answers needed to choose at all.
     """
     kinds = iter(log_likelihoods)
     chosen = next(kinds)
     for kind in kinds:
         gain = log_likelihoods[kind] - log_likelihoods[chosen]
-        if len(gain) < MIN_HELD_OUT:
+        if len(gain) < least:
             break
         error = gain.std() / len(gain) ** 0.5
         if gain.mean() > errors * error:

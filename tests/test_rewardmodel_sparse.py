@@ -81,6 +81,10 @@ def apart(rows: Tensor) -> Tensor:
     return mean_of("side_support", rows)
 
 
+def effort(rows: Tensor) -> Tensor:
+    return -mean_of("torque_sq", rows)
+
+
 def best_rate(rows: Tensor) -> Tensor:
     lifted = (rows[:, :-1] - rows[:, 1:])[..., column("foot_contact")] > 0
     return -(lifted.float().sum(dim=(1, 2)) / 4 / (STEPS * 0.02) - 2.75).abs()
@@ -117,6 +121,16 @@ def test_few_answers_name_the_one_thing_wanted(
     assert report.held_out_accuracy > least - 0.1
     linear, _ = fit_reward(pairs, FitCfg(), seed=0, measured=False)
     assert accuracy(linear, fresh) < by_weights
+
+
+@pytest.mark.parametrize(
+    ("taste", "kind"), [(apart, "sparse"), (effort, "linear"), (one_foot, "sparse")]
+)
+def test_a_style_grows_to_curves_where_weights_fail(taste: Taste, kind: str) -> None:
+    """From forty answers, of which few look wrong to so many weights."""
+    grow = FitCfg(kind="grow", grows_to="sparse")
+    model, _ = fit_reward(asked(taste, 40, seed=0), grow, seed=0)
+    assert model.provenance.cfg.kind == kind
 
 
 def test_random_answers_are_not_foreseen() -> None:
