@@ -195,6 +195,8 @@ def _chosen(
         if kind == "transformer" and choose_kind(foreseen) != "history":
             break
         own = replace(cfg, kind=kind)
+        if kind == "sparse":
+            own = replace(own, sparse=look(plain, own).sparse)
         asked, leads = held_out_leads(described, pairs.episodes, own, seed)
         foreseen[kind] = described.subset(asked).log_likelihood(leads, own)
         if len(foreseen[kind]) < least:

@@ -124,12 +124,15 @@ def test_few_answers_name_the_one_thing_wanted(
 
 
 @pytest.mark.parametrize(
-    ("taste", "kind"), [(apart, "sparse"), (effort, "linear"), (one_foot, "sparse")]
+    ("taste", "answers", "kind"),
+    [(apart, 40, "sparse"), (effort, 40, "linear"), (one_foot, 100, "sparse")],
 )
-def test_a_style_grows_to_curves_where_weights_fail(taste: Taste, kind: str) -> None:
-    """From forty answers, of which few look wrong to so many weights."""
+def test_a_style_grows_to_curves_where_weights_fail(
+    taste: Taste, answers: int, kind: str
+) -> None:
+    """Though few of the answers look wrong to so many weights."""
     grow = FitCfg(kind="grow", grows_to="sparse")
-    model, _ = fit_reward(asked(taste, 40, seed=0), grow, seed=0)
+    model, _ = fit_reward(asked(taste, answers, seed=0), grow, seed=0)
     assert model.provenance.cfg.kind == kind
 
 
