@@ -94,7 +94,7 @@ def clips_section(run: Path, rounds: list[dict[str, Any]]) -> str:
     learned = ""
     if curves := learned_curves(model, control_dt_s=dt_s):
         learned = (
-            "<p>What each habit adds to the reward of a step, over what was judged, "
+            "<p>What each habit adds to the reward of a step, over its usual values, "
             "with the spread of the ensemble; those that matter most.</p>"
             f"<figure>{svg_of(curves_picture(curves).axes[0])}</figure>"
         )

@@ -19,13 +19,16 @@ from .sparse import SparseScorer
 _POINTS = 41
 _USUAL = 2.0
 """Deviations to either side that a straight line is told for."""
+_SIGNED = ("forward_speed",)
+"""Habits that can be negative; the others end at 0."""
 _LEAST = 0.1
 """Deviations of reward below which a curve says nothing."""
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """What one descriptor adds to the reward of a step, over what was judged."""
+    """What one descriptor adds to the reward of a step, over what was judged, or is
+    usual where the model keeps no such range."""
 
     name: str
     unit: str
@@ -58,7 +61,10 @@ def learned_curves(
     place = torch.linspace(0, 1, _POINTS)[:, None]
     match model.scorer:
         case LinearScorer() as scorer:
-            values = (2 * place - 1) * torch.full_like(centre, _USUAL)
+            signed = torch.tensor([name in _SIGNED for name in names])
+            least = torch.where(signed, -torch.inf, -centre / unit)
+            low = least.clamp_min(-_USUAL).clamp_max(_USUAL)
+            values = low + place * (_USUAL - low)
             added = values * scorer.weights[:, None]
         case SparseScorer() as scorer:
             low, high = scorer.judged

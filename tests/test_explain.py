@@ -209,6 +209,7 @@ def test_the_command_draws_and_tells(
     weights = [max(c["reward"]) - min(c["reward"]) for c in curves]
     assert weights == sorted(weights, reverse=True)
     assert all(len(c["values"]) == len(c["spread"]) for c in curves)
+    assert all(min(c["values"]) >= 0.0 for c in curves if c["name"].endswith("_sq"))
 
     clip = told[0]["clip"]
     assert main(["explain", *on, "--out", str(out), "--clip", clip]) == 0
