@@ -232,7 +232,8 @@ def test_a_gaussian_process_learns_what_no_weighted_sum_says() -> None:
 
 
 def test_the_model_is_chosen_by_held_out_answers(tmp_path: Path) -> None:
-    """The stiff one for a weighted sum, a bending one for what bends; both say why."""
+    """No network for a weighted sum of three habits, curves for what bends; both say
+    why."""
     auto = replace(
         QUICK,
         kind="auto",
@@ -241,7 +242,7 @@ def test_the_model_is_chosen_by_held_out_answers(tmp_path: Path) -> None:
     )
     pairs = answered(150, seed=1)
     stiff, report = fit_reward(pairs, auto, seed=0)
-    assert stiff.provenance.cfg.kind == "linear"
+    assert stiff.provenance.cfg.kind in ("linear", "sparse")
     # A transformer is tried only where looking back was worth it.
     tried = [kind for kind, _ in report.considered]
     assert tried == ["linear", "sparse", "gp", "mlp", "history"]
