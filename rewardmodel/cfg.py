@@ -159,6 +159,11 @@ class SparseCfg:
         if self.sparsity < 0.0:
             raise ValueError(f"sparsity must not be negative, got {self.sparsity}")
 
+    @property
+    def is_open(self) -> bool:
+        """Whether the answers are still to say something of these settings."""
+        return self.single_legs is None or self.lines_apart is None
+
 
 @dataclass(frozen=True, kw_only=True)
 class ReliabilityCfg:

@@ -195,8 +195,6 @@ def _chosen(
         if kind == "transformer" and choose_kind(foreseen) != "history":
             break
         own = replace(cfg, kind=kind)
-        if kind == "sparse":
-            own = replace(own, sparse=look(plain, own).sparse)
         asked, leads = held_out_leads(described, pairs.episodes, own, seed)
         foreseen[kind] = described.subset(asked).log_likelihood(leads, own)
         if len(foreseen[kind]) < least:
@@ -263,6 +261,9 @@ def leads_without(
     """Mean leads of the pairs in `tested` [B] by a model fitted to those in `fitted`
     [B] alone (bool), and to its opinions on `others`."""
     pairs = pairs.seen_by(cfg)
+    if cfg.kind == "sparse" and cfg.sparse.is_open:
+        # Held-out answers choose among models; they must not have shaped one of them.
+        cfg = replace(cfg, sparse=look(pairs.subset(fitted), cfg).sparse)
     normaliser, scorer = _fit(pairs.subset(fitted), cfg, seed, others)
     return pairs.subset(tested).transformed(normaliser).leads(scorer).mean(dim=0)
 

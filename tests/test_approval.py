@@ -61,6 +61,18 @@ def wild(path: Path) -> bytes:
     return file.getvalue()
 
 
+def with_one_that_stands(run: Path, stands: str) -> bytes:
+    """Put a robot that stands still in place of the old or the new last policy, and one
+    that throws its legs about in place of the other; the former's file."""
+    files = {
+        "old": run / "rounds/01/policy/policy.pt",
+        "new": run / "rounds/02/candidate/policy.pt",
+    }
+    for which, file in files.items():
+        file.write_bytes(holding_home(file) if which == stands else wild(file))
+    return files[stands].read_bytes()
+
+
 def asked(run: Path) -> list[int]:
     with Dataset.open(run / "dataset").answers() as store:
         return [len(store.pairs(round=number)) for number in range(3)]
@@ -82,13 +94,7 @@ def test_the_better_of_the_two_stays(
     loop asks nothing twice."""
     run = tmp_path / "run"
     shutil.copytree(before_approval, run)
-    files = {
-        "old": run / "rounds/01/policy/policy.pt",
-        "new": run / "rounds/02/candidate/policy.pt",
-    }
-    for which, file in files.items():
-        file.write_bytes(holding_home(file) if which == stands else wild(file))
-    expected = files[stands].read_bytes()
+    expected = with_one_that_stands(run, stands)
     counts = set[int]()
     for _ in range(2):
         run_configured(run, erring_cfg())
@@ -127,13 +133,7 @@ def test_a_style_is_judged_at_its_end_though_no_answer_errs(
         with pytest.raises(_Killed):
             run_configured(run, cfg)
     assert (sum(asked(run)), asked(run)[2]) == (35, 0)
-    files = {
-        "old": run / "rounds/01/policy/policy.pt",
-        "new": run / "rounds/02/candidate/policy.pt",
-    }
-    for which, file in files.items():
-        file.write_bytes(holding_home(file) if which == stands else wild(file))
-    expected = files[stands].read_bytes()
+    expected = with_one_that_stands(run, stands)
     run_configured(run, cfg)
     assert (run / "rounds/02/policy/policy.pt").read_bytes() == expected
     with Dataset.open(run / "dataset").answers() as store:
