@@ -100,6 +100,9 @@ class TotalReward:
         if self.tracking_limit is not None:
             score = score * self.tracking_limit.share(features)
         parts = {"score": self.weight * self.control_dt_s * score}
+        if self.tracking_limit is not None:
+            cost = self.tracking_limit.cost(features) * standing
+            parts["tracking"] = -self.control_dt_s * cost
         parts |= known_terms(
             features,
             self.known,

@@ -96,7 +96,8 @@ class LoopCfg:
     it."""
     tracking_slack_m_s: float | None = field(default=0.03, metadata=ADDED_LATER)
     """Where the task is kept: how much worse than the base commands may be followed
-    before the learned reward counts less; None lets a style cost the walk."""
+    before the learned reward counts less and errors cost; None lets a style cost the
+    walk."""
     exploration: ExplorationCfg | None
     """Noise put back every round; None keeps what the policy has."""
     far_limit: float | None = None
@@ -272,9 +273,9 @@ def resolve(options: Loop) -> LoopCfg:
         record=recorded,
         most_first_share=0.75,
         first_agreement=0.8,
-        # What weights cannot say of a walk that is there is about few things; of robots
-        # that tumble, everything is to be learned at once.
-        fit=FitCfg(kind="grow", grows_to="sparse"),
+        # A wish about a walk that is there is about few things; of robots that tumble,
+        # everything is to be learned at once.
+        fit=FitCfg(kind="sparse"),
         **common,
     )
 

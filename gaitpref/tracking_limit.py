@@ -1,4 +1,11 @@
-"""A style must not cost the walk: its reward yields where commands are followed worse.
+"""A style must not cost the walk: where commands are followed worse, following them is
+worth more, and the style less.
+
+The task's own terms are nearly flat at small errors, so they do not hold what a style
+gives up bit by bit. Beyond a limit every step therefore pays for its error, at a price
+that grows with the excess (a Lagrange multiplier that follows the constraint at once;
+Stooke et al. 2020, "Responsive Safety in Reinforcement Learning by PID Lagrangian
+Methods", with its proportional part alone, which needs no memory).
 
 Shapes: T steps of a rollout, N environments, F feature columns.
 """
@@ -8,16 +15,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
 from data.features import column
 from policy.checkpoint import Policy
-from policy.evaluate import rollout_features
+from policy.env import QuadrupedEnv
+from policy.rollout import first_episodes
 
 SHARPNESS = 5.0
 """A fifth beyond the limit, the style counts 1/e of what it does within it."""
-_EPISODES = 32
+PRICE, FULL_PRICE_AT = 10.0, 0.2
+"""What an error of 1 m/s costs a second, and the excess over the limit from which on it
+costs as much."""
+_EPISODES = 64
 
 
 def tracking_error(features: Tensor) -> Tensor:
@@ -33,27 +43,38 @@ class TrackingLimit:
     error_m_s: float
     """Mean planar error of a rollout that is still fine, exploration noise included."""
 
-    def share(self, features: Tensor) -> float:
-        """Share of the style's reward that is left for a rollout [T, N, F], in (0, 1].
+    def excess(self, features: Tensor) -> float:
+        """How far, as a share of the limit, the mean error of a rollout [T, N, F] is
+        beyond it; 0 within.
 
         One number a rollout: it changes slowly, and no step is worth less for being the
         first after a start.
         """
-        excess = float(tracking_error(features).mean()) / self.error_m_s - 1.0
-        return math.exp(-SHARPNESS * max(0.0, excess))
+        error_m_s = float(tracking_error(features).mean())
+        return max(0.0, error_m_s / self.error_m_s - 1.0)
+
+    def share(self, features: Tensor) -> float:
+        """Share of the style's reward left for a rollout [T, N, F], in (0, 1]."""
+        return math.exp(-SHARPNESS * self.excess(features))
+
+    def cost(self, features: Tensor) -> Tensor:
+        """What the errors of a rollout [T, N, F] cost, per second, [T, N].
+
+        It sums to nothing: a step is paid for missing its command by less than others
+        do, and walking on is worth what it was.
+        """
+        error = tracking_error(features)
+        price = PRICE * min(1.0, self.excess(features) / FULL_PRICE_AT)
+        return price * (error - error.mean())
 
 
 def limit_beside(base: Policy, *, slack_m_s: float, seed: int) -> TrackingLimit:
-    """`slack_m_s` more than `base` errs with its own exploration noise."""
-    rng = torch.Generator().manual_seed(seed)
-
-    def noisy(obs: Tensor, noise: Tensor | None = None) -> Tensor:
-        return base(obs, torch.randn(len(obs), 12, generator=rng))
-
-    rows, lengths = rollout_features(
-        noisy, base.robot(), base.info.env, episodes=_EPISODES, seed=seed
-    )
-    there = torch.arange(len(rows))[:, None] < lengths
-    return TrackingLimit(
-        error_m_s=float(tracking_error(rows)[there].mean()) + slack_m_s
-    )
+    """`slack_m_s` more than `base` errs without noise, at commands that change as they
+    do in training."""
+    env = QuadrupedEnv(base.robot(), base.info.env, _EPISODES, seed=seed)
+    total, steps = 0.0, 0.0
+    for step in first_episodes(base, env):
+        counts = step.alive & ~step.aborted
+        total += float(tracking_error(step.features)[counts].sum())
+        steps += float(counts.sum())
+    return TrackingLimit(error_m_s=total / steps + slack_m_s)

@@ -6,7 +6,7 @@ from .acquisition import choose_pairs as choose_pairs
 from .cfg import FitCfg as FitCfg
 from .errors import RewardError as RewardError
 from .fit import fit_reward as fit_reward
-from .fit import fold_of as fold_of
+from .held_out import fold_of as fold_of
 from .model import RewardModel as RewardModel
 from .pairs import AnsweredPairs as AnsweredPairs
 from .pairs import load_pairs as load_pairs

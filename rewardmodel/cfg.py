@@ -221,12 +221,10 @@ class FitCfg:
 
     kind: Kind | Literal["auto", "grow"] = "linear"
     """Model: `linear` in the gait descriptors, curves of few of them and of single legs
-    (`sparse`), a Gaussian process (`gp`) or a small
-    network (`mlp`) on them, one on the last steps (`history`, `transformer`), `auto`,
-    whichever foresees held-out answers best, or `grow`: `linear`, and `grows_to` where
-    the answers look wrong to it and that model surely foresees them better."""
-    grows_to: Literal["gp", "sparse"] = field(default="gp", metadata=ADDED_LATER)
-    """What `grow` takes where weights cannot say what is wanted."""
+    (`sparse`), a Gaussian process (`gp`) or a small network (`mlp`) on them, one on the
+    last steps (`history`, `transformer`), `auto`, whichever foresees held-out answers
+    best, or `grow`: `linear`, and `gp` where the answers look wrong to it and that
+    model surely foresees them better."""
     error_share: float = 0.3
     """Share of the answers expected to be random, in [0, 1)."""
     adapt: bool = field(default=True, metadata=ADDED_LATER)
@@ -272,4 +270,4 @@ class FitCfg:
     @property
     def sight(self) -> Sight:
         """What the model sees; of one still to be chosen, all that any sees."""
-        return sight_of(self.grows_to if self.kind == "grow" else self.kind)
+        return sight_of("gp" if self.kind == "grow" else self.kind)

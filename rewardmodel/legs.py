@@ -10,11 +10,15 @@ from __future__ import annotations
 
 from functools import partial
 
+import torch
 from torch import Tensor
 
 from data.features import LEGS
 
 from .row import Descriptor, Row
+
+_CLEAR_M = 0.08
+"""Height of a foot at which 63 % of its clearance is reached."""
 
 
 def _of_leg(row: Row, *, name: str, leg: int) -> Tensor:
@@ -30,6 +34,10 @@ def _apart(row: Row, *, first: tuple[int, int]) -> Tensor:
     contact = row["foot_contact"]
     down = contact[..., list(first)].sum(dim=-1)
     return (2 * down - contact.sum(dim=-1)).abs() / 2
+
+
+def _clearance(row: Row) -> Tensor:
+    return -torch.expm1(-row["foot_height"].clamp_min(0) / _CLEAR_M).mean(dim=-1)
 
 
 def _each_leg(name: str, feature: str, unit: str, meaning: str):
@@ -70,6 +78,12 @@ SINGLE = (
 """What tells one leg or side from the others: hardly ever what somebody wants."""
 
 TOGETHER = (
+    Descriptor(
+        "clearance",
+        "1",
+        "how many feet are well off the ground; none makes up for the others",
+        _clearance,
+    ),
     Descriptor(
         "diagonal_support",
         "1",

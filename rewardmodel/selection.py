@@ -6,22 +6,67 @@ Shapes: B held-out answers.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
+from typing import get_args
 
 from torch import Tensor
 
-from .cfg import Kind
+from .caution import FEW_ERRORS
+from .cfg import FitCfg, Kind
+from .evidence import find
+from .held_out import held_out_leads
+from .pairs import AnsweredPairs
+from .reliability import with_reliability
+from .training import TrainingPairs
 
 MIN_HELD_OUT = 30
 """Held-out answers below which the stiffest model is taken unseen."""
-FEW_HELD_OUT = 20
-"""The same where stiff weights failed and the other model picks few of many."""
+
+
+def choose(
+    plain: TrainingPairs,
+    pairs: AnsweredPairs,
+    cfg: FitCfg,
+    seed: int,
+    measured: bool,
+) -> tuple[Kind, tuple[tuple[str, float], ...]]:
+    """A kind of model for described `plain` pairs, where `cfg` leaves it open, and what
+    every kind foresees of held-out answers.
+
+    All expect the same errors here: to a model that finds no sense in the answers, they
+    would look random, and it would foresee them as well as chance does.
+    """
+    if cfg.kind not in ("auto", "grow"):
+        return cfg.kind, ()
+    stiffest = get_args(Kind)[0]
+    if not measured:
+        return stiffest, ()
+    # Linear weights say most of a walk from few answers; what they cannot say looks
+    # like errors to them.
+    grows = cfg.kind == "grow"
+    if grows and find(plain, cfg).error_share <= FEW_ERRORS:
+        return stiffest, ()
+    foreseen: dict[Kind, Tensor] = {}
+    described, _ = with_reliability(plain, pairs.raters, cfg, seed=seed)
+    for kind in (stiffest, "gp") if grows else get_args(Kind):
+        # It takes as long as all others together, and where what led to a step does
+        # not matter to the simpler of the two, it does not matter.
+        if kind == "transformer" and choose_kind(foreseen) != "history":
+            break
+        own = replace(cfg, kind=kind)
+        asked, leads = held_out_leads(described, pairs.episodes, own, seed)
+        foreseen[kind] = described.subset(asked).log_likelihood(leads, own)
+        if len(foreseen[kind]) < MIN_HELD_OUT:
+            return kind, ()
+    means = tuple((kind, values.mean().item()) for kind, values in foreseen.items())
+    errors = 2.0 if grows else 1.0
+    return choose_kind(foreseen, errors=errors), means
 
 
 def choose_kind(
     log_likelihoods: Mapping[Kind, Tensor],
     *,
     errors: float = 1.0,
-    least: int = MIN_HELD_OUT,
 ) -> Kind:
     """The model to take, given the log-likelihood [B] of the same held-out answers.
 
@@ -31,13 +76,12 @@ def choose_kind(
     Args:
         log_likelihoods: By kind, from the stiffest to the most flexible.
         errors: How sure one wants to be.
-        least: Answers needed to choose at all.
     """
     kinds = iter(log_likelihoods)
     chosen = next(kinds)
     for kind in kinds:
         gain = log_likelihoods[kind] - log_likelihoods[chosen]
-        if len(gain) < least:
+        if len(gain) < MIN_HELD_OUT:
             break
         error = gain.std() / len(gain) ** 0.5
         if gain.mean() > errors * error:

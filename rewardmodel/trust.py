@@ -16,7 +16,7 @@ from torch import Tensor
 
 from .calibration import Calibration, calibration, fit_temperature
 from .cfg import FitCfg
-from .fit import fold_of, held_out_leads, leads_without
+from .held_out import fold_of, held_out_leads, leads_without
 from .model import RewardModel
 from .pairs import AnsweredPairs
 from .reliability import with_reliability

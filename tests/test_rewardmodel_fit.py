@@ -368,7 +368,7 @@ def test_no_test_episode_is_in_the_training_pairs(
         fitted.append(len(training))
         return fit_linear(training, cfg, generator=generator)
 
-    monkeypatch.setattr("rewardmodel.fit.fit_linear", counting)
+    monkeypatch.setattr("rewardmodel.ensemble.fit_linear", counting)
     _, report = fit_reward(pairs, FitCfg(), seed=0)
     folds = [{fold_of(sha256) for sha256 in pair} for pair in pairs.episodes]
     without = [sum(fold not in pair for pair in folds) for fold in range(5)]

@@ -16,7 +16,8 @@ from gaitpref.cli import main
 from rewardmodel import RewardError
 from rewardmodel.acquisition import unanswered_pairs
 from rewardmodel.cfg import FitCfg, SemiSupervisedCfg
-from rewardmodel.fit import fit_reward, fold_of
+from rewardmodel.fit import fit_reward
+from rewardmodel.held_out import fold_of
 from rewardmodel.likelihood import Errors
 from rewardmodel.pairs import AnsweredPairs, load_pairs
 from rewardmodel.semi_supervised import Unanswered, with_opinions

@@ -15,7 +15,7 @@ from data.answers import Pair
 from data.clips import Clip
 from data.dataset import EpisodeEntry
 from rewardmodel.errors import RewardError
-from rewardmodel.fit import fold_of
+from rewardmodel.held_out import fold_of
 
 from .phase import overlapping
 from .strategy import Strategy

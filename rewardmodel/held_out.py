@@ -1,0 +1,73 @@
+"""What models foresee of answers about episodes they have not seen.
+
+Shapes: B pairs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from .cfg import FitCfg
+from .ensemble import fit_ensemble
+from .semi_supervised import Unanswered
+from .sparse import find as look
+from .training import TrainingPairs
+
+
+def fold_of(sha256: str, folds: int = 5) -> int:
+    """The group of an episode: the same in every round and on every machine."""
+    digest = hashlib.sha256(sha256.encode()).digest()
+    return int.from_bytes(digest[:8]) % folds
+
+
+def held_out_leads(
+    pairs: TrainingPairs,
+    episodes: tuple[tuple[str, str], ...],
+    cfg: FitCfg,
+    seed: int,
+    others: Unanswered | None = None,
+) -> tuple[Tensor, Tensor]:
+    """Leads of described pairs by models that have seen neither of their two episodes.
+
+    For every fold, a model is fitted to the pairs with no clip in it and asked about
+    the pairs with both clips in it. Grouping by pair instead would let a model meet the
+    episodes it is tested on.
+
+    Returns:
+        The pairs asked about, [B] bool, and the ensemble's mean lead for each of them.
+    """
+    folds = torch.tensor(
+        [[fold_of(sha256, cfg.folds) for sha256 in pair] for pair in episodes]
+    )
+    asked = torch.zeros(len(pairs), dtype=torch.bool)
+    leads = torch.zeros(len(pairs))
+    for fold in range(cfg.folds):
+        tested = (folds == fold).all(dim=1)
+        fitted = (folds != fold).all(dim=1)
+        if tested.any() and fitted.any():
+            kept = others.without(fold) if others else None
+            leads[tested] = leads_without(pairs, fitted, tested, cfg, seed, kept)
+            asked |= tested
+    return asked, leads[asked]
+
+
+def leads_without(
+    pairs: TrainingPairs,
+    fitted: Tensor,
+    tested: Tensor,
+    cfg: FitCfg,
+    seed: int,
+    others: Unanswered | None = None,
+) -> Tensor:
+    """Mean leads of the pairs in `tested` [B] by a model fitted to those in `fitted`
+    [B] alone (bool), and to its opinions on `others`."""
+    pairs = pairs.seen_by(cfg)
+    if cfg.kind == "sparse" and cfg.sparse.is_open:
+        # Held-out answers choose among models; they must not have shaped one of them.
+        cfg = replace(cfg, sparse=look(pairs.subset(fitted), cfg).sparse)
+    normaliser, scorer = fit_ensemble(pairs.subset(fitted), cfg, seed, others)
+    return pairs.subset(tested).transformed(normaliser).leads(scorer).mean(dim=0)
