@@ -2,8 +2,9 @@
 
 `python -m benchmarks.kinds --run RUN [RUN ...]` takes finished runs of a simulated
 rater, turns a share of the answers round, fits every kind of model to the answers of
-the first round and to all of them, and asks each about pairs nobody was asked about.
-The questions are those the run's own model was least sure of.
+the first round and to all of them, and asks each about pairs nobody was asked about,
+and to order the policies of all the runs. The questions are those the run's own model
+was least sure of.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from rewardmodel.fit import fit_reward
 from rewardmodel.pairs import AnsweredPairs, load_pairs
 from rewardmodel.trust import accuracy_of
 
+from .policy_order import Walk, rank_correlation, walks_of
 from .preference_fresh import FreshPairs, fresh_pairs
 
 
@@ -35,7 +37,7 @@ class Options:
     """Accuracy of kinds of models, fitted to the answers of finished runs."""
 
     run: tuple[Path, ...]
-    """Runs of `gaitpref loop` with a simulated rater."""
+    """Runs of `gaitpref loop` with a simulated rater, all of one criterion."""
     kinds: tuple[Kind, ...] = ("linear", "sparse", "gp")
     """Models to fit."""
     mistakes: tuple[float, ...] = (0.0,)
@@ -57,9 +59,11 @@ class Learned:
     """Share of the held-out preferences foreseen."""
     fresh: float | None
     """The same of pairs nobody was asked about."""
+    order: float
+    """Rank correlation of what it pays policies with how good they are."""
 
 
-def learned(run: Path, options: Options) -> Iterator[Learned]:
+def learned(run: Path, walks: list[Walk], options: Options) -> Iterator[Learned]:
     """Every kind's result on the answers of one run."""
     cfg = read_config(run)
     dataset = Dataset.open(run / "dataset")
@@ -72,7 +76,7 @@ def learned(run: Path, options: Options) -> Iterator[Learned]:
         for mistakes in options.mistakes:
             asked = turned_round(some, mistakes, seed=options.seed)
             for kind in options.kinds:
-                yield _fitted(asked, kind, mistakes, cfg, fresh, options.seed)
+                yield _fitted(asked, kind, mistakes, cfg, fresh, walks, options.seed)
 
 
 def _fitted(
@@ -81,6 +85,7 @@ def _fitted(
     mistakes: float,
     cfg: LoopCfg,
     fresh: FreshPairs,
+    walks: list[Walk],
     seed: int,
 ) -> Learned:
     model, report = fit_reward(pairs, replace(cfg.fit, kind=kind), seed=seed)
@@ -92,6 +97,7 @@ def _fitted(
         error_share=model.provenance.cfg.error_share,
         held_out=report.held_out_accuracy,
         fresh=accuracy.share if accuracy else None,
+        order=rank_correlation(walks, model),
     )
 
 
@@ -105,10 +111,14 @@ def turned_round(pairs: AnsweredPairs, share: float, *, seed: int) -> AnsweredPa
 def main(options: Options) -> int:
     """Print a line for every fit."""
     torch.set_num_threads(1)
+    walks = walks_of(options.run)
     for run in options.run:
-        console.print(f"{run.name}: answers, turned round, model, held out, fresh")
-        for found in learned(run, options):
-            shares = (found.held_out, found.fresh)
+        console.print(
+            f"{run.name}: answers, turned round, model, held out, fresh, order of "
+            f"{len(walks)} policies"
+        )
+        for found in learned(run, walks, options):
+            shares = (found.held_out, found.fresh, found.order)
             told = ("-" if share is None else f"{share:.2f}" for share in shares)
             console.print(
                 f"  {found.answers:4d}  {found.mistakes:4.2f}  {found.kind:11s}  "

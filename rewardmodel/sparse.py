@@ -141,7 +141,12 @@ def stride_rate(steps: Tensor, starts: Tensor | None = None) -> Tensor:
     if starts is not None:
         first = torch.maximum(first, since_start(starts))
     strides = (counted[..., 1:] - counted.gather(-1, first)) / 4
-    return strides / (time - first + 1).clamp_min(_LEAST_STEPS)
+    rate = strides / (time - first + 1).clamp_min(_LEAST_STEPS)
+    if starts is None and rate.shape[-1] > _RATE_STEPS:
+        # A clip begins in the middle of a walk, so its first second tells the rate of
+        # all of it; few steps would tell none.
+        rate[..., : _RATE_STEPS - 1] = rate[..., _RATE_STEPS - 1, None]
+    return rate
 
 
 def fit_sparse(

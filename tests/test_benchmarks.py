@@ -11,13 +11,16 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks import choosing, hour, kinds, robots, throughput, walk
+from benchmarks import choosing, hour, kinds, policy_order, robots, throughput, walk
 from benchmarks.preference_plan import HELD_BACK, plan
 from benchmarks.preference_table import BEGIN, END, publish_rows, together
 from benchmarks.wishes import carried_right_foot, nose_up_when_slow
 from data.dataset import Dataset
 from data.features import FEATURE_DIM, column
+from gaitpref.criteria import load_criterion
 from gaitpref.loop import run_configured
+from gaitpref.rewards import criterion_context, score_of_criterion
+from policy.checkpoint import load_policy
 from rewardmodel.descriptors import describe
 from rewardmodel.pairs import load_pairs
 from tests.foreign_robots import Drawing, mjcf
@@ -245,6 +248,30 @@ def test_choosing_tells_what_the_policy_paid_most_is_worth(
     assert told == [(str(n), *share) for n in (first, 24) for share in shares]
     fresh = [float(line[4]) for line in lines if line[-2:-1] == ["found:"]]
     assert all(0.0 <= share <= 1.0 for share in fresh)
+    order = [float(line[5]) for line in lines if line[-2:-1] == ["found:"]]
+    assert all(-1.0 <= share <= 1.0 for share in order)
+
+
+def test_what_orders_policies_as_the_criterion_does(tmp_path: Path) -> None:
+    """The criterion itself does, and its opposite in the opposite order."""
+    run_configured(tmp_path / "run", small_cfg())
+    walks = policy_order.walks_of((tmp_path / "run",) * 2)
+    assert len({walk.score for walk in walks}) == len(walks) == 3
+    policy = load_policy(tmp_path / "run/rounds/00/policy/policy.pt")
+    context = criterion_context(policy.robot(), policy.info.env)
+    score = score_of_criterion(load_criterion(small_cfg().criterion, context))
+    assert policy_order.rank_correlation(walks, score) == pytest.approx(1.0)
+    assert policy_order.rank_correlation(
+        walks, lambda rows, starts: -score(rows, starts)
+    ) == pytest.approx(-1.0)
+    other = tmp_path / "other"
+    other.mkdir()
+    config = (tmp_path / "run/config.yaml").read_text()
+    (other / "config.yaml").write_text(
+        config.replace(f"criterion: {small_cfg().criterion}", "criterion: crouch")
+    )
+    with pytest.raises(ValueError, match="crouch"):
+        policy_order.walks_of((tmp_path / "run", other))
 
 
 def test_mistakes_turn_a_share_of_the_answers_round() -> None:
