@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
@@ -32,8 +33,9 @@ from .normaliser import Normaliser
 from .training import TrainingPairs, bootstrap_counts
 
 _CENTRES = (0.0, 0.25, 0.5, 0.75, 1.0)
-"""Of the bumps a curve is made of besides a straight line, on the judged range, each as
-wide as they are apart."""
+"""Of the bumps a curve is made of besides a straight line, as shares of the judged
+steps that were below, each as wide as they are apart: knots at percentiles (Hastie,
+Tibshirani and Friedman 2009, "The elements of statistical learning", section 5.2)."""
 _WEIGHTS = 1 + len(_CENTRES)
 _RATE_STEPS, _LEAST_STEPS = 50, 20
 """Steps over which lift-offs are counted, 1 s at 50 Hz, and the fewest a count is
@@ -71,12 +73,14 @@ class SparseScorer(nn.Module):
         self.rate_mean: Tensor
         self.rate_std: Tensor
         self.judged: Tensor
-        """[2, G] the range of each descriptor in the judged clips"""
+        """[5, G] quantiles of each descriptor over the judged steps, at the centres of
+        the bumps"""
         total = (num_descriptors + 1) * _WEIGHTS
         self.register_buffer("weights", torch.zeros(num_members, total))
         self.register_buffer("rate_mean", torch.zeros(()))
         self.register_buffer("rate_std", torch.ones(()))
-        self.register_buffer("judged", torch.zeros(2, num_descriptors + 1))
+        judged = torch.zeros(len(_CENTRES), num_descriptors + 1)
+        self.register_buffer("judged", judged)
 
     def look_at(self, pairs: TrainingPairs) -> None:
         """Take from `pairs` what standardises the stride rate, and what was judged."""
@@ -87,16 +91,27 @@ class SparseScorer(nn.Module):
         rate = (rate - self.rate_mean) / self.rate_std
         seen = torch.cat([pairs.scored_steps, rate[:, None]], dim=-1).sort(dim=0).values
         last = len(seen) - 1
-        ends = [round(share * last) for share in (_RANGE_QUANTILE, 1 - _RANGE_QUANTILE)]
-        self.judged.copy_(seen[ends])
+        low, high = _RANGE_QUANTILE, 1 - _RANGE_QUANTILE
+        shares = [low + (high - low) * centre for centre in _CENTRES]
+        self.judged.copy_(seen[[round(share * last) for share in shares]])
 
     def seen(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
         """[..., T, G] what has a curve, for standardised sequences [..., T, D]: 0 and 1
         are the ends of what was judged, and nothing goes beyond."""
         rate = (stride_rate(steps, starts) - self.rate_mean) / self.rate_std
-        low, high = self.judged
-        seen = torch.cat([steps, rate[..., None]], dim=-1)
-        return ((seen - low) / (high - low).clamp_min(1e-6)).clamp(0, 1)
+        return self.ranked(torch.cat([steps, rate[..., None]], dim=-1))
+
+    def ranked(self, values: Tensor) -> Tensor:
+        """Share of the judged steps that were below `values` [..., G], straight between
+        the quantiles that are kept.
+
+        Where most steps are, small differences are what was judged; a few wild steps
+        would stretch even spacing until one bump covers all walks there are.
+        """
+        total = torch.zeros_like(values)
+        for low, high in pairwise(self.judged):
+            total += ((values - low) / (high - low).clamp_min(1e-6)).clamp(0, 1)
+        return total / (len(_CENTRES) - 1)
 
     def forward(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
         """Raw rewards [M, ..., T] of standardised sequences [..., T, D]."""
@@ -106,15 +121,15 @@ class SparseScorer(nn.Module):
         return (seen @ weights[:, used].flatten(1).mT).movedim(-1, 0)
 
     def along(self, values: Tensor) -> Tensor:
-        """What each curve adds to the raw reward, [M, K, G], at `values` [K, G] on the
-        judged range."""
+        """What each curve adds to the raw reward, [M, K, G], at `values` [K, G] as
+        `ranked` gives them."""
         weights = self.weights.unflatten(1, (-1, _WEIGHTS))
         parts = curves(values).unflatten(1, (-1, _WEIGHTS))
         return (parts * weights[:, None]).sum(dim=-1)
 
 
 def curves(seen: Tensor) -> Tensor:
-    """Lines and bumps [..., G W] of descriptors [..., G] on their judged range."""
+    """Lines and bumps [..., G W] of `ranked` descriptors [..., G]."""
     seen = seen[..., None]
     off = (seen - seen.new_tensor(_CENTRES)) / (_CENTRES[1] - _CENTRES[0])
     bumps = (-0.5 * off.square()).exp()

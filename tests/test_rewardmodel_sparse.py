@@ -206,6 +206,35 @@ def test_who_sees_more_has_the_columns_of_those_who_see_less_in_front() -> None:
     assert len(set(SEEN)) == len(SEEN)
 
 
+def test_knots_are_where_the_judged_steps_are() -> None:
+    """A wild tenth does not stretch what the others are told apart by."""
+    scorer = SparseScorer(1, 1)
+    calm, wild = torch.linspace(0, 1, 900), torch.linspace(1, 100, 100)
+    knots = torch.cat([calm, wild]).quantile(torch.linspace(0, 1, 5))
+    scorer.judged.copy_(knots[:, None].expand(-1, 2))
+    values = torch.tensor([-5.0, 0.0, 0.4, 0.8, 100.0, 500.0])[:, None].expand(-1, 2)
+    ranked = scorer.ranked(values)[:, 0]
+    assert ranked[[0, 1]].tolist() == [0.0, 0.0]
+    assert ranked[[4, 5]].tolist() == [1.0, 1.0]
+    assert float(ranked[3] - ranked[2]) == pytest.approx(0.4 * 0.9, abs=0.02)
+    assert (ranked.diff() >= 0).all()
+
+
+def test_a_clip_begins_in_the_middle_of_a_walk() -> None:
+    """Its first second has the rate of its first whole one; an episode's has not."""
+    steps = torch.zeros(1, 80, len(SEEN))
+    down = (torch.arange(80) // 10) % 2 == 0  # 2.5 strides a second
+    for leg in LEGS:
+        steps[0, :, SEEN.index(f"contact_{leg}")] = down * 2.5 - 1
+    starts = torch.zeros(1, 80, dtype=torch.bool)
+    starts[0, 0] = True
+    clip, episode = stride_rate(steps)[0] / 0.02, stride_rate(steps, starts)[0] / 0.02
+    assert torch.allclose(clip[:49], clip[49])
+    assert float(clip[0]) == pytest.approx(2.5, abs=0.5)
+    assert episode[0] == 0.0
+    assert torch.equal(clip[49:], episode[49:])
+
+
 def test_its_curves_say_what_is_best() -> None:
     """In metres, over what was judged; a Gaussian process has none to draw."""
     pairs = asked(best_height, 120, seed=0)
