@@ -262,7 +262,7 @@ def test_what_orders_policies_as_the_criterion_does(tmp_path: Path) -> None:
     score = score_of_criterion(load_criterion(small_cfg().criterion, context))
     assert policy_order.rank_correlation(walks, score) == pytest.approx(1.0)
     assert policy_order.rank_correlation(
-        walks, lambda rows, starts: -score(rows, starts)
+        walks, lambda features, starts: -score(features, starts)
     ) == pytest.approx(-1.0)
     other = tmp_path / "other"
     other.mkdir()
