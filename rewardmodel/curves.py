@@ -69,7 +69,7 @@ def learned_curves(
         case SparseScorer() as scorer:
             low, high = scorer.judged[0], scorer.judged[-1]
             values = low + place * (high - low)
-            added = scorer.along(scorer.ranked(values))
+            added = scorer.along(scorer.placed(values))
             names, units = [*names, "stride_rate"], [*units, "Hz"]
             rates = torch.stack([scorer.rate_mean, scorer.rate_std]) / control_dt_s
             centre = torch.cat([centre, rates[:1]])

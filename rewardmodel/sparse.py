@@ -33,9 +33,9 @@ from .normaliser import Normaliser
 from .training import TrainingPairs, bootstrap_counts
 
 _CENTRES = (0.0, 0.25, 0.5, 0.75, 1.0)
-"""Of the bumps a curve is made of besides a straight line, as shares of the judged
-steps that were below, each as wide as they are apart: knots at percentiles (Hastie,
-Tibshirani and Friedman 2009, "The elements of statistical learning", section 5.2)."""
+"""Of the bumps a curve is made of besides a straight line, each as wide as they are
+apart: between even knots and knots at percentiles (Hastie, Tibshirani and Friedman
+2009, "The elements of statistical learning", section 5.2)."""
 _WEIGHTS = 1 + len(_CENTRES)
 _RATE_STEPS, _LEAST_STEPS = 50, 20
 """Steps over which lift-offs are counted, 1 s at 50 Hz, and the fewest a count is
@@ -99,19 +99,22 @@ class SparseScorer(nn.Module):
         """[..., T, G] what has a curve, for standardised sequences [..., T, D]: 0 and 1
         are the ends of what was judged, and nothing goes beyond."""
         rate = (stride_rate(steps, starts) - self.rate_mean) / self.rate_std
-        return self.ranked(torch.cat([steps, rate[..., None]], dim=-1))
+        return self.placed(torch.cat([steps, rate[..., None]], dim=-1))
 
-    def ranked(self, values: Tensor) -> Tensor:
-        """Share of the judged steps that were below `values` [..., G], straight between
-        the quantiles that are kept.
+    def placed(self, values: Tensor) -> Tensor:
+        """Where `values` [..., G] lie among the judged steps, in [0, 1]: the mean of
+        the share of the range and the share of the steps that is below, straight
+        between the quantiles that are kept.
 
-        Where most steps are, small differences are what was judged; a few wild steps
-        would stretch even spacing until one bump covers all walks there are.
+        On the range alone a few wild steps put all walks there are under one bump; by
+        the steps alone, what only the best walk does hardly counts.
         """
-        total = torch.zeros_like(values)
+        low, high = self.judged[0], self.judged[-1]
+        of_range = ((values - low) / (high - low).clamp_min(1e-6)).clamp(0, 1)
+        of_steps = torch.zeros_like(values)
         for low, high in pairwise(self.judged):
-            total += ((values - low) / (high - low).clamp_min(1e-6)).clamp(0, 1)
-        return total / (len(_CENTRES) - 1)
+            of_steps += ((values - low) / (high - low).clamp_min(1e-6)).clamp(0, 1)
+        return (of_range + of_steps / (len(_CENTRES) - 1)) / 2
 
     def forward(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
         """Raw rewards [M, ..., T] of standardised sequences [..., T, D]."""
@@ -122,14 +125,14 @@ class SparseScorer(nn.Module):
 
     def along(self, values: Tensor) -> Tensor:
         """What each curve adds to the raw reward, [M, K, G], at `values` [K, G] as
-        `ranked` gives them."""
+        `placed` gives them."""
         weights = self.weights.unflatten(1, (-1, _WEIGHTS))
         parts = curves(values).unflatten(1, (-1, _WEIGHTS))
         return (parts * weights[:, None]).sum(dim=-1)
 
 
 def curves(seen: Tensor) -> Tensor:
-    """Lines and bumps [..., G W] of `ranked` descriptors [..., G]."""
+    """Lines and bumps [..., G W] of `placed` descriptors [..., G]."""
     seen = seen[..., None]
     off = (seen - seen.new_tensor(_CENTRES)) / (_CENTRES[1] - _CENTRES[0])
     bumps = (-0.5 * off.square()).exp()

@@ -213,11 +213,11 @@ def test_knots_are_where_the_judged_steps_are() -> None:
     knots = torch.cat([calm, wild]).quantile(torch.linspace(0, 1, 5))
     scorer.judged.copy_(knots[:, None].expand(-1, 2))
     values = torch.tensor([-5.0, 0.0, 0.4, 0.8, 100.0, 500.0])[:, None].expand(-1, 2)
-    ranked = scorer.ranked(values)[:, 0]
-    assert ranked[[0, 1]].tolist() == [0.0, 0.0]
-    assert ranked[[4, 5]].tolist() == [1.0, 1.0]
-    assert float(ranked[3] - ranked[2]) == pytest.approx(0.4 * 0.9, abs=0.02)
-    assert (ranked.diff() >= 0).all()
+    placed = scorer.placed(values)[:, 0]
+    assert placed[[0, 1]].tolist() == [0.0, 0.0]
+    assert placed[[4, 5]].tolist() == [1.0, 1.0]
+    assert float(placed[3] - placed[2]) == pytest.approx(0.4 * 0.9 / 2, abs=0.02)
+    assert (placed.diff() >= 0).all()
 
 
 def test_a_clip_begins_in_the_middle_of_a_walk() -> None:
