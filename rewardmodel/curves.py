@@ -67,9 +67,9 @@ def learned_curves(
             values = low + place * (_USUAL - low)
             added = values * scorer.weights[:, None]
         case SparseScorer() as scorer:
-            low, high = scorer.judged[0], scorer.judged[-1]
+            low, high = scorer.judged
             values = low + place * (high - low)
-            added = scorer.along(scorer.placed(values))
+            added = scorer.along(place.expand(-1, values.shape[1]))
             names, units = [*names, "stride_rate"], [*units, "Hz"]
             rates = torch.stack([scorer.rate_mean, scorer.rate_std]) / control_dt_s
             centre = torch.cat([centre, rates[:1]])

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
@@ -33,9 +32,8 @@ from .normaliser import Normaliser
 from .training import TrainingPairs, bootstrap_counts
 
 _CENTRES = (0.0, 0.25, 0.5, 0.75, 1.0)
-"""Of the bumps a curve is made of besides a straight line, each as wide as they are
-apart: between even knots and knots at percentiles (Hastie, Tibshirani and Friedman
-2009, "The elements of statistical learning", section 5.2)."""
+"""Of the bumps a curve is made of besides a straight line, on the judged range, each as
+wide as they are apart."""
 _WEIGHTS = 1 + len(_CENTRES)
 _RATE_STEPS, _LEAST_STEPS = 50, 20
 """Steps over which lift-offs are counted, 1 s at 50 Hz, and the fewest a count is
@@ -73,14 +71,12 @@ class SparseScorer(nn.Module):
         self.rate_mean: Tensor
         self.rate_std: Tensor
         self.judged: Tensor
-        """[5, G] quantiles of each descriptor over the judged steps, at the centres of
-        the bumps"""
+        """[2, G] the range of each descriptor in the judged clips"""
         total = (num_descriptors + 1) * _WEIGHTS
         self.register_buffer("weights", torch.zeros(num_members, total))
         self.register_buffer("rate_mean", torch.zeros(()))
         self.register_buffer("rate_std", torch.ones(()))
-        judged = torch.zeros(len(_CENTRES), num_descriptors + 1)
-        self.register_buffer("judged", judged)
+        self.register_buffer("judged", torch.zeros(2, num_descriptors + 1))
 
     def look_at(self, pairs: TrainingPairs) -> None:
         """Take from `pairs` what standardises the stride rate, and what was judged."""
@@ -91,30 +87,16 @@ class SparseScorer(nn.Module):
         rate = (rate - self.rate_mean) / self.rate_std
         seen = torch.cat([pairs.scored_steps, rate[:, None]], dim=-1).sort(dim=0).values
         last = len(seen) - 1
-        low, high = _RANGE_QUANTILE, 1 - _RANGE_QUANTILE
-        shares = [low + (high - low) * centre for centre in _CENTRES]
-        self.judged.copy_(seen[[round(share * last) for share in shares]])
+        ends = [round(share * last) for share in (_RANGE_QUANTILE, 1 - _RANGE_QUANTILE)]
+        self.judged.copy_(seen[ends])
 
     def seen(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
         """[..., T, G] what has a curve, for standardised sequences [..., T, D]: 0 and 1
         are the ends of what was judged, and nothing goes beyond."""
         rate = (stride_rate(steps, starts) - self.rate_mean) / self.rate_std
-        return self.placed(torch.cat([steps, rate[..., None]], dim=-1))
-
-    def placed(self, values: Tensor) -> Tensor:
-        """Where `values` [..., G] lie among the judged steps, in [0, 1]: the mean of
-        the share of the range and the share of the steps that is below, straight
-        between the quantiles that are kept.
-
-        On the range alone a few wild steps put all walks there are under one bump; by
-        the steps alone, what only the best walk does hardly counts.
-        """
-        low, high = self.judged[0], self.judged[-1]
-        of_range = ((values - low) / (high - low).clamp_min(1e-6)).clamp(0, 1)
-        of_steps = torch.zeros_like(values)
-        for low, high in pairwise(self.judged):
-            of_steps += ((values - low) / (high - low).clamp_min(1e-6)).clamp(0, 1)
-        return (of_range + of_steps / (len(_CENTRES) - 1)) / 2
+        low, high = self.judged
+        seen = torch.cat([steps, rate[..., None]], dim=-1)
+        return ((seen - low) / (high - low).clamp_min(1e-6)).clamp(0, 1)
 
     def forward(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
         """Raw rewards [M, ..., T] of standardised sequences [..., T, D]."""
@@ -124,15 +106,15 @@ class SparseScorer(nn.Module):
         return (seen @ weights[:, used].flatten(1).mT).movedim(-1, 0)
 
     def along(self, values: Tensor) -> Tensor:
-        """What each curve adds to the raw reward, [M, K, G], at `values` [K, G] as
-        `placed` gives them."""
+        """What each curve adds to the raw reward, [M, K, G], at `values` [K, G] on the
+        judged range."""
         weights = self.weights.unflatten(1, (-1, _WEIGHTS))
         parts = curves(values).unflatten(1, (-1, _WEIGHTS))
         return (parts * weights[:, None]).sum(dim=-1)
 
 
 def curves(seen: Tensor) -> Tensor:
-    """Lines and bumps [..., G W] of `placed` descriptors [..., G]."""
+    """Lines and bumps [..., G W] of descriptors [..., G] on their judged range."""
     seen = seen[..., None]
     off = (seen - seen.new_tensor(_CENTRES)) / (_CENTRES[1] - _CENTRES[0])
     bumps = (-0.5 * off.square()).exp()

@@ -206,20 +206,6 @@ def test_who_sees_more_has_the_columns_of_those_who_see_less_in_front() -> None:
     assert len(set(SEEN)) == len(SEEN)
 
 
-def test_knots_are_where_the_judged_steps_are() -> None:
-    """A wild tenth does not stretch what the others are told apart by."""
-    scorer = SparseScorer(1, 1)
-    calm, wild = torch.linspace(0, 1, 900), torch.linspace(1, 100, 100)
-    knots = torch.cat([calm, wild]).quantile(torch.linspace(0, 1, 5))
-    scorer.judged.copy_(knots[:, None].expand(-1, 2))
-    values = torch.tensor([-5.0, 0.0, 0.4, 0.8, 100.0, 500.0])[:, None].expand(-1, 2)
-    placed = scorer.placed(values)[:, 0]
-    assert placed[[0, 1]].tolist() == [0.0, 0.0]
-    assert placed[[4, 5]].tolist() == [1.0, 1.0]
-    assert float(placed[3] - placed[2]) == pytest.approx(0.4 * 0.9 / 2, abs=0.02)
-    assert (placed.diff() >= 0).all()
-
-
 def test_a_clip_begins_in_the_middle_of_a_walk() -> None:
     """Its first second has the rate of its first whole one; an episode's has not."""
     steps = torch.zeros(1, 80, len(SEEN))
