@@ -39,9 +39,13 @@ class Walk:
 
     def paid(self, reward: RewardFn) -> float:
         """Mean of `reward` over the steps."""
-        starts = torch.zeros_like(self.alive)
-        starts[0] = True
-        return float(reward(self.rows, starts)[self.alive].mean())
+        return _mean_over(self.rows, self.alive, reward)
+
+
+def _mean_over(rows: Tensor, alive: Tensor, reward: RewardFn) -> float:
+    starts = torch.zeros_like(alive)
+    starts[0] = True
+    return float(reward(rows, starts)[alive].mean())
 
 
 def walks_of(runs: Sequence[Path]) -> list[Walk]:
@@ -72,8 +76,7 @@ def _walk(path: Path, criterion: str) -> Walk:
     rows, lengths = rollout_features(policy, robot, env, episodes=_EPISODES, seed=0)
     alive = torch.arange(len(rows))[:, None] < lengths
     score = score_of_criterion(load_criterion(criterion, criterion_context(robot, env)))
-    walk = Walk(rows, alive, 0.0)
-    return Walk(rows, alive, walk.paid(score))
+    return Walk(rows, alive, _mean_over(rows, alive, score))
 
 
 def rank_correlation(walks: Sequence[Walk], reward: RewardFn) -> float:

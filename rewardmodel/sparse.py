@@ -142,7 +142,7 @@ def stride_rate(steps: Tensor, starts: Tensor | None = None) -> Tensor:
         first = torch.maximum(first, since_start(starts))
     strides = (counted[..., 1:] - counted.gather(-1, first)) / 4
     rate = strides / (time - first + 1).clamp_min(_LEAST_STEPS)
-    if starts is None and rate.shape[-1] > _RATE_STEPS:
+    if starts is None and rate.shape[-1] >= _RATE_STEPS:
         # A clip begins in the middle of a walk, so its first second tells the rate of
         # all of it; few steps would tell none.
         rate[..., : _RATE_STEPS - 1] = rate[..., _RATE_STEPS - 1, None]

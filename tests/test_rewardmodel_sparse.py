@@ -219,6 +219,8 @@ def test_a_clip_begins_in_the_middle_of_a_walk() -> None:
     assert float(clip[0]) == pytest.approx(2.5, abs=0.5)
     assert episode[0] == 0.0
     assert torch.equal(clip[49:], episode[49:])
+    shortest = stride_rate(steps[:, :50])[0] / 0.02
+    assert torch.allclose(shortest, clip[49])
 
 
 def test_its_curves_say_what_is_best() -> None:
