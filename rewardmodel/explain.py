@@ -43,6 +43,7 @@ GROUPS = {
     "shaking": ("action_sq", "action_rate_sq"),
     "feet": (
         "contacts",
+        "clearance",
         "foot_height_mean",
         "foot_height_max",
         "foot_speed_mean",
@@ -53,7 +54,11 @@ GROUPS = {
         *(item.name for item in SINGLE if item.name.endswith(LEGS)),
     ),
     "stepping": (
-        *(item.name for item in (*CONTACTS, *TOGETHER) if item.name != "nose_down"),
+        *(
+            item.name
+            for item in (*CONTACTS, *TOGETHER)
+            if item.name not in ("clearance", "nose_down")
+        ),
     ),
 }
 """Habits that belong together; correlated descriptors share a reward by chance, their

@@ -127,7 +127,8 @@ def stride_rate(steps: Tensor, starts: Tensor | None = None) -> Tensor:
 
     Args:
         steps: Sequences.
-        starts: [..., T] bool; None where only the first step of each begins.
+        starts: [..., T] bool, first steps of episodes; None for clips, which begin in
+            the middle of a walk.
     """
     down = steps[..., list(_CONTACTS)]
     lifted = torch.zeros_like(down)
@@ -143,8 +144,7 @@ def stride_rate(steps: Tensor, starts: Tensor | None = None) -> Tensor:
     strides = (counted[..., 1:] - counted.gather(-1, first)) / 4
     rate = strides / (time - first + 1).clamp_min(_LEAST_STEPS)
     if starts is None and rate.shape[-1] >= _RATE_STEPS:
-        # A clip begins in the middle of a walk, so its first second tells the rate of
-        # all of it; few steps would tell none.
+        # Its first whole second tells the rate of all before it; few steps would not.
         rate[..., : _RATE_STEPS - 1] = rate[..., _RATE_STEPS - 1, None]
     return rate
 
