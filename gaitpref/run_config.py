@@ -94,7 +94,7 @@ class LoopCfg:
     """Answers that judge the last policy alone where answers do not err: the longest
     training ends where nobody is asked any more. It stays unless they speak against
     it."""
-    tracking_slack_m_s: float | None = field(default=0.03, metadata=ADDED_LATER)
+    tracking_slack_m_s: float | None = field(default=0.02, metadata=ADDED_LATER)
     """Where the task is kept: how much worse than the base commands may be followed
     before the learned reward counts less and errors cost; None lets a style cost the
     walk."""

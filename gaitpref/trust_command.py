@@ -93,6 +93,7 @@ def _lines(
         + ("" if same else ", others than the reward was fitted to"),
         f"held out        {foreseen.answers} answers, {foreseen.ties} of them ties",
         f"accuracy        {_accuracy(foreseen.accuracy)}",
+        f"by opinion      {_accuracy(foreseen.opinion)}",
         f"newest round    {_accuracy(foreseen.newest)}",
     ]
     lines += [

@@ -56,6 +56,7 @@ DESCRIPTORS = (
         "m2/s2",
         "the same, squared",
         lambda row: _sum_of_squares(_planar_error(row)),
+        quadratic=True,
     ),
     Descriptor(
         "yaw_rate_error",
@@ -68,6 +69,7 @@ DESCRIPTORS = (
         "rad2/s2",
         "the same, squared",
         lambda row: _yaw_rate_error(row).square(),
+        quadratic=True,
     ),
     Descriptor(
         "forward_speed",
@@ -80,24 +82,28 @@ DESCRIPTORS = (
         "m2/s2",
         "bouncing",
         lambda row: row["base_lin_vel_b"][..., 2].square(),
+        quadratic=True,
     ),
     Descriptor(
         "roll_rate_sq",
         "rad2/s2",
         "swaying from side to side",
         lambda row: row["base_ang_vel_b"][..., 0].square(),
+        quadratic=True,
     ),
     Descriptor(
         "pitch_rate_sq",
         "rad2/s2",
         "rocking from nose to tail",
         lambda row: row["base_ang_vel_b"][..., 1].square(),
+        quadratic=True,
     ),
     Descriptor(
         "tilt_sq",
         "1",
         "squared sine of the angle between the body's up and the world's",
         lambda row: _sum_of_squares(row["gravity_b"][..., :2]),
+        quadratic=True,
     ),
     Descriptor(
         "height",
@@ -116,36 +122,42 @@ DESCRIPTORS = (
         "rad2",
         "distance of all joints from the home pose",
         lambda row: _sum_of_squares(row["joint_pos_offset"]),
+        quadratic=True,
     ),
     Descriptor(
         "joint_speed_sq",
         "rad2/s2",
         "how fast the joints move",
         lambda row: _sum_of_squares(row["joint_vel"]),
+        quadratic=True,
     ),
     Descriptor(
         "torque_sq",
         "N2 m2",
         "how hard the joints work",
         lambda row: _sum_of_squares(row["joint_torque"]),
+        quadratic=True,
     ),
     Descriptor(
         "power",
         "W",
         "mechanical power, braking counted as much as driving",
         lambda row: (row["joint_torque"] * row["joint_vel"]).abs().sum(dim=-1),
+        quadratic=True,
     ),
     Descriptor(
         "action_sq",
         "1",
         "how far the policy pulls from the home pose",
         lambda row: _sum_of_squares(row["action"]),
+        quadratic=True,
     ),
     Descriptor(
         "action_rate_sq",
         "1",
         "how much the policy's output jumps from step to step: shaking",
         lambda row: _sum_of_squares(row["action_rate"]),
+        quadratic=True,
     ),
     Descriptor(
         "contacts",
@@ -176,6 +188,7 @@ DESCRIPTORS = (
         "m2/s2",
         "squared speed of the feet on the ground, summed",
         lambda row: (row["foot_contact"] * row["foot_speed"].square()).sum(dim=-1),
+        quadratic=True,
     ),
     Descriptor(
         "air_time_mean",
@@ -213,6 +226,11 @@ _SEEN: dict[Sight, tuple[Descriptor, ...]] = {
 def names_seen(sight: Sight) -> tuple[str, ...]:
     """Names of the columns of `describe`."""
     return tuple(descriptor.name for descriptor in _SEEN[sight])
+
+
+def quadratic_seen(sight: Sight) -> tuple[bool, ...]:
+    """Which of them are sums of squares or products."""
+    return tuple(descriptor.quadratic for descriptor in _SEEN[sight])
 
 
 def units_seen(sight: Sight) -> tuple[str, ...]:

@@ -36,3 +36,6 @@ class Descriptor:
     meaning: str
     compute: Callable[[Row], Tensor]
     """Its value [...] for rows [..., F]; finite for every finite row."""
+    quadratic: bool = False
+    """A sum of squares or of products of rates, from 0 up: a gait's moments of effort
+    are far above all the rest of it."""

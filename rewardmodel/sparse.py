@@ -23,7 +23,7 @@ from torch import Tensor, nn
 
 from .cfg import FitCfg, SparseCfg
 from .clips import mean_over
-from .descriptors import names_seen
+from .descriptors import names_seen, quadratic_seen
 from .evidence import ERROR_SHARES, erring, evidence, expected_share
 from .history import since_start
 from .legs import CONTACTS, SINGLE
@@ -41,6 +41,8 @@ divided by: early in an episode one lift-off is no rate."""
 _RANGE_QUANTILE = 0.01
 """Judged steps left out at either end of the range of a descriptor. Beyond it a curve
 is flat: from a crouch nobody was shown, no answer says whether it is too low."""
+_ROOT_FROM = 0.01
+"""Added to a share of the judged range before its root is taken."""
 _FLOOR, _PRUNED = 1e-4, 1e-2
 """The least variance of a curve's weights, and the one at which it is left out."""
 _CONTACTS = tuple(
@@ -72,11 +74,15 @@ class SparseScorer(nn.Module):
         self.rate_std: Tensor
         self.judged: Tensor
         """[2, G] the range of each descriptor in the judged clips"""
+        self.quadratic: Tensor
+        """[G] bool, what is laid out by its root"""
         total = (num_descriptors + 1) * _WEIGHTS
         self.register_buffer("weights", torch.zeros(num_members, total))
         self.register_buffer("rate_mean", torch.zeros(()))
         self.register_buffer("rate_std", torch.ones(()))
         self.register_buffer("judged", torch.zeros(2, num_descriptors + 1))
+        quadratic = torch.tensor([*quadratic_seen("legs"), False])
+        self.register_buffer("quadratic", quadratic, persistent=False)
 
     def look_at(self, pairs: TrainingPairs) -> None:
         """Take from `pairs` what standardises the stride rate, and what was judged."""
@@ -92,11 +98,12 @@ class SparseScorer(nn.Module):
 
     def seen(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
         """[..., T, G] what has a curve, for standardised sequences [..., T, D]: 0 and 1
-        are the ends of what was judged, and nothing goes beyond."""
+        are the ends of what was judged, and nothing goes beyond. Of squares it is the
+        root, as nearly all of a gait would lie at the low end of its curve."""
         rate = (stride_rate(steps, starts) - self.rate_mean) / self.rate_std
         low, high = self.judged
         seen = torch.cat([steps, rate[..., None]], dim=-1)
-        return ((seen - low) / (high - low).clamp_min(1e-6)).clamp(0, 1)
+        return self._laid_out((seen - low) / (high - low).clamp_min(1e-6))
 
     def forward(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
         """Raw rewards [M, ..., T] of standardised sequences [..., T, D]."""
@@ -105,12 +112,22 @@ class SparseScorer(nn.Module):
         seen = curves(self.seen(steps, starts)[..., used])
         return (seen @ weights[:, used].flatten(1).mT).movedim(-1, 0)
 
-    def along(self, values: Tensor) -> Tensor:
-        """What each curve adds to the raw reward, [M, K, G], at `values` [K, G] on the
+    def along(self, shares: Tensor) -> Tensor:
+        """What each curve adds to the raw reward, [M, K, G], at `shares` [K, G] of the
         judged range."""
         weights = self.weights.unflatten(1, (-1, _WEIGHTS))
-        parts = curves(values).unflatten(1, (-1, _WEIGHTS))
+        parts = curves(self._laid_out(shares)).unflatten(1, (-1, _WEIGHTS))
         return (parts * weights[:, None]).sum(dim=-1)
+
+    def _laid_out(self, shares: Tensor) -> Tensor:
+        shares = shares.clamp(0, 1)
+        return torch.where(self.quadratic, _root(shares), shares)
+
+
+def _root(shares: Tensor) -> Tensor:
+    """Of shares in [0, 1], on [0, 1], and no steeper at 0 than a gradient bears."""
+    low, high = _ROOT_FROM**0.5, (1 + _ROOT_FROM) ** 0.5
+    return ((shares + _ROOT_FROM).sqrt() - low) / (high - low)
 
 
 def curves(seen: Tensor) -> Tensor:

@@ -30,6 +30,9 @@ of four answers is then cleared nine times of ten."""
 LEAST_SHARE = 0.6
 """Answers that must be foreseen, however sure it is that some are: a reward that misses
 two in five is followed to where it is wrong."""
+LEAST_OPINION = 0.7
+"""The same share with each answer counted by how sure the model was of it: the closest
+questions are asked first, and those it gets wrong may not matter."""
 ENOUGH_NEWEST = 10
 """The same for the answers of the newest round alone, where the share itself must not
 exceed one half."""
@@ -71,6 +74,9 @@ class Foreseen:
     """Of these, foreseen by the reward itself; the others by models of folds."""
     accuracy: Accuracy | None
     """None where no held-out answer prefers a clip."""
+    opinion: Accuracy | None
+    """The same, each answer counted by the size of its lead; `answers` is how many of
+    one size would say as much (Kish 1965, "Survey Sampling")."""
     newest: Accuracy | None
     """Answers of the newest round, foreseen without any answer of that round; None
     where there is only one round, or no preference in it."""
@@ -114,6 +120,19 @@ def accuracy_of(lead: Tensor, target: Tensor) -> Accuracy | None:
     halves = torch.where(lead == 0, 0.5, right)[preference].sum()
     interval = wilson_interval(float(halves), total)
     return Accuracy(share=float(halves) / total, interval=interval, answers=total)
+
+
+def opinion_of(lead: Tensor, target: Tensor) -> Accuracy | None:
+    """Accuracy of leads [B], each counted by its size; None without a preference that
+    any lead is about."""
+    size = lead.abs().double()[target != 0.5]
+    if not size.sum() > 0:
+        return None
+    right = ((lead > 0) == (target > 0.5))[target != 0.5]
+    alike = max(1, round(float(size.sum() ** 2 / size.square().sum())))
+    share = float((size * right).sum() / size.sum())
+    interval = wilson_interval(share * alike, alike)
+    return Accuracy(share=share, interval=interval, answers=alike)
 
 
 def foresee(model: RewardModel, pairs: AnsweredPairs, *, seed: int) -> Foreseen:
@@ -181,7 +200,8 @@ def alarms(
         found.append(
             f"the answers do not agree with one another, or with anything this model "
             f"can see: held-out accuracy {_spelled(foreseen.accuracy)} is "
-            f"{_too_low(foreseen.accuracy)}"
+            f"{_too_low(foreseen.accuracy)}, and counting answers by how sure it is "
+            f"helps little: {_spelled(foreseen.opinion)}"
         )
     newest = foreseen.newest if foreseen else None
     if newest and return_rose and _no_better(newest):
@@ -201,11 +221,14 @@ def alarms(
 
 
 def disagree(foreseen: Foreseen) -> bool:
-    """Whether enough answers were held out to say that they taught too little."""
-    accuracy = foreseen.accuracy
+    """Whether enough answers were held out to say that they taught too little: it is
+    wrong too often, and also where it is sure."""
+    accuracy, opinion = foreseen.accuracy, foreseen.opinion
     if accuracy is None or accuracy.answers < ENOUGH:
         return False
-    return accuracy.says_nothing or accuracy.share < LEAST_SHARE
+    if not (accuracy.says_nothing or accuracy.share < LEAST_SHARE):
+        return False
+    return opinion is None or opinion.says_nothing or opinion.share < LEAST_OPINION
 
 
 def _too_low(accuracy: Accuracy | None) -> str:
@@ -280,6 +303,7 @@ def _summary(
         ties=int((target == 0.5).sum()),
         unseen=unseen,
         accuracy=accuracy_of(lead, target),
+        opinion=opinion_of(lead, target),
         newest=newest,
         by_command=_apart(commands, lead, target),
         by_round=_apart([str(r) for r in pairs.rounds] if pairs else [], lead, target),

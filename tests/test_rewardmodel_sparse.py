@@ -163,6 +163,22 @@ def test_the_stride_rate_is_the_one_of_the_feet(frequency_hz: float) -> None:
     assert torch.equal(stride_rate(steps, starts)[:, 100:], alone)
 
 
+def test_squares_are_laid_out_by_their_root() -> None:
+    """A quarter of the range of a square is about half of the way, of another a
+    quarter; both keep their ends, and a gradient is finite everywhere."""
+    scorer = SparseScorer(1, len(SEEN))
+    scorer.judged[1] = 4.0
+    steps = torch.tensor([0.0, 1.0, 4.0])[:, None].repeat(1, len(SEEN))
+    steps.requires_grad_()
+    seen = scorer.seen(steps)
+    power, height = (seen[:, SEEN.index(name)].tolist() for name in ("power", "height"))
+    assert power == pytest.approx([0.0, 0.46, 1.0], abs=0.01)
+    assert height == pytest.approx([0.0, 0.25, 1.0])
+    seen.sum().backward()
+    assert steps.grad is not None
+    assert steps.grad.isfinite().all()
+
+
 def row_with(contact: tuple[int, ...]) -> Tensor:
     row = torch.zeros(FEATURE_DIM)
     row[column("foot_contact")] = torch.tensor(contact, dtype=torch.float32)

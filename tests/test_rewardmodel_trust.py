@@ -17,6 +17,7 @@ from rewardmodel.trust import (
     accuracy_of,
     alarms,
     foresee,
+    opinion_of,
     reach,
 )
 
@@ -75,6 +76,26 @@ def test_ties_are_neither_right_nor_wrong() -> None:
     assert accuracy_of(lead, torch.full((4,), 0.5)) is None
     assert calibration(lead, torch.full((4,), 0.5)) is None
     assert fit_temperature(lead, torch.full((4,), 0.5)) == 1.0
+
+
+def test_close_questions_hardly_count() -> None:
+    """Ten sure answers foreseen and forty that nobody could foresee; and the other way
+    round, where the model is sure of nonsense."""
+    close = torch.full((40,), 0.01)
+    coin = (torch.arange(40) % 2).float()
+    lead, target = torch.cat([torch.ones(10), close]), torch.cat([torch.ones(10), coin])
+    accuracy, opinion = accuracy_of(lead, target), opinion_of(lead, target)
+    assert accuracy is not None
+    assert opinion is not None
+    assert accuracy.share == pytest.approx(0.6)
+    assert accuracy.says_nothing
+    assert opinion.share == pytest.approx(10.2 / 10.4)
+    assert opinion.answers == 11
+    assert not opinion.says_nothing
+    nonsense = opinion_of(torch.cat([lead[:10], close]), torch.cat([coin[:10], coin]))
+    assert nonsense is not None
+    assert nonsense.says_nothing
+    assert opinion_of(torch.zeros(3), torch.ones(3)) is None
 
 
 def test_agreeing_answers_raise_no_alarm() -> None:
