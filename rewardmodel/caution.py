@@ -9,6 +9,9 @@ A linear reward is careful habit by habit: each weight is moved by some deviatio
 its own over the members towards what was expected of it before any answer (soft
 thresholding, Donoho and Johnstone 1994). A bound on the whole reward also pays less for
 a habit that is surely good and goes with others in doubt, so it prefers standing still.
+A sum of few curves is paid in full: its members differ most about what the wanted habit
+is worth where it is strongest. Of a high step the doubt was twice the pay, and training
+lost the step.
 
 Shapes: M ensemble members, T steps, N sequences, F features, D descriptors.
 """
@@ -22,6 +25,7 @@ from torch import Tensor
 
 from .linear import LinearScorer
 from .model import RewardModel
+from .sparse import SparseScorer
 
 FEW_ERRORS, MANY_ERRORS = 0.1, 0.2
 """Shares of random answers between which caution sets in."""
@@ -52,8 +56,10 @@ class CautiousReward:
         none up to `FEW_ERRORS`, `most` from `MANY_ERRORS` on.
 
         Where answers can be believed, caution costs more than it saves: a reward is
-        surest of standing still.
+        surest of standing still. None of a sparse reward.
         """
+        if isinstance(model.scorer, SparseScorer):
+            return cls(model, 0.0)
         share = model.provenance.cfg.error_share
         doubt = (share - FEW_ERRORS) / (MANY_ERRORS - FEW_ERRORS)
         return cls(model, most * min(1.0, max(0.0, doubt)))

@@ -26,10 +26,12 @@ from policy.robot import load_robot
 from policy.train import TrainCfg, train
 from rewardmodel import FitCfg, fit_reward
 from rewardmodel.caution import CautiousReward
-from rewardmodel.descriptors import DESCRIPTOR_NAMES, UNSTEADY
+from rewardmodel.descriptors import DESCRIPTOR_NAMES, UNSTEADY, names_seen
 from rewardmodel.linear import LinearScorer
 from rewardmodel.mlp import MlpScorer
 from rewardmodel.model import RewardModel
+from rewardmodel.normaliser import Normaliser
+from rewardmodel.sparse import SparseScorer
 from rewardmodel.storage import load_reward, save_reward
 
 from .test_rewardmodel_acquisition import model_of
@@ -123,6 +125,16 @@ def test_caution_sets_in_where_answers_turned_out_wrong(
     assert CautiousReward.where_answers_err(model, 1.0).caution == pytest.approx(
         caution
     )
+
+
+def test_a_sum_of_few_curves_is_paid_in_full() -> None:
+    """However wrong the answers: its doubt is greatest about the habit wanted most."""
+    linear = quarrel()
+    cfg = FitCfg(kind="sparse", error_share=0.4)
+    provenance = replace(linear.provenance, cfg=cfg)
+    scorer = SparseScorer(2, len(names_seen("legs")))
+    model = RewardModel(Normaliser(len(names_seen("legs"))), scorer, provenance)
+    assert CautiousReward.where_answers_err(model, 1.0).caution == 0.0
 
 
 def asked_and_done(asked: float, done: float) -> torch.Tensor:
