@@ -25,8 +25,8 @@ from gaitpref.run_config import LoopCfg, read_config
 from policy.checkpoint import load_policy
 from rewardmodel.cfg import Kind
 from rewardmodel.fit import fit_reward
+from rewardmodel.foresight import accuracy_of
 from rewardmodel.pairs import AnsweredPairs, load_pairs
-from rewardmodel.trust import accuracy_of
 
 from .policy_order import Walk, rank_correlation, walks_of
 from .preference_fresh import FreshPairs, fresh_pairs

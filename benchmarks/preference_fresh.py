@@ -22,8 +22,8 @@ from gaitpref.run_config import LoopCfg
 from rewardmodel import RewardModel, Uniform, choose_pairs
 from rewardmodel.calibration import calibration
 from rewardmodel.clips import ClipBatch, pad_clips
+from rewardmodel.foresight import accuracy_of
 from rewardmodel.storage import load_reward
-from rewardmodel.trust import accuracy_of
 
 PAIRS = 400
 _SEED = 1_000_004

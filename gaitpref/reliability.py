@@ -6,8 +6,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rewardmodel.calibration import Bin, Calibration
+from rewardmodel.foresight import Foreseen
 from rewardmodel.report import wilson_interval
-from rewardmodel.trust import Foreseen
 
 from .pictures import BLUE, GREY, plain_axes
 

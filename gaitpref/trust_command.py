@@ -11,9 +11,10 @@ import torch
 from data.dataset import Dataset
 from policy.checkpoint import load_policy
 from policy.evaluate import rollout_features
+from rewardmodel.foresight import Accuracy, Foreseen, foresee
 from rewardmodel.pairs import AnsweredPairs, load_pairs
 from rewardmodel.storage import load_reward
-from rewardmodel.trust import Accuracy, Foreseen, Reach, alarms, foresee, reach, spelled
+from rewardmodel.trust import Reach, alarms, reach, spelled
 
 from . import options
 from .fit_summary import what_remains

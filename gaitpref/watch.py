@@ -16,11 +16,12 @@ from torch import Tensor
 from data.dataset import Dataset
 from data.files import write_atomically
 from policy.ppo import RewardFn
+from rewardmodel.foresight import foresee
 from rewardmodel.model import RewardModel
 from rewardmodel.pairs import AnsweredPairs, load_pairs
 from rewardmodel.storage import load_reward
 from rewardmodel.support import Drift, Support, support_of
-from rewardmodel.trust import alarms, disagree, foresee, left_for_pay, reach, spelled
+from rewardmodel.trust import alarms, disagree, left_for_pay, reach, spelled
 
 from .rounds import Round, seed_of
 from .run_config import LoopCfg

@@ -11,15 +11,9 @@ import torch
 from data.features import FEATURE_DIM, column
 from rewardmodel import FitCfg, fit_reward
 from rewardmodel.calibration import calibration, fit_temperature
+from rewardmodel.foresight import accuracy_of, foresee, opinion_of
 from rewardmodel.support import PIECE_STEPS, Drift, support_of
-from rewardmodel.trust import (
-    Reach,
-    accuracy_of,
-    alarms,
-    foresee,
-    opinion_of,
-    reach,
-)
+from rewardmodel.trust import Reach, alarms, reach
 
 from .test_rewardmodel_fit import answered, gait
 

@@ -1,0 +1,191 @@
+"""How well held-out answers are foreseen, in all and by their parts.
+
+Every answer is foreseen by a model that has seen neither of its two episodes: by the
+reward itself where that is so, else by the model of a fold.
+
+Shapes: B answers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from .calibration import Calibration, calibration, fit_temperature
+from .cfg import FitCfg
+from .held_out import fold_of, held_out_leads, leads_without
+from .model import RewardModel
+from .pairs import AnsweredPairs
+from .reliability import with_reliability
+from .report import wilson_interval
+from .training import TrainingPairs, training_pairs
+
+
+@dataclass(frozen=True, kw_only=True)
+class Accuracy:
+    """Preferences foreseen; ties are neither right nor wrong."""
+
+    share: float
+    """A model without an opinion is half right."""
+    interval: tuple[float, float]
+    """Wilson 95 % interval."""
+    answers: int
+    """Preferences counted."""
+
+    @property
+    def says_nothing(self) -> bool:
+        """Whether guessing would do as well, as far as one can tell."""
+        return self.interval[0] <= 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Foreseen:
+    """How well held-out answers were foreseen."""
+
+    answers: int
+    """Held-out answers, ties included."""
+    ties: int
+    unseen: int
+    """Of these, foreseen by the reward itself; the others by models of folds."""
+    accuracy: Accuracy | None
+    """None where no held-out answer prefers a clip."""
+    opinion: Accuracy | None
+    """The same, each answer counted by the size of its lead; `answers` is how many of
+    one size would say as much (Kish 1965, "Survey Sampling")."""
+    newest: Accuracy | None
+    """Answers of the newest round, foreseen without any answer of that round; None
+    where there is only one round, or no preference in it."""
+    by_command: dict[str, Accuracy]
+    """By "forward left yaw" in m/s, m/s, rad/s."""
+    by_round: dict[str, Accuracy]
+    tie_separation: float | None
+    """Probability that a tie has the smaller lead than a preference: 0.5 is chance."""
+    temperature: float
+    """Fitted to all held-out answers."""
+    uncalibrated: Calibration | None
+    """At temperature 1."""
+    calibrated: Calibration | None
+    """Each answer at the temperature of the answers about other episodes."""
+
+
+def accuracy_of(lead: Tensor, target: Tensor) -> Accuracy | None:
+    """Accuracy of leads [B]; None without any preference."""
+    preference = target != 0.5
+    total = int(preference.sum())
+    if not total:
+        return None
+    right = ((lead > 0) == (target > 0.5)).double()
+    halves = torch.where(lead == 0, 0.5, right)[preference].sum()
+    interval = wilson_interval(float(halves), total)
+    return Accuracy(share=float(halves) / total, interval=interval, answers=total)
+
+
+def opinion_of(lead: Tensor, target: Tensor) -> Accuracy | None:
+    """Accuracy of leads [B], each counted by its size; None without a preference that
+    any lead is about."""
+    size = lead.abs().double()[target != 0.5]
+    if not size.sum() > 0:
+        return None
+    right = ((lead > 0) == (target > 0.5))[target != 0.5]
+    alike = max(1, round(float(size.sum() ** 2 / size.square().sum())))
+    share = float((size * right).sum() / size.sum())
+    interval = wilson_interval(share * alike, alike)
+    return Accuracy(share=share, interval=interval, answers=alike)
+
+
+def foresee(model: RewardModel, pairs: AnsweredPairs, *, seed: int) -> Foreseen:
+    """How well `pairs` are foreseen by models that have not seen their episodes."""
+    cfg = model.provenance.cfg
+    seen = model.provenance.episodes
+    unseen = torch.tensor([not seen.intersection(pair) for pair in pairs.episodes])
+    described, _ = with_reliability(
+        training_pairs(pairs, cfg), pairs.raters, cfg, seed=seed
+    )
+    lead = torch.zeros(len(pairs))
+    asked = unseen.clone()
+    if not unseen.all():
+        held_out, by_fold = held_out_leads(described, pairs.episodes, cfg, seed)
+        lead[held_out] = by_fold
+        asked |= held_out
+    if unseen.any():
+        fresh = pairs.subset(unseen)
+        lead[unseen] = model.leads(fresh.left, fresh.right).mean(dim=0)
+    return _summary(
+        pairs.subset(asked) if asked.any() else None,
+        lead[asked],
+        int(unseen.sum()),
+        newest=_newest(described, torch.tensor(pairs.rounds), cfg, seed),
+        folds=cfg.folds,
+    )
+
+
+def _newest(
+    described: TrainingPairs, rounds: Tensor, cfg: FitCfg, seed: int
+) -> Accuracy | None:
+    """Accuracy on the newest round of a model fitted to the rounds before it: what the
+    reward that the newest policy was trained on says of that policy's clips."""
+    newest = rounds == rounds.max()
+    if newest.all():
+        return None
+    lead = leads_without(described, ~newest, newest, cfg, seed)
+    return accuracy_of(lead, described.target[newest])
+
+
+def _summary(
+    pairs: AnsweredPairs | None,
+    lead: Tensor,
+    unseen: int,
+    *,
+    newest: Accuracy | None,
+    folds: int,
+) -> Foreseen:
+    """Figures of held-out `pairs`, which their leads [B] foresee."""
+    target = pairs.target if pairs else torch.empty(0)
+    episodes = pairs.episodes if pairs else ()
+    group = torch.tensor([fold_of(left, folds) for left, _ in episodes])
+    cooled = lead.clone()
+    for fold in range(folds):
+        cooled[group == fold] /= fit_temperature(
+            lead[group != fold], target[group != fold]
+        )
+    commands = [_command(row) for row in pairs.commands.tolist()] if pairs else []
+    return Foreseen(
+        answers=len(target),
+        ties=int((target == 0.5).sum()),
+        unseen=unseen,
+        accuracy=accuracy_of(lead, target),
+        opinion=opinion_of(lead, target),
+        newest=newest,
+        by_command=_apart(commands, lead, target),
+        by_round=_apart([str(r) for r in pairs.rounds] if pairs else [], lead, target),
+        tie_separation=_tie_separation(lead.abs(), target == 0.5),
+        temperature=fit_temperature(lead, target),
+        uncalibrated=calibration(lead, target),
+        calibrated=calibration(cooled, target),
+    )
+
+
+def _command(row: Sequence[float]) -> str:
+    return " ".join(f"{value + 0.0:.2f}" for value in row)
+
+
+def _apart(labels: Sequence[str], lead: Tensor, target: Tensor) -> dict[str, Accuracy]:
+    """Accuracy of the answers of each label, in the order of the labels."""
+    found = {}
+    for label in sorted(set(labels)):
+        own = torch.tensor([other == label for other in labels])
+        accuracy = accuracy_of(lead[own], target[own])
+        if accuracy is not None:
+            found[label] = accuracy
+    return found
+
+
+def _tie_separation(lead: Tensor, tie: Tensor) -> float | None:
+    """Share of ties beside preferences in which the tie has the smaller lead."""
+    if not tie.any() or tie.all():
+        return None
+    gap = lead[~tie][:, None] - lead[tie]
+    return float((gap > 0).double().mean() + 0.5 * (gap == 0).double().mean())
