@@ -11,7 +11,7 @@ import torch
 from data.dataset import Dataset
 from policy.checkpoint import load_policy
 from policy.evaluate import rollout_features
-from rewardmodel.foresight import Accuracy, Foreseen, foresee
+from rewardmodel.foresight import Foreseen, foresee
 from rewardmodel.pairs import AnsweredPairs, load_pairs
 from rewardmodel.storage import load_reward
 from rewardmodel.trust import Reach, alarms, reach, spelled
@@ -93,14 +93,12 @@ def _lines(
         f"answers         {len(judged)} in {command.dataset}"
         + ("" if same else ", others than the reward was fitted to"),
         f"held out        {foreseen.answers} answers, {foreseen.ties} of them ties",
-        f"accuracy        {_accuracy(foreseen.accuracy)}",
-        f"by opinion      {_accuracy(foreseen.opinion)}",
-        f"newest round    {_accuracy(foreseen.newest)}",
+        f"accuracy        {foreseen.accuracy or '-'}",
+        f"by opinion      {foreseen.opinion or '-'}",
+        f"newest round    {foreseen.newest or '-'}",
     ]
-    lines += [
-        f"  command {k:<15}{_accuracy(v)}" for k, v in foreseen.by_command.items()
-    ]
-    lines += [f"  round   {k:<15}{_accuracy(v)}" for k, v in foreseen.by_round.items()]
+    lines += [f"  command {k:<15}{v}" for k, v in foreseen.by_command.items()]
+    lines += [f"  round   {k:<15}{v}" for k, v in foreseen.by_round.items()]
     before, after = foreseen.uncalibrated, foreseen.calibrated
     if before is not None and after is not None:
         lines += [
@@ -123,10 +121,3 @@ def _lines(
         if reached.drift is not None:
             lines.append(f"drift           {spelled(reached.drift)}")
     return lines
-
-
-def _accuracy(accuracy: Accuracy | None) -> str:
-    if accuracy is None:
-        return "-"
-    low, high = accuracy.interval
-    return f"{accuracy.share:.2f} ({low:.2f} to {high:.2f}, {accuracy.answers} answers)"

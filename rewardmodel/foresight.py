@@ -40,6 +40,10 @@ class Accuracy:
         """Whether guessing would do as well, as far as one can tell."""
         return self.interval[0] <= 0.5
 
+    def __str__(self) -> str:
+        low, high = self.interval
+        return f"{self.share:.2f} ({low:.2f} to {high:.2f}, {self.answers} answers)"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Foreseen:

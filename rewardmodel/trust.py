@@ -92,15 +92,14 @@ def alarms(
     if foreseen and disagree(foreseen):
         found.append(
             f"the answers do not agree with one another, or with anything this model "
-            f"can see: held-out accuracy {_spelled(foreseen.accuracy)} is "
+            f"can see: held-out accuracy {foreseen.accuracy} is "
             f"{_too_low(foreseen.accuracy)}, and counting answers by how sure it is "
-            f"helps little: {_spelled(foreseen.opinion)}"
+            f"helps little: {foreseen.opinion or 'it never is'}"
         )
     newest = foreseen.newest if foreseen else None
     if newest and return_rose and _no_better(newest):
         found.append(
-            f"the accuracy on the newest clips, {_spelled(newest)}, is no better than "
-            f"chance"
+            f"the accuracy on the newest clips, {newest}, is no better than chance"
         )
     drift = reached.drift if reached else None
     if reached and drift and return_rose and beyond_judgement(drift):
@@ -152,10 +151,3 @@ def spelled(drift: Drift) -> str:
         f"{drift.share_overpaid:.0%} is paid more than any of them, and "
         f"{drift.extrapolated:.2f} of its reward is for habits beyond their range"
     )
-
-
-def _spelled(accuracy: Accuracy | None) -> str:
-    if accuracy is None:
-        return "unknown"
-    low, high = accuracy.interval
-    return f"{accuracy.share:.2f} ({low:.2f} to {high:.2f}, {accuracy.answers} answers)"

@@ -86,10 +86,29 @@ def test_close_questions_hardly_count() -> None:
     assert opinion.share == pytest.approx(10.2 / 10.4)
     assert opinion.answers == 11
     assert not opinion.says_nothing
-    nonsense = opinion_of(torch.cat([lead[:10], close]), torch.cat([coin[:10], coin]))
+    nonsense = opinion_of(lead, torch.cat([coin[:10], coin]))
     assert nonsense is not None
     assert nonsense.says_nothing
     assert opinion_of(torch.zeros(3), torch.ones(3)) is None
+
+
+@pytest.mark.parametrize("sure_is_right", [True, False])
+def test_answers_disagree_only_where_it_is_wrong_and_sure(sure_is_right: bool) -> None:
+    """Of fifty answers 30 or 25 are foreseen; what counts is whether the ten it is
+    sure of are."""
+    lead = torch.cat([torch.ones(10), torch.full((40,), 0.01)])
+    coin = (torch.arange(50) % 2).float()
+    target = torch.cat([torch.ones(10), coin[10:]]) if sure_is_right else coin
+    pairs = answered(60, seed=0)
+    model, _ = fit_reward(pairs, FitCfg(kind="linear"), seed=0)
+    foreseen = replace(
+        foresee(model, pairs, seed=0),
+        accuracy=accuracy_of(lead, target),
+        opinion=opinion_of(lead, target),
+    )
+    reasons = alarms(foreseen, None)
+    assert (reasons == ()) == sure_is_right
+    assert all("do not agree" in reason for reason in reasons)
 
 
 def test_agreeing_answers_raise_no_alarm() -> None:
