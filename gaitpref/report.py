@@ -145,7 +145,7 @@ def _curves(criterion: str, rounds: list[dict[str, Any]]) -> str:
             accuracy.plot((number, number), (low, high), color=GREY)
             accuracy.plot(number, fit["held_out_accuracy"], "o", color=BLUE)
     accuracy.axhline(0.5, color=GREY, linestyle=":")
-    accuracy.set_ylim(0, 1)
+    accuracy.set_ylim(0, 1.05)
 
     figures = [returns, learned, accuracy]
     for key, label in (
