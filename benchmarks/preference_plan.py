@@ -12,6 +12,7 @@ from pathlib import Path
 from gaitpref.options import Loop
 from gaitpref.rater_cfg import RaterCfg
 from gaitpref.run_config import LoopCfg, resolve
+from policy.config import getup_env
 from policy.ppo import PpoCfg
 from policy.record import RecordCfg
 from rewardmodel.cfg import FitCfg
@@ -26,9 +27,10 @@ TASKS = {
     "carried_foot": "benchmarks.wishes:carried_right_foot",
     "nose_up": "benchmarks.wishes:nose_up_when_slow",
     "pace": "pace",
+    "get_up": "task",
 }
-"""The hidden criterion of each task. `walk` starts from scratch, without a task reward;
-the others are styles on top of a walking base."""
+"""The hidden criterion of each task. `walk` and `get_up` start from scratch, without a
+task reward, the latter lying; the others are styles on top of a walking base."""
 HELD_BACK = ("pace",)
 """Tasks nobody looks at until everything is chosen; run where they are named."""
 RATERS = {
@@ -78,7 +80,7 @@ class Cell:
     @property
     def from_scratch(self) -> bool:
         """Whether no task reward is kept."""
-        return self.task == "walk"
+        return self.task in ("walk", "get_up")
 
 
 _BUDGETS = (
@@ -90,6 +92,7 @@ _BUDGETS = (
     *((task, 60, "perfect", 3) for task in ("high_step", "crouch", "low_energy")),
     *((task, 60, "perfect", 3) for task in ("smooth", "trot", "pace")),
     *((task, 150, "perfect", 3) for task in ("carried_foot", "nose_up")),
+    ("get_up", 100, "perfect", 3),
 )
 """Task, answers, rater and number of seeds."""
 
@@ -141,6 +144,8 @@ def loop_cfg(cell: Cell, base: Path | None, *, quick: bool) -> LoopCfg:
         seed=cell.seed,
     )
     cfg = replace(resolve(options), simulated=RATERS[cell.rater])
+    if cell.task == "get_up":
+        cfg = replace(cfg, env=getup_env(cfg.env))
     cfg = METHODS[cell.method](cfg)
     return tiny(cfg) if quick else cfg
 

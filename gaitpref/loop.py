@@ -11,6 +11,7 @@ from pathlib import Path
 
 from data.answer_backend import Address
 from data.dataset import Dataset
+from policy.config import EnvCfg, getup_env
 
 from .approval import approval_stage, verdict_stage
 from .asking import questions_stage
@@ -24,7 +25,7 @@ from .report import PAGE_NAME, write_report
 from .retraining import policy_stage
 from .rewards import criterion_context
 from .rounds import Round
-from .run_config import LoopCfg, claim, resolve
+from .run_config import LoopCfg, RunError, claim, resolve
 from .setting import Setting, setting_of
 from .side_by_side import show_stage
 from .stages import fit_stage, record_stage, report_stage
@@ -47,7 +48,8 @@ def run_loop(options: Loop) -> Path:
     cfg = resolve(options)
     setting = _setting(cfg)
     ppo = replace(cfg.ppo, hidden_sizes=setting.hidden_sizes)
-    cfg = replace(cfg, env=setting.env, ppo=ppo)
+    env = _lying(setting.env, cfg.base) if options.getup else setting.env
+    cfg = replace(cfg, env=env, ppo=ppo)
     human = cfg.rater == "human"
     open_page = partial(page_of_loop, options) if human else no_page
     return run_configured(
@@ -113,6 +115,22 @@ def page_of_loop(options: Loop, dataset: Dataset) -> Iterator[People]:
         if options.patience is not None:
             patience = {"patience_s": 60 * options.patience}
         yield People(announce=opened.announce, require_page=opened.require, **patience)
+
+
+def _lying(env: EnvCfg, base: str) -> EnvCfg:
+    """The environment of a loop about getting up.
+
+    Raises:
+        RunError: what it goes on with is a policy for something else.
+    """
+    if env.getup is not None:
+        return env
+    if base not in ("task", "none"):
+        raise RunError(
+            f"--getup with --base {base}: that policy was never trained lying; give "
+            f"one of `gaitpref train --getup`, or --base none or task"
+        )
+    return getup_env(env)
 
 
 def _setting(cfg: LoopCfg) -> Setting:

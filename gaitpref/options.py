@@ -79,6 +79,9 @@ class Loop:
     """What the learned reward is added to: `task`, a policy first trained on the
     hand-written walking reward; `none`, a new policy and the known safety terms only;
     or a policy file."""
+    getup: bool = False
+    """Begin episodes lying after a fall, which no fall ends, and ask for no walk; the
+    `task` is getting up then. With `--base none` answers alone teach it."""
     preset: Literal["quick", "standard"] = "standard"
     """Sets what is not given: quick takes about ten minutes on two cores."""
     robot: Path | None = None

@@ -135,7 +135,7 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
     if round.number == 0:
         return _Plan(cfg=train_cfg)
     reward_fn = total_reward(
-        CautiousReward.where_answers_err(load_reward(round.before.reward), cfg.caution),
+        CautiousReward.suited(load_reward(round.before.reward), cfg.caution),
         robot,
         cfg.env,
         known=cfg.known,

@@ -7,11 +7,13 @@ et al. 2023, "Reward Model Ensembles Help Mitigate Overoptimization").
 
 A linear reward is careful habit by habit: each weight is moved by some deviations of
 its own over the members towards what was expected of it before any answer (soft
-thresholding, Donoho and Johnstone 1994). A bound on the whole reward also pays less for
-a habit that is surely good and goes with others in doubt, so it prefers standing still.
-A sum of few curves is paid in full: its members differ most about what the wanted habit
-is worth where it is strongest. Of a high step the doubt was twice the pay, and training
-lost the step.
+thresholding, Donoho and Johnstone 1994), and effort is not paid for: what moves well
+takes more of it than what stands, and few answers cannot tell the two apart. A bound on
+the whole reward also pays less for a habit that is surely good and goes with others in
+doubt, so it prefers standing still; it is left to where answers err. A sum of few
+curves is paid in full: its members differ most about what the wanted habit is worth
+where it is strongest. Of a high step the doubt was twice the pay, and training lost the
+step.
 
 Shapes: M ensemble members, T steps, N sequences, F features, D descriptors.
 """
@@ -21,14 +23,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Self
 
+import torch
 from torch import Tensor
 
+from .descriptors import DESCRIPTOR_NAMES, EFFORT
+from .evidence import FEW_ERRORS
 from .linear import LinearScorer
 from .model import RewardModel
 from .sparse import SparseScorer
 
-FEW_ERRORS, MANY_ERRORS = 0.1, 0.2
-"""Shares of random answers between which caution sets in."""
+MANY_ERRORS = 0.2
+"""Share of random answers from which on a reward is as careful as it may be; it begins
+to be so at `FEW_ERRORS`."""
 
 
 def answers_err(model: RewardModel) -> bool:
@@ -51,13 +57,15 @@ class CautiousReward:
         return self.model.history_steps
 
     @classmethod
-    def where_answers_err(cls, model: RewardModel, most: float) -> Self:
-        """Caution by the share of random answers that `model` was fitted to expect:
-        none up to `FEW_ERRORS`, `most` from `MANY_ERRORS` on.
+    def suited(cls, model: RewardModel, most: float) -> Self:
+        """As careful as a reward of its kind should be, `most` of a linear one.
 
-        Where answers can be believed, caution costs more than it saves: a reward is
-        surest of standing still. None of a sparse reward.
+        A sparse one is paid in full, others by the share of random answers that they
+        were fitted to expect: none is taken off up to `FEW_ERRORS`, `most` from
+        `MANY_ERRORS` on.
         """
+        if isinstance(model.scorer, LinearScorer):
+            return cls(model, most)
         if isinstance(model.scorer, SparseScorer):
             return cls(model, 0.0)
         share = model.provenance.cfg.error_share
@@ -83,11 +91,15 @@ class CautiousReward:
 
 
 def careful_weights(scorer: LinearScorer, caution: float) -> Tensor:
-    """One weight [D] for each habit, nearer to what was expected of it by its doubt.
+    """One weight [D] for each habit, nearer to what was expected of it by its doubt,
+    and none above 0 for an effort.
 
     What is left is not raised: a robot that explores shakes, and where a reward makes
     much of that, falling at once is worth more than going on.
     """
     found = scorer.weights.mean(dim=0) - scorer.expected
     doubt = caution * scorer.weights.std(dim=0)
-    return scorer.expected + found.sign() * (found.abs() - doubt).clamp_min(0.0)
+    kept = found.sign() * (found.abs() - doubt).clamp_min(0.0)
+    effort = torch.tensor([name in EFFORT for name in DESCRIPTOR_NAMES])
+    weights = scorer.expected + kept
+    return torch.where(effort, weights.clamp_max(0.0), weights)

@@ -38,6 +38,13 @@ def _yaw_rate_error(row: Row) -> Tensor:
     return row["base_ang_vel_b"][..., 2] - row["command"][..., 2]
 
 
+def _tilt_sq(row: Row) -> Tensor:
+    """It goes on growing beyond a quarter turn: a robot on its back is not level."""
+    gravity_b = row["gravity_b"]
+    sine_sq = _sum_of_squares(gravity_b[..., :2])
+    return torch.where(gravity_b[..., 2] > 0, 2.0 - sine_sq, sine_sq)
+
+
 def _lift_offs(row: Row) -> Tensor:
     """The integral over a swing is nearly the same however long it lasts."""
     air_s = row["foot_air_time"]
@@ -101,8 +108,9 @@ DESCRIPTORS = (
     Descriptor(
         "tilt_sq",
         "1",
-        "squared sine of the angle between the body's up and the world's",
-        lambda row: _sum_of_squares(row["gravity_b"][..., :2]),
+        "squared sine of the angle between the body's up and the world's; 2 less it "
+        "where the body is upside down",
+        _tilt_sq,
         quadratic=True,
     ),
     Descriptor(
@@ -213,6 +221,8 @@ DESCRIPTORS = (
 DESCRIPTOR_NAMES = tuple(descriptor.name for descriptor in DESCRIPTORS)
 UNSTEADY = ("vertical_speed_sq", "roll_rate_sq", "pitch_rate_sq", "slip")
 """Habits hardly anybody wants more of, and that standing and a good walk both lack."""
+EFFORT = ("joint_speed_sq", "torque_sq", "power", "action_rate_sq")
+"""What any motion costs, and hardly anybody wants more of for its own sake."""
 Sight = Literal["habits", "contacts", "legs"]
 """What a model sees: the table, the contact of each foot besides, or all of
 `rewardmodel.legs`."""

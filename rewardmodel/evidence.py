@@ -27,13 +27,19 @@ from .linear import (
 from .normaliser import Normaliser
 from .training import TrainingPairs
 
-PRECISIONS = (0.03, 0.1, 0.3, 1.0, 3.0)
+PRECISIONS = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
 ERROR_SHARES = (0.02, 0.1, 0.2, 0.3, 0.5, 0.7)
 """What is tried."""
+FEW_ERRORS = 0.1
+"""Share of random answers up to which they can be overlooked."""
+CLOSE_TIE = 0.3
+"""Lead, in logits, from which on a rater who errs on close pairs has an opinion."""
+_SURE = 1.0
+"""Logarithm of the odds from which on a rater is taken to be one."""
 PLENTY = 1000
 """Answers from which on every second, third, ... is looked at: two settings are known
 well enough from them."""
-_PRECISION_SPREAD, _ERROR_SPREAD = 0.75, 1.0
+_PRECISION_SPREAD, _ERROR_SPREAD = 0.4, 1.0
 """Deviations, of the logarithm and of the logit, of what is expected beforehand around
 the settings: a handful of answers leaves both about where they were."""
 
@@ -44,24 +50,48 @@ class Found:
 
     error_share: float
     prior_precision: float
+    tie_threshold: float
 
 
 def find(pairs: TrainingPairs, cfg: FitCfg) -> Found:
-    """The settings with the largest evidence, for described `pairs`."""
+    """The settings with the largest evidence, for described `pairs`.
+
+    Answers may look random because a share of them is, whatever is asked, or because
+    pairs are close. Both leave the same share of answers wrong, and say the opposite of
+    what to make of a clear one; where the closeness alone explains them, it does.
+    """
     some = torch.arange(len(pairs)) % -(-len(pairs) // PLENTY) == 0
     seen = pairs.subset(some).seen_by(replace(cfg, kind="linear"))
     standardised = seen.transformed(
         Normaliser(seen.steps.shape[-1]).fit(seen.scored_steps)
     )
-    inputs, spread = scaled_differences(standardised)
-    mean = expected_weights(standardised, spread, cfg.linear)
-    tried = {
-        (share, precision): _expected(cfg, precision, share)
-        + evidence(inputs, erring(standardised, cfg, share), cfg, precision, mean=mean)
+    tried = _tried(standardised, cfg)
+
+    def expected(settings: tuple[float, float]) -> float:
+        return tried[settings] + expected_share(cfg, settings[0])
+
+    share, precision = max(tried, key=expected)
+    if share > FEW_ERRORS and cfg.tie_threshold > CLOSE_TIE:
+        close = replace(cfg, tie_threshold=CLOSE_TIE)
+        tried = _tried(standardised, close)
+        best = max(tried, key=lambda settings: tried[settings])
+        others = [height for (share, _), height in tried.items() if share != best[0]]
+        if best[0] == ERROR_SHARES[0] and tried[best] > max(others) + _SURE:
+            return Found(*best, CLOSE_TIE)
+    return Found(share, precision, cfg.tie_threshold)
+
+
+def _tried(pairs: TrainingPairs, cfg: FitCfg) -> dict[tuple[float, float], float]:
+    """The evidence for shares of random answers and precisions, and what is expected of
+    the latter, for standardised `pairs`."""
+    inputs, spread = scaled_differences(pairs)
+    mean = expected_weights(pairs, spread, cfg.linear)
+    return {
+        (share, precision): _expected_precision(cfg, precision)
+        + evidence(inputs, erring(pairs, cfg, share), cfg, precision, mean=mean)
         for precision in PRECISIONS
         for share in ERROR_SHARES
     }
-    return Found(*max(tried, key=lambda settings: tried[settings]))
 
 
 def settled(cfg: FitCfg, found: Found) -> FitCfg:
@@ -70,6 +100,7 @@ def settled(cfg: FitCfg, found: Found) -> FitCfg:
     What a linear reward cannot see looks like an error to it, so a model that sees more
     expects no more errors than it did; fewer, where even the linear one finds fewer.
     """
+    cfg = replace(cfg, tie_threshold=found.tie_threshold)
     if cfg.kind != "linear":
         share = min(cfg.error_share, found.error_share)
         return replace(cfg, adapt=False, error_share=share)
@@ -121,14 +152,14 @@ def erring(pairs: TrainingPairs, cfg: FitCfg, share: float) -> TrainingPairs:
     return replace(pairs, errors=errors)
 
 
-def _expected(cfg: FitCfg, precision: float, share: float) -> float:
-    """Log of how much settings are expected before any answer, up to a constant."""
-    off_precision = math.log(precision / cfg.linear.prior_precision)
-    return expected_share(cfg, share) - 0.5 * (off_precision / _PRECISION_SPREAD) ** 2
+def _expected_precision(cfg: FitCfg, precision: float) -> float:
+    """Log of how much a precision is expected before any answer, up to a constant."""
+    off = math.log(precision / cfg.linear.prior_precision)
+    return -0.5 * (off / _PRECISION_SPREAD) ** 2
 
 
 def expected_share(cfg: FitCfg, share: float) -> float:
-    """The same for a share of random answers alone."""
+    """The same for a share of random answers."""
     centre = min(max(cfg.error_share, ERROR_SHARES[0]), ERROR_SHARES[-1])
     return -0.5 * ((_logit(share) - _logit(centre)) / _ERROR_SPREAD) ** 2
 

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from .calibration import Calibration, calibration, fit_temperature
 from .cfg import FitCfg
+from .evidence import CLOSE_TIE
 from .held_out import fold_of, held_out_leads, leads_without
 from .model import RewardModel
 from .pairs import AnsweredPairs
@@ -59,6 +60,8 @@ class Foreseen:
     opinion: Accuracy | None
     """The same, each answer counted by the size of its lead; `answers` is how many of
     one size would say as much (Kish 1965, "Survey Sampling")."""
+    close_errors: bool
+    """Whether answers are taken to be wrong where pairs are close, and only there."""
     newest: Accuracy | None
     """Answers of the newest round, foreseen without any answer of that round; None
     where there is only one round, or no preference in it."""
@@ -122,7 +125,7 @@ def foresee(model: RewardModel, pairs: AnsweredPairs, *, seed: int) -> Foreseen:
         lead[asked],
         int(unseen.sum()),
         newest=_newest(described, torch.tensor(pairs.rounds), cfg, seed),
-        folds=cfg.folds,
+        cfg=cfg,
     )
 
 
@@ -144,14 +147,14 @@ def _summary(
     unseen: int,
     *,
     newest: Accuracy | None,
-    folds: int,
+    cfg: FitCfg,
 ) -> Foreseen:
     """Figures of held-out `pairs`, which their leads [B] foresee."""
     target = pairs.target if pairs else torch.empty(0)
     episodes = pairs.episodes if pairs else ()
-    group = torch.tensor([fold_of(left, folds) for left, _ in episodes])
+    group = torch.tensor([fold_of(left, cfg.folds) for left, _ in episodes])
     cooled = lead.clone()
-    for fold in range(folds):
+    for fold in range(cfg.folds):
         cooled[group == fold] /= fit_temperature(
             lead[group != fold], target[group != fold]
         )
@@ -162,6 +165,7 @@ def _summary(
         unseen=unseen,
         accuracy=accuracy_of(lead, target),
         opinion=opinion_of(lead, target),
+        close_errors=cfg.kind == "linear" and cfg.tie_threshold <= CLOSE_TIE,
         newest=newest,
         by_command=_apart(commands, lead, target),
         by_round=_apart([str(r) for r in pairs.rounds] if pairs else [], lead, target),

@@ -11,9 +11,8 @@ from typing import get_args
 
 from torch import Tensor
 
-from .caution import FEW_ERRORS
 from .cfg import FitCfg, Kind
-from .evidence import find
+from .evidence import FEW_ERRORS, find
 from .held_out import held_out_leads
 from .pairs import AnsweredPairs
 from .reliability import with_reliability

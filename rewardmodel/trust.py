@@ -114,11 +114,13 @@ def alarms(
 
 def disagree(foreseen: Foreseen) -> bool:
     """Whether enough answers were held out to say that they taught too little: it is
-    wrong too often, and also where it is sure."""
+    wrong too often, and also where it is sure. Of a rater who errs on close pairs only
+    the latter counts: where answers say nothing at all, every pair looks close."""
     accuracy, opinion = foreseen.accuracy, foreseen.opinion
     if accuracy is None or accuracy.answers < ENOUGH:
         return False
-    if not (accuracy.says_nothing or accuracy.share < LEAST_SHARE):
+    wrong_too_often = accuracy.says_nothing or accuracy.share < LEAST_SHARE
+    if not (wrong_too_often or foreseen.close_errors):
         return False
     return opinion is None or opinion.says_nothing or opinion.share < LEAST_OPINION
 
@@ -126,7 +128,9 @@ def disagree(foreseen: Foreseen) -> bool:
 def _too_low(accuracy: Accuracy | None) -> str:
     if accuracy is None or accuracy.says_nothing:
         return "no better than chance"
-    return f"below {LEAST_SHARE:g}"
+    if accuracy.share < LEAST_SHARE:
+        return f"below {LEAST_SHARE:g}"
+    return "low, even for close pairs"
 
 
 def _no_better(newest: Accuracy) -> bool:

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from benchmarks import choosing, hour, kinds, policy_order, robots, throughput, walk
-from benchmarks.preference_plan import HELD_BACK, plan
+from benchmarks.preference_plan import HELD_BACK, loop_cfg, plan
 from benchmarks.preference_table import BEGIN, END, publish_rows, together
 from benchmarks.wishes import carried_right_foot, nose_up_when_slow
 from data.dataset import Dataset
@@ -142,6 +142,16 @@ def test_the_held_back_task_is_not_run_by_chance() -> None:
     assert {cell.task for cell in plan(tasks=("pace",), seeds=2)} == {"pace"}
     assert len({cell.name for cell in cells}) == len(cells)
     assert [cell.seed for cell in cells] == sorted(cell.seed for cell in cells)
+
+
+def test_who_has_to_get_up_begins_lying() -> None:
+    """And no task reward is kept, which would teach it without any answer."""
+    (cell,) = plan(tasks=("get_up",), seeds=1)
+    cfg = loop_cfg(cell, None, quick=False)
+    assert cfg.env.getup is not None
+    assert not cfg.keeps_task
+    (walk, *_) = plan(tasks=("walk",), seeds=1)
+    assert loop_cfg(walk, None, quick=False).env.getup is None
 
 
 def test_the_wishes_are_outside_the_descriptor_table() -> None:

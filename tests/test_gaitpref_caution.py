@@ -119,12 +119,27 @@ def test_of_other_models_the_spread_of_a_step_is_taken_off() -> None:
 def test_caution_sets_in_where_answers_turned_out_wrong(
     share: float, caution: float
 ) -> None:
-    model = quarrel()
-    fitted = replace(model.provenance, cfg=replace(FitCfg(), error_share=share))
-    model.provenance = fitted
-    assert CautiousReward.where_answers_err(model, 1.0).caution == pytest.approx(
-        caution
-    )
+    """Of a step's whole pay, as in a network; habit by habit, it always does."""
+    linear = quarrel()
+    provenance = replace(linear.provenance, cfg=replace(FitCfg(), error_share=share))
+    network = MlpScorer(2, len(DESCRIPTOR_NAMES), 8)
+    model = RewardModel(linear.normaliser, network, provenance)
+    assert CautiousReward.suited(model, 1.0).caution == pytest.approx(caution)
+    assert CautiousReward.suited(linear, 1.0).caution == 1.0
+
+
+def test_effort_is_not_paid_for() -> None:
+    """Both members like power and dislike torque; speed is paid as ever."""
+    weights = {"power": 2.0, "torque_sq": -2.0, "forward_speed": 1.0}
+    model = model_of(weights, weights)
+    working = row(speed=0.0, height=0.0)
+    working[..., column("joint_torque").start] = 1.0
+    working[..., column("joint_vel").start] = 3.0
+    hurried = row(speed=1.0, height=0.0)
+    for caution, paid in ((0.0, 2.0 * 3.0 - 2.0), (1.0, -2.0)):
+        reward = CautiousReward(model, caution)
+        assert reward(working, STARTS).item() == pytest.approx(paid, abs=1e-4)
+        assert reward(hurried, STARTS).item() == pytest.approx(1.0, abs=1e-4)
 
 
 def test_a_sum_of_few_curves_is_paid_in_full() -> None:
@@ -134,7 +149,7 @@ def test_a_sum_of_few_curves_is_paid_in_full() -> None:
     provenance = replace(linear.provenance, cfg=cfg)
     scorer = SparseScorer(2, len(names_seen("legs")))
     model = RewardModel(Normaliser(len(names_seen("legs"))), scorer, provenance)
-    assert CautiousReward.where_answers_err(model, 1.0).caution == 0.0
+    assert CautiousReward.suited(model, 1.0).caution == 0.0
 
 
 def asked_and_done(asked: float, done: float) -> torch.Tensor:

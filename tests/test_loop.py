@@ -17,7 +17,11 @@ import pytest
 from data.answers import AnswerStore
 from data.dataset import Dataset
 from data.files import sha256_file
-from gaitpref.loop import run_configured
+from gaitpref.loop import run_configured, run_loop
+from gaitpref.options import Loop
+from gaitpref.run_config import RunError
+from policy.checkpoint import load_policy
+from policy.config import getup_env
 
 from .small_loop import small_cfg
 
@@ -115,6 +119,20 @@ def test_killed_in_every_stage_it_ends_the_same(
     assert subprocess.run(command, check=False).returncode == 0
     assert _results(run) == _results(undisturbed)
     assert _judgements(run) == _judgements(undisturbed)
+
+
+def test_a_loop_about_getting_up(tmp_path: Path, undisturbed: Path) -> None:
+    """Every episode begins lying, and a policy that walks is no start for it."""
+    walks = undisturbed / "rounds/02/policy/policy.pt"
+    options = Loop(run=tmp_path / "run", base=str(walks), getup=True)
+    with pytest.raises(RunError, match="never trained lying"):
+        run_loop(options)
+    cfg = small_cfg()
+    run_configured(tmp_path / "run", replace(cfg, env=getup_env(cfg.env)))
+    entries = Dataset.open(tmp_path / "run/dataset").entries()
+    assert {entry.meta.task for entry in entries} == {"getup"}
+    policy = load_policy(tmp_path / "run/rounds/02/policy/policy.pt")
+    assert policy.info.env.getup is not None
 
 
 @pytest.mark.slow

@@ -56,6 +56,22 @@ def test_power_counts_braking() -> None:
     assert changed(joint_vel=[-1.0] + [1.0] * 11)["power"] == pytest.approx(24.0)
 
 
+@pytest.mark.parametrize(
+    ("gravity_b", "tilt_sq"),
+    [
+        ([0.0, 0.0, -1.0], 0.0),
+        ([0.6, 0.0, -0.8], 0.36),
+        ([0.0, 1.0, 0.0], 1.0),
+        ([0.6, 0.0, 0.8], 1.64),
+        ([0.0, 0.0, 1.0], 2.0),
+    ],
+)
+def test_the_tilt_grows_until_a_robot_lies_on_its_back(
+    gravity_b: list[float], tilt_sq: float
+) -> None:
+    assert changed(gravity_b=gravity_b)["tilt_sq"] == pytest.approx(tilt_sq)
+
+
 def test_slip_counts_only_feet_on_the_ground() -> None:
     found = changed(foot_contact=[1, 0, 0, 1], foot_speed=[0.5, 9.0, 9.0, 1.0])
     assert found["slip"] == pytest.approx(1.25)

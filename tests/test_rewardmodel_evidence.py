@@ -10,12 +10,13 @@ import torch
 
 from rewardmodel import fit_reward
 from rewardmodel.cfg import FitCfg
-from rewardmodel.evidence import Found, evidence, settled
+from rewardmodel.evidence import CLOSE_TIE, Found, evidence, settled
 from rewardmodel.linear import scaled_differences
 from rewardmodel.normaliser import Normaliser
+from rewardmodel.pairs import AnsweredPairs
 from rewardmodel.training import training_pairs
 
-from .test_rewardmodel_fit import answered
+from .test_rewardmodel_fit import accuracy, answered, taste
 
 FLIPPED = (0.0, 0.2, 0.4)
 
@@ -36,6 +37,32 @@ def test_the_share_of_wrong_answers_is_found() -> None:
     assert shares[0] < shares[1] < shares[2]
 
 
+def hesitant(count: int, seed: int) -> AnsweredPairs:
+    """Answers of a rater who errs the more, the closer a pair is: about 30 %."""
+    pairs = answered(count, seed=seed)
+    lead = taste(pairs.left) - taste(pairs.right)
+    right = torch.sigmoid(1.5 * lead / lead.std())
+    rng = torch.Generator().manual_seed(seed)
+    return replace(pairs, target=(torch.rand(count, generator=rng) < right).float())
+
+
+def test_who_errs_on_close_pairs_is_told_from_who_errs_at_random() -> None:
+    """Alike in how often they err, not in what the answer about a clear pair says."""
+    at_random = [found(150, 0.2, seed).tie_threshold for seed in range(4)]
+    assert at_random == [FitCfg().tie_threshold] * 4
+    fresh = answered(400, seed=99)
+    taken = []
+    for seed in range(4):
+        pairs = hesitant(150, seed)
+        wrong = (pairs.target > 0.5) != (taste(pairs.left) > taste(pairs.right))
+        assert 0.2 < float(wrong.float().mean()) < 0.4
+        model, _ = fit_reward(pairs, FitCfg(), seed=0, measured=False)
+        cfg = model.provenance.cfg
+        taken.append((cfg.tie_threshold, cfg.error_share) == (CLOSE_TIE, 0.02))
+        assert accuracy(model, fresh) > 0.8
+    assert sum(taken) >= 3
+
+
 def test_opinions_grow_with_the_answers() -> None:
     """Few answers leave the prior where it was; many that agree loosen it."""
     few, many = (found(n, 0.0, 0).linear.prior_precision for n in (8, 300))
@@ -45,7 +72,8 @@ def test_opinions_grow_with_the_answers() -> None:
 
 def test_what_a_linear_reward_cannot_see_is_no_error() -> None:
     """A model that sees more expects no more errors than before, maybe fewer."""
-    many, few = Found(0.7, 3.0), Found(0.02, 0.1)
+    tie_threshold = FitCfg().tie_threshold
+    many, few = Found(0.7, 3.0, tie_threshold), Found(0.02, 0.1, tie_threshold)
     network = FitCfg(kind="mlp")
     assert settled(network, many) == replace(network, adapt=False)
     assert settled(network, few) == replace(network, adapt=False, error_share=0.02)

@@ -245,7 +245,7 @@ def test_the_model_is_chosen_by_held_out_answers(tmp_path: Path) -> None:
     # Lines of few habits are what the planted taste is; fresh pairs say so too.
     assert stiff.provenance.cfg.kind in ("linear", "sparse")
     fresh, linear = answered(400, seed=99), fit_reward(pairs, QUICK, seed=0)[0]
-    assert accuracy(stiff, fresh) >= accuracy(linear, fresh)
+    assert accuracy(stiff, fresh) > accuracy(linear, fresh) - 0.02
     assert accuracy(stiff, fresh) > 0.9
     # A transformer is tried only where looking back was worth it.
     tried = [kind for kind, _ in report.considered]
