@@ -1,10 +1,11 @@
 """Which policy a reward would choose: what answers are worth without training on them.
 
 `python -m benchmarks.choosing --run RUN [RUN ...]` takes finished runs on one task,
-turns a share of their answers round, fits rewards of several sizes of ensemble, and
-lets each, with more or less caution, choose among all policies of all runs. Accuracy on
-clips hardly tells such rewards apart; what they choose does, because a policy that was
-trained on a wrong reward is among what there is to choose from.
+turns a share of their answers round, fits rewards of several sizes of ensemble and
+strengths of opinion, and lets each, with more or less caution, choose among all
+policies of all runs, and put them in order. Accuracy on clips hardly tells such rewards
+apart; what they choose does, because a policy that was trained on a wrong reward is
+among what there is to choose from.
 
 Shapes: T steps, N episodes, F feature columns, P policies, B pairs, K steps.
 """
@@ -14,6 +15,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +40,8 @@ from rewardmodel.pairs import AnsweredPairs, load_pairs
 _EPISODES = 16
 _EVERY = 5
 """Steps of an episode between two that a reward is asked about."""
+_GOOD = 0.93
+"""Worth of a policy, of the best, from which on it is a good one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +56,8 @@ class Options:
     """Share of the answers that are turned round, beside what the raters got wrong."""
     members: tuple[int, ...] = (5, 50)
     """Sizes of the ensemble."""
+    precision: tuple[float, ...] = (LinearCfg.prior_precision,)
+    """How weak opinions are expected to be."""
     caution: tuple[float, ...] = (0.0,)
     """Deviations by which a habit that the ensemble disagrees about is paid less."""
     draws: int = 2
@@ -118,22 +124,45 @@ def mistaken(
     return replace(pairs, target=torch.where(wrong, 1 - pairs.target, pairs.target))
 
 
-def chosen(model: RewardModel, caution: float, shown: list[Shown]) -> float:
-    """Value of the policy that a careful `model` pays most for a step."""
+@dataclass(frozen=True)
+class Judged:
+    """What a reward makes of policies."""
+
+    worth: float
+    """Value of the policy that it pays most for a step."""
+    order: float
+    """Rank correlation of what it pays with what they are worth."""
+    lead: float
+    """Of good policies over the home pose, in deviations over all policies."""
+
+
+def judged(model: RewardModel, caution: float, shown: list[Shown]) -> Judged:
+    """What a careful `model` makes of policies, the first of which holds home."""
     reward = CautiousReward(model, caution)
-    paid = [
-        reward(policy.rows[None], torch.zeros(1, len(policy.rows))).mean()
-        for policy in shown
-    ]
-    return shown[int(torch.stack(paid).argmax())].value
+    paid = torch.stack(
+        [
+            reward(policy.rows[None], torch.zeros(1, len(policy.rows))).mean()
+            for policy in shown
+        ]
+    )
+    value = torch.tensor([policy.value for policy in shown])
+    # Where nothing is better than the home pose, that is the best there is.
+    good = value >= value.max().clamp_max(_GOOD)
+    ranks = torch.stack([paid, value]).argsort().argsort().double()
+    return Judged(
+        worth=float(value[paid.argmax()]),
+        order=float(torch.corrcoef(ranks)[0, 1]),
+        lead=float((paid[good].mean() - paid[0]) / paid.std()),
+    )
 
 
 def main(options: Options) -> int:
     torch.set_num_threads(1)
     shown = shown_policies(options.run + options.beside)
     answered = [load_pairs([Dataset.open(run / "dataset")]) for run in options.run]
-    for members in options.members:
-        cfg = FitCfg(linear=LinearCfg(num_members=members))
+    for members, precision in product(options.members, options.precision):
+        linear = LinearCfg(num_members=members, prior_precision=precision)
+        cfg = FitCfg(linear=linear)
         rng = np.random.default_rng(options.seed)
         models = [
             fit_reward(
@@ -143,11 +172,14 @@ def main(options: Options) -> int:
             for pairs in answered
         ]
         for caution in options.caution:
-            values = [chosen(model, caution, shown) for model in models]
+            found = [judged(model, caution, shown) for model in models]
+            worth, lead = ([getattr(f, n) for f in found] for n in ("worth", "lead"))
             console.print(
-                f"{members} members, caution {caution:g}, {len(values)} fits: the "
-                f"policy chosen of {len(shown)} is worth {np.mean(values):.2f}, at "
-                f"worst {min(values):.2f}"
+                f"{members} members, precision {precision:g}, caution {caution:g}, "
+                f"{len(found)} fits: the policy chosen of {len(shown)} is worth "
+                f"{np.mean(worth):.2f}, at worst {min(worth):.2f}; rank correlation "
+                f"{np.mean([f.order for f in found]):.2f}; lead over standing "
+                f"{np.median(lead):.2f}, at worst {min(lead):.2f}"
             )
     return 0
 

@@ -35,7 +35,9 @@ FEW_ERRORS = 0.1
 CLOSE_TIE = 0.3
 """Lead, in logits, from which on a rater who errs on close pairs has an opinion."""
 _SURE = 1.0
-"""Logarithm of the odds from which on a rater is taken to be one."""
+"""Logarithm of the odds from which on a rater is taken to be one: that answers are
+random where close pairs are to be told apart, and that they are not where they need
+not."""
 PLENTY = 1000
 """Answers from which on every second, third, ... is looked at: two settings are known
 well enough from them."""
@@ -72,13 +74,19 @@ def find(pairs: TrainingPairs, cfg: FitCfg) -> Found:
 
     share, precision = max(tried, key=expected)
     if share > FEW_ERRORS and cfg.tie_threshold > CLOSE_TIE:
-        close = replace(cfg, tie_threshold=CLOSE_TIE)
-        tried = _tried(standardised, close)
-        best = max(tried, key=lambda settings: tried[settings])
-        others = [height for (share, _), height in tried.items() if share != best[0]]
-        if best[0] == ERROR_SHARES[0] and tried[best] > max(others) + _SURE:
+        close = _tried(standardised, replace(cfg, tie_threshold=CLOSE_TIE))
+        if _for_errors(tried) > _SURE and _for_errors(close) < -_SURE:
+            best = max(close, key=lambda settings: close[settings])
             return Found(*best, CLOSE_TIE)
     return Found(share, precision, cfg.tie_threshold)
+
+
+def _for_errors(tried: dict[tuple[float, float], float]) -> float:
+    """Logarithm of the odds that answers are random more often than hardly ever."""
+    hardly = ERROR_SHARES[0]
+    never = max(height for (share, _), height in tried.items() if share == hardly)
+    others = max(height for (share, _), height in tried.items() if share != hardly)
+    return others - never
 
 
 def _tried(pairs: TrainingPairs, cfg: FitCfg) -> dict[tuple[float, float], float]:

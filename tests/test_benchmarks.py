@@ -245,7 +245,7 @@ def test_choosing_tells_what_the_policy_paid_most_is_worth(
     )
     choosing.main(options)
     lines = [line for line in capsys.readouterr().err.splitlines() if "members" in line]
-    told = [(line.split()[0], line.split()[3]) for line in lines]
+    told = [(line.split()[0], line.split()[5]) for line in lines]
     assert told == [("2", "0,"), ("2", "1.5,"), ("9", "0,"), ("9", "1.5,")]
     asked = kinds.Options(
         run=(tmp_path / "run",), kinds=("linear", "gp"), mistakes=(0.0, 0.3)
