@@ -165,7 +165,7 @@ def _summary(
         unseen=unseen,
         accuracy=accuracy_of(lead, target),
         opinion=opinion_of(lead, target),
-        close_errors=cfg.kind == "linear" and cfg.tie_threshold <= CLOSE_TIE,
+        close_errors=cfg.kind == "linear" and cfg.tie_threshold == CLOSE_TIE,
         newest=newest,
         by_command=_apart(commands, lead, target),
         by_round=_apart([str(r) for r in pairs.rounds] if pairs else [], lead, target),
