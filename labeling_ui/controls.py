@@ -145,6 +145,10 @@ class Controls:
                 button.label = past_words(history[index])
 
 
+_ASKED = {"walk": "Which one walks better?", "getup": "Which one gets up better?"}
+"""By what the robots were to do."""
+
+
 def head(rater_id: str, showing: Showing) -> str:
     """The top of the panel: who, what is asked, under which command."""
     progress = showing.progress
@@ -157,9 +161,11 @@ def head(rater_id: str, showing: Showing) -> str:
             "<code>gaitpref pairs --dataset DIR --count 50</code> asks for some."
         )
     else:
-        lines.append("<b>Which one walks better?</b>")
-        if showing.motions is not None:
-            lines.append(command_words(showing.motions[0].commands))
+        motion = None if showing.motions is None else showing.motions[0]
+        asked = _ASKED.get(motion.task if motion else "walk", "Which one is better?")
+        lines.append(f"<b>{asked}</b>")
+        if motion is not None and motion.task != "getup":
+            lines.append(command_words(motion.commands))
     if question is not None and question.earlier is not None:
         said = WORDS[question.earlier].lower()
         lines.append(f"<i>Reopened: you said “{said}”. Answer again, or keep it.</i>")

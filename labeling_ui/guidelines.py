@@ -8,7 +8,7 @@ from data.errors import GaitprefError
 
 DEFAULT_GUIDELINES = """\
 Two robots, **A** (blue) and **B** (orange), were given the same command. Say which one
-walks better.
+walks better, or, where they begin lying, gets up better.
 
 - Look at how it moves: steady, quiet, in step with the command.
 - A fall is worse than any way of walking.

@@ -42,6 +42,8 @@ class Motion:
     """[S, I, 4], float32"""
     path: np.ndarray
     """[S, 2] m, where the base is over ground, averaged over PATH_WINDOW_S."""
+    task: str
+    """What the robot was to do, as the episode names it."""
     commands: tuple[Command, ...]
     """What the robot was told to do, one after the other."""
     fell: bool
@@ -107,6 +109,7 @@ def load_motion(dataset: Dataset, clip: Clip) -> Motion:
         # Neighbouring states on the same half of the sphere can be averaged.
         wxyzs=_continuous(wxyzs),
         path=_smooth(ground, window).astype(np.float32),
+        task=episode.meta.task,
         commands=_commands(episode, rows),
         fell=episode.end_reason == "terminated" and clip.stop == episode.num_steps,
         contact=rows[:, column("foot_contact")] > 0.5,

@@ -74,15 +74,16 @@ class RecordCfg:
 def recorded_commands(
     cfg: CommandCfg, forward_m_s: tuple[float, ...] | None = None
 ) -> list[Command]:
-    """The few commands that are recorded, so that many clips share one."""
+    """The few commands that are recorded, each once, so that many clips share one."""
     low, high = cfg.evaluated_m_s
     speeds = forward_m_s or (low, (low + high) / 2, high)
     middle = speeds[len(speeds) // 2]
-    return [
+    commands = [
         *((speed, 0.0, 0.0) for speed in speeds),
         (middle, cfg.left_m_s[1], 0.0),
         (middle, 0.0, cfg.yaw_rad_s[1]),
     ]
+    return list(dict.fromkeys(commands))
 
 
 def checkpoint_files(policy_file: Path, count: int) -> list[Path]:
@@ -154,7 +155,11 @@ def _record_one(
     env_cfg = replace(info.env, episode_s=cfg.episode_s)
     robot = policy.robot()
     env = QuadrupedEnv(robot, env_cfg, count, seed=seed, keep_final=True)
-    choices = recorded_commands(env_cfg.commands, cfg.babble_m_s if babble else None)
+    # Who lies is asked for nothing but to get up.
+    walks = env_cfg.getup is None
+    choices = recorded_commands(
+        env_cfg.commands, cfg.babble_m_s if babble and walks else None
+    )
     noisy = _noisy(count, len(choices), 0.0 if babble else cfg.noisy_share)
     rng = torch.Generator().manual_seed(seed)
     varied = np.zeros(count, dtype=bool)
@@ -186,7 +191,7 @@ def _record_one(
     lengths = np.sum([np.asarray(step.alive) for step in steps], axis=0)
     for index in range(count):
         meta = EpisodeMeta(
-            task="walk" if env_cfg.getup is None else "getup",
+            task="walk" if walks else "getup",
             seed=seed,
             env_index=index,
             command=choices[index % len(choices)],

@@ -143,6 +143,7 @@ def test_train_and_record_getting_up(tmp_path: Path) -> None:
     for entry in Dataset.open(root).entries():
         assert entry.meta.task == "getup"
         assert entry.end_reason == "truncated"
+        assert entry.meta.command == (0.0, 0.0, 0.0)
         episode = Dataset.open(root).read(entry.sha256)
         first = episode.features[0]
         lies = first[column("gravity_b")][2] > -0.6
