@@ -54,6 +54,11 @@ class Found:
     prior_precision: float
     tie_threshold: float
 
+    @property
+    def close_errors(self) -> bool:
+        """Whether answers are wrong where pairs are close, and hardly ever else."""
+        return self.tie_threshold == CLOSE_TIE
+
 
 def find(pairs: TrainingPairs, cfg: FitCfg) -> Found:
     """The settings with the largest evidence, for described `pairs`.

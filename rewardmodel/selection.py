@@ -9,10 +9,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import get_args
 
+import torch
 from torch import Tensor
 
 from .cfg import FitCfg, Kind
-from .evidence import FEW_ERRORS, find
+from .evidence import CLOSE_TIE, FEW_ERRORS, erring, find
 from .held_out import held_out_leads
 from .pairs import AnsweredPairs
 from .reliability import with_reliability
@@ -43,7 +44,11 @@ def choose(
     # Linear weights say most of a walk from few answers; what they cannot say looks
     # like errors to them.
     grows = cfg.kind == "grow"
-    if grows and find(plain, cfg).error_share <= FEW_ERRORS:
+    found = find(plain, cfg) if grows else None
+    if found and found.close_errors:
+        cfg = replace(cfg, error_share=found.error_share, tie_threshold=CLOSE_TIE)
+        plain = erring(plain, cfg, cfg.error_share)
+    elif found and found.error_share <= FEW_ERRORS:
         return stiffest, ()
     foreseen: dict[Kind, Tensor] = {}
     described, _ = with_reliability(plain, pairs.raters, cfg, seed=seed)
@@ -54,9 +59,16 @@ def choose(
             break
         own = replace(cfg, kind=kind)
         asked, leads = held_out_leads(described, pairs.episodes, own, seed)
-        foreseen[kind] = described.subset(asked).log_likelihood(leads, own)
+        held_out = described.subset(asked)
+        foreseen[kind] = held_out.log_likelihood(leads, own)
         if len(foreseen[kind]) < MIN_HELD_OUT:
             return kind, ()
+        if found and found.close_errors:
+            # Where weights say something, what they miss are the close pairs; to who
+            # finds no sense in the answers, all pairs are.
+            nothing = held_out.log_likelihood(torch.zeros_like(leads), own)
+            if _surely_more(foreseen[kind], nothing, errors=2.0):
+                return kind, ()
     means = tuple((kind, values.mean().item()) for kind, values in foreseen.items())
     errors = 2.0 if grows else 1.0
     return choose_kind(foreseen, errors=errors), means
@@ -79,10 +91,14 @@ def choose_kind(
     kinds = iter(log_likelihoods)
     chosen = next(kinds)
     for kind in kinds:
-        gain = log_likelihoods[kind] - log_likelihoods[chosen]
-        if len(gain) < MIN_HELD_OUT:
+        if len(log_likelihoods[kind]) < MIN_HELD_OUT:
             break
-        error = gain.std() / len(gain) ** 0.5
-        if gain.mean() > errors * error:
+        if _surely_more(log_likelihoods[kind], log_likelihoods[chosen], errors=errors):
             chosen = kind
     return chosen
+
+
+def _surely_more(these: Tensor, those: Tensor, *, errors: float) -> bool:
+    """Whether `these` [B] are more than `those` by `errors` standard errors."""
+    gain = these - those
+    return bool(gain.mean() > errors * gain.std() / len(gain) ** 0.5)
