@@ -7,13 +7,13 @@ et al. 2023, "Reward Model Ensembles Help Mitigate Overoptimization").
 
 A linear reward is careful habit by habit: each weight is moved by some deviations of
 its own over the members towards what was expected of it before any answer (soft
-thresholding, Donoho and Johnstone 1994), and effort is not paid for: what moves well
-takes more of it than what stands, and few answers cannot tell the two apart. A bound on
-the whole reward also pays less for a habit that is surely good and goes with others in
-doubt, so it prefers standing still; it is left to where answers err. A sum of few
-curves is paid in full: its members differ most about what the wanted habit is worth
-where it is strongest. Of a high step the doubt was twice the pay, and training lost the
-step.
+thresholding, Donoho and Johnstone 1994). Where answers err, effort is not paid for
+besides: what moves well takes more of it than what stands, and such answers cannot tell
+the two apart. A bound on the whole reward also pays less for a habit that is surely
+good and goes with others in doubt, so it prefers standing still; it is left to where
+answers err. A sum of few curves is paid in full: its members differ most about what the
+wanted habit is worth where it is strongest. Of a high step the doubt was twice the pay,
+and training lost the step.
 
 Shapes: M ensemble members, T steps, N sequences, F features, D descriptors.
 """
@@ -27,7 +27,7 @@ import torch
 from torch import Tensor
 
 from .descriptors import DESCRIPTOR_NAMES, EFFORT
-from .evidence import FEW_ERRORS
+from .evidence import FEW_ERRORS, close_errors
 from .linear import LinearScorer
 from .model import RewardModel
 from .sparse import SparseScorer
@@ -50,6 +50,8 @@ class CautiousReward:
     caution: float
     """Standard deviations of the ensemble taken off: of every weight of a linear
     reward, of every step's reward of another."""
+    pays_effort: bool = True
+    """Whether a linear reward may pay for effort."""
 
     @property
     def history_steps(self) -> int:
@@ -65,7 +67,8 @@ class CautiousReward:
         `MANY_ERRORS` on.
         """
         if isinstance(model.scorer, LinearScorer):
-            return cls(model, most)
+            doubted = answers_err(model) or close_errors(model.provenance.cfg)
+            return cls(model, most, pays_effort=not (doubted and most))
         if isinstance(model.scorer, SparseScorer):
             return cls(model, 0.0)
         share = model.provenance.cfg.error_share
@@ -75,10 +78,13 @@ class CautiousReward:
     def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
         """Reward [T, N] for rows [T, N, F], in units of the model's."""
         scorer = self.model.scorer
-        if self.caution == 0.0:
+        if self.caution == 0.0 and self.pays_effort:
             return self.model(features, starts)
         if isinstance(scorer, LinearScorer):
             weights = careful_weights(scorer, self.caution)
+            if not self.pays_effort:
+                effort = torch.tensor([name in EFFORT for name in DESCRIPTOR_NAMES])
+                weights = torch.where(effort, weights.clamp_max(0.0), weights)
             paid = self.model.standardised(features) @ weights
         else:
             members = self.model.members(features, starts)
@@ -91,15 +97,11 @@ class CautiousReward:
 
 
 def careful_weights(scorer: LinearScorer, caution: float) -> Tensor:
-    """One weight [D] for each habit, nearer to what was expected of it by its doubt,
-    and none above 0 for an effort.
+    """One weight [D] for each habit, nearer to what was expected of it by its doubt.
 
     What is left is not raised: a robot that explores shakes, and where a reward makes
     much of that, falling at once is worth more than going on.
     """
     found = scorer.weights.mean(dim=0) - scorer.expected
     doubt = caution * scorer.weights.std(dim=0)
-    kept = found.sign() * (found.abs() - doubt).clamp_min(0.0)
-    effort = torch.tensor([name in EFFORT for name in DESCRIPTOR_NAMES])
-    weights = scorer.expected + kept
-    return torch.where(effort, weights.clamp_max(0.0), weights)
+    return scorer.expected + found.sign() * (found.abs() - doubt).clamp_min(0.0)

@@ -54,11 +54,6 @@ class Found:
     prior_precision: float
     tie_threshold: float
 
-    @property
-    def close_errors(self) -> bool:
-        """Whether answers are wrong where pairs are close, and hardly ever else."""
-        return self.tie_threshold == CLOSE_TIE
-
 
 def find(pairs: TrainingPairs, cfg: FitCfg) -> Found:
     """The settings with the largest evidence, for described `pairs`.
@@ -105,6 +100,12 @@ def _tried(pairs: TrainingPairs, cfg: FitCfg) -> dict[tuple[float, float], float
         for precision in PRECISIONS
         for share in ERROR_SHARES
     }
+
+
+def close_errors(settings: FitCfg | Found) -> bool:
+    """Whether answers are taken to be wrong where pairs are close, and hardly ever
+    else."""
+    return settings.tie_threshold == CLOSE_TIE
 
 
 def settled(cfg: FitCfg, found: Found) -> FitCfg:

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from .calibration import Calibration, calibration, fit_temperature
 from .cfg import FitCfg
-from .evidence import CLOSE_TIE
+from .evidence import close_errors
 from .held_out import fold_of, held_out_leads, leads_without
 from .model import RewardModel
 from .pairs import AnsweredPairs
@@ -165,7 +165,7 @@ def _summary(
         unseen=unseen,
         accuracy=accuracy_of(lead, target),
         opinion=opinion_of(lead, target),
-        close_errors=cfg.kind == "linear" and cfg.tie_threshold == CLOSE_TIE,
+        close_errors=cfg.kind == "linear" and close_errors(cfg),
         newest=newest,
         by_command=_apart(commands, lead, target),
         by_round=_apart([str(r) for r in pairs.rounds] if pairs else [], lead, target),

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from .cfg import FitCfg, Kind
-from .evidence import CLOSE_TIE, FEW_ERRORS, erring, find
+from .evidence import CLOSE_TIE, FEW_ERRORS, close_errors, erring, find
 from .held_out import held_out_leads
 from .pairs import AnsweredPairs
 from .reliability import with_reliability
@@ -45,7 +45,7 @@ def choose(
     # like errors to them.
     grows = cfg.kind == "grow"
     found = find(plain, cfg) if grows else None
-    if found and found.close_errors:
+    if found and close_errors(found):
         cfg = replace(cfg, error_share=found.error_share, tie_threshold=CLOSE_TIE)
         plain = erring(plain, cfg, cfg.error_share)
     elif found and found.error_share <= FEW_ERRORS:
@@ -63,7 +63,7 @@ def choose(
         foreseen[kind] = held_out.log_likelihood(leads, own)
         if len(foreseen[kind]) < MIN_HELD_OUT:
             return kind, ()
-        if found and found.close_errors:
+        if found and close_errors(found):
             # Where weights say something, what they miss are the close pairs; to who
             # finds no sense in the answers, all pairs are.
             nothing = held_out.log_likelihood(torch.zeros_like(leads), own)

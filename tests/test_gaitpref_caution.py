@@ -27,6 +27,7 @@ from policy.train import TrainCfg, train
 from rewardmodel import FitCfg, fit_reward
 from rewardmodel.caution import CautiousReward
 from rewardmodel.descriptors import DESCRIPTOR_NAMES, UNSTEADY, names_seen
+from rewardmodel.evidence import CLOSE_TIE
 from rewardmodel.linear import LinearScorer
 from rewardmodel.mlp import MlpScorer
 from rewardmodel.model import RewardModel
@@ -128,18 +129,27 @@ def test_caution_sets_in_where_answers_turned_out_wrong(
     assert CautiousReward.suited(linear, 1.0).caution == 1.0
 
 
-def test_effort_is_not_paid_for() -> None:
-    """Both members like power and dislike torque; speed is paid as ever."""
+@pytest.mark.parametrize(
+    ("share", "tie_threshold", "paid"),
+    [(0.1, 1.0, 2.0 * 3.0 - 2.0), (0.2, 1.0, -2.0), (0.02, CLOSE_TIE, -2.0)],
+)
+def test_effort_is_not_paid_for_where_answers_err(
+    share: float, tie_threshold: float, paid: float
+) -> None:
+    """At random or in close pairs: both members like power and dislike torque."""
     weights = {"power": 2.0, "torque_sq": -2.0, "forward_speed": 1.0}
     model = model_of(weights, weights)
+    cfg = replace(FitCfg(), error_share=share, tie_threshold=tie_threshold)
+    model.provenance = replace(model.provenance, cfg=cfg)
     working = row(speed=0.0, height=0.0)
     working[..., column("joint_torque").start] = 1.0
     working[..., column("joint_vel").start] = 3.0
-    hurried = row(speed=1.0, height=0.0)
-    for caution, paid in ((0.0, 2.0 * 3.0 - 2.0), (1.0, -2.0)):
-        reward = CautiousReward(model, caution)
-        assert reward(working, STARTS).item() == pytest.approx(paid, abs=1e-4)
-        assert reward(hurried, STARTS).item() == pytest.approx(1.0, abs=1e-4)
+    reward = CautiousReward.suited(model, 1.0)
+    assert reward(working, STARTS).item() == pytest.approx(paid, abs=1e-4)
+    hurried = reward(row(speed=1.0, height=0.0), STARTS)
+    assert hurried.item() == pytest.approx(1.0, abs=1e-4)
+    plain = CautiousReward.suited(model, 0.0)(working, STARTS)
+    assert plain.item() == pytest.approx(4.0, abs=1e-4)
 
 
 def test_a_sum_of_few_curves_is_paid_in_full() -> None:
