@@ -5,15 +5,14 @@ disagree, the answers do not say what a motion is worth; paying less there takes
 gain out of leaving what was judged (lower confidence bound; for learned rewards Coste
 et al. 2023, "Reward Model Ensembles Help Mitigate Overoptimization").
 
-A linear reward is careful habit by habit: each weight is moved by some deviations of
-its own over the members towards what was expected of it before any answer (soft
-thresholding, Donoho and Johnstone 1994). Where answers err, effort is not paid for
-besides: what moves well takes more of it than what stands, and such answers cannot tell
-the two apart. A bound on the whole reward also pays less for a habit that is surely
-good and goes with others in doubt, so it prefers standing still; it is left to where
-answers err. A sum of few curves is paid in full: its members differ most about what the
-wanted habit is worth where it is strongest. Of a high step the doubt was twice the pay,
-and training lost the step.
+Where answers err, a linear reward is careful habit by habit: each weight is moved by
+some deviations of its own over the members towards what was expected of it before any
+answer (soft thresholding, Donoho and Johnstone 1994), and effort is not paid for: what
+moves well takes more of it than what stands, and such answers cannot tell the two
+apart. A bound on the whole reward also pays less for a habit that is surely good and
+goes with others in doubt, so it prefers standing still. A sum of few curves is paid in
+full: its members differ most about what the wanted habit is worth where it is
+strongest. Of a high step the doubt was twice the pay, and training lost the step.
 
 Shapes: M ensemble members, T steps, N sequences, F features, D descriptors.
 """
@@ -60,20 +59,16 @@ class CautiousReward:
 
     @classmethod
     def suited(cls, model: RewardModel, most: float) -> Self:
-        """As careful as a reward of its kind should be, `most` of a linear one.
-
-        A sparse one is paid in full, others by the share of random answers that they
-        were fitted to expect: none is taken off up to `FEW_ERRORS`, `most` from
-        `MANY_ERRORS` on.
+        """Caution by how often answers err, as the fit of `model` found: none where up
+        to `FEW_ERRORS` are random, `most` from `MANY_ERRORS` on and where errors are in
+        close pairs. None of a sparse reward.
         """
-        if isinstance(model.scorer, LinearScorer):
-            doubted = answers_err(model) or close_errors(model.provenance.cfg)
-            return cls(model, most, pays_effort=not (doubted and most))
         if isinstance(model.scorer, SparseScorer):
             return cls(model, 0.0)
-        share = model.provenance.cfg.error_share
-        doubt = (share - FEW_ERRORS) / (MANY_ERRORS - FEW_ERRORS)
-        return cls(model, most * min(1.0, max(0.0, doubt)))
+        cfg = model.provenance.cfg
+        doubt = (cfg.error_share - FEW_ERRORS) / (MANY_ERRORS - FEW_ERRORS)
+        doubt = 1.0 if close_errors(cfg) else min(1.0, max(0.0, doubt))
+        return cls(model, most * doubt, pays_effort=most * doubt == 0.0)
 
     def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
         """Reward [T, N] for rows [T, N, F], in units of the model's."""

@@ -22,7 +22,7 @@ class LinearCfg:
     num_members: int = 50
     """Models fitted to resampled answers, fewer where answers are many; their spread
     measures what is unknown."""
-    prior_precision: float = 3.0
+    prior_precision: float = 1.0
     """Of the Gaussian prior on each weight; larger means weaker opinions."""
     unsteady_logit: float = field(default=0.75, metadata=ADDED_LATER)
     """Logit by which a clip that bounces, sways, rocks or slips by the usual amount

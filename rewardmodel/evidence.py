@@ -27,7 +27,7 @@ from .linear import (
 from .normaliser import Normaliser
 from .training import TrainingPairs
 
-PRECISIONS = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
+PRECISIONS = (0.03, 0.1, 0.3, 1.0, 3.0)
 ERROR_SHARES = (0.02, 0.1, 0.2, 0.3, 0.5, 0.7)
 """What is tried."""
 FEW_ERRORS = 0.1
@@ -35,15 +35,17 @@ FEW_ERRORS = 0.1
 CLOSE_TIE = 0.3
 """Lead, in logits, from which on a rater who errs on close pairs has an opinion."""
 _SURE = 1.0
-"""Logarithm of the odds from which on a rater is taken to be one: that answers are
-random where close pairs are to be told apart, and that they are not where they need
-not."""
+"""Logarithm of the odds from which on answers are taken to err, and a rater to do so
+on close pairs: that random ones are needed where close pairs are to be told apart, and
+that they are not where they need not."""
 PLENTY = 1000
 """Answers from which on every second, third, ... is looked at: two settings are known
 well enough from them."""
-_PRECISION_SPREAD, _ERROR_SPREAD = 0.4, 1.0
+_PRECISION_SPREAD, _ERROR_SPREAD = 0.75, 1.0
 """Deviations, of the logarithm and of the logit, of what is expected beforehand around
 the settings: a handful of answers leaves both about where they were."""
+_ERRING_TIMES, _ERRING_SPREAD = 3.0, 0.4
+"""How much weaker opinions are expected to be where answers err, and how surely."""
 
 
 @dataclass(frozen=True)
@@ -68,38 +70,59 @@ def find(pairs: TrainingPairs, cfg: FitCfg) -> Found:
         Normaliser(seen.steps.shape[-1]).fit(seen.scored_steps)
     )
     tried = _tried(standardised, cfg)
-
-    def expected(settings: tuple[float, float]) -> float:
-        return tried[settings] + expected_share(cfg, settings[0])
-
-    share, precision = max(tried, key=expected)
-    if share > FEW_ERRORS and cfg.tie_threshold > CLOSE_TIE:
-        close = _tried(standardised, replace(cfg, tie_threshold=CLOSE_TIE))
-        if _for_errors(tried) > _SURE and _for_errors(close) < -_SURE:
-            best = max(close, key=lambda settings: close[settings])
+    free = _weighed(tried, cfg.linear.prior_precision, _PRECISION_SPREAD)
+    found = _best(free, cfg)
+    if found.error_share <= FEW_ERRORS or _for_errors(free) < _SURE:
+        return found
+    # What answers with errors say of strong opinions is chance for the most part.
+    weak = _ERRING_TIMES * cfg.linear.prior_precision
+    tried = _weighed(tried, weak, _ERRING_SPREAD)
+    if cfg.tie_threshold > CLOSE_TIE:
+        close = replace(cfg, tie_threshold=CLOSE_TIE)
+        tried_close = _weighed(_tried(standardised, close), weak, _ERRING_SPREAD)
+        if _for_errors(tried_close) < -_SURE:
+            best = max(tried_close, key=lambda settings: tried_close[settings])
             return Found(*best, CLOSE_TIE)
-    return Found(share, precision, cfg.tie_threshold)
+    return _best(tried, cfg)
 
 
-def _for_errors(tried: dict[tuple[float, float], float]) -> float:
+Tried = dict[tuple[float, float], float]
+"""Logarithm of how well a share of random answers and a precision explain answers."""
+
+
+def _tried(pairs: TrainingPairs, cfg: FitCfg) -> Tried:
+    """The evidence of standardised `pairs` for all that is tried."""
+    inputs, spread = scaled_differences(pairs)
+    mean = expected_weights(pairs, spread, cfg.linear)
+    return {
+        (share, precision): evidence(
+            inputs, erring(pairs, cfg, share), cfg, precision, mean=mean
+        )
+        for precision in PRECISIONS
+        for share in ERROR_SHARES
+    }
+
+
+def _weighed(tried: Tried, precision: float, spread: float) -> Tried:
+    """With what is expected of the precision before any answer, up to a constant."""
+    return {
+        (share, other): height - 0.5 * (math.log(other / precision) / spread) ** 2
+        for (share, other), height in tried.items()
+    }
+
+
+def _best(tried: Tried, cfg: FitCfg) -> Found:
+    """The most probable, with what is expected of the share."""
+    best = max(tried, key=lambda each: tried[each] + expected_share(cfg, each[0]))
+    return Found(*best, cfg.tie_threshold)
+
+
+def _for_errors(tried: Tried) -> float:
     """Logarithm of the odds that answers are random more often than hardly ever."""
     hardly = ERROR_SHARES[0]
     never = max(height for (share, _), height in tried.items() if share == hardly)
     others = max(height for (share, _), height in tried.items() if share != hardly)
     return others - never
-
-
-def _tried(pairs: TrainingPairs, cfg: FitCfg) -> dict[tuple[float, float], float]:
-    """The evidence for shares of random answers and precisions, and what is expected of
-    the latter, for standardised `pairs`."""
-    inputs, spread = scaled_differences(pairs)
-    mean = expected_weights(pairs, spread, cfg.linear)
-    return {
-        (share, precision): _expected_precision(cfg, precision)
-        + evidence(inputs, erring(pairs, cfg, share), cfg, precision, mean=mean)
-        for precision in PRECISIONS
-        for share in ERROR_SHARES
-    }
 
 
 def close_errors(settings: FitCfg | Found) -> bool:
@@ -164,12 +187,6 @@ def erring(pairs: TrainingPairs, cfg: FitCfg, share: float) -> TrainingPairs:
     """`pairs` whose answers are all expected to be random in a share of the cases."""
     errors = Errors.alike(share, len(pairs), tie_threshold=cfg.tie_threshold)
     return replace(pairs, errors=errors)
-
-
-def _expected_precision(cfg: FitCfg, precision: float) -> float:
-    """Log of how much a precision is expected before any answer, up to a constant."""
-    off = math.log(precision / cfg.linear.prior_precision)
-    return -0.5 * (off / _PRECISION_SPREAD) ** 2
 
 
 def expected_share(cfg: FitCfg, share: float) -> float:

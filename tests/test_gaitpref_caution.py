@@ -115,18 +115,23 @@ def test_of_other_models_the_spread_of_a_step_is_taken_off() -> None:
 
 
 @pytest.mark.parametrize(
-    ("share", "caution"), [(0.0, 0.0), (0.1, 0.0), (0.15, 0.5), (0.2, 1.0), (0.4, 1.0)]
+    ("share", "tie_threshold", "caution"),
+    [
+        (0.0, 1.0, 0.0),
+        (0.1, 1.0, 0.0),
+        (0.15, 1.0, 0.5),
+        (0.2, 1.0, 1.0),
+        (0.4, 1.0, 1.0),
+        (0.02, CLOSE_TIE, 1.0),
+    ],
 )
 def test_caution_sets_in_where_answers_turned_out_wrong(
-    share: float, caution: float
+    share: float, tie_threshold: float, caution: float
 ) -> None:
-    """Of a step's whole pay, as in a network; habit by habit, it always does."""
-    linear = quarrel()
-    provenance = replace(linear.provenance, cfg=replace(FitCfg(), error_share=share))
-    network = MlpScorer(2, len(DESCRIPTOR_NAMES), 8)
-    model = RewardModel(linear.normaliser, network, provenance)
+    model = quarrel()
+    cfg = replace(FitCfg(), error_share=share, tie_threshold=tie_threshold)
+    model.provenance = replace(model.provenance, cfg=cfg)
     assert CautiousReward.suited(model, 1.0).caution == pytest.approx(caution)
-    assert CautiousReward.suited(linear, 1.0).caution == 1.0
 
 
 @pytest.mark.parametrize(
