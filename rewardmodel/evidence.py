@@ -70,20 +70,21 @@ def find(pairs: TrainingPairs, cfg: FitCfg) -> Found:
         Normaliser(seen.steps.shape[-1]).fit(seen.scored_steps)
     )
     tried = _tried(standardised, cfg)
-    free = _weighed(tried, cfg.linear.prior_precision, _PRECISION_SPREAD)
-    found = _best(free, cfg)
-    if found.error_share <= FEW_ERRORS or _for_errors(free) < _SURE:
-        return found
-    # What answers with errors say of strong opinions is chance for the most part.
     weak = _ERRING_TIMES * cfg.linear.prior_precision
-    tried = _weighed(tried, weak, _ERRING_SPREAD)
-    if cfg.tie_threshold > CLOSE_TIE:
+    weakly = _weighed(tried, weak, _ERRING_SPREAD)
+    found = _best(weakly, cfg)
+    if found.error_share <= FEW_ERRORS:
+        # Only where answers agree to who hardly has opinions may they be strong ones:
+        # any answers agree to those.
+        strongly = _weighed(tried, cfg.linear.prior_precision, _PRECISION_SPREAD)
+        return _best(strongly, cfg)
+    if cfg.tie_threshold > CLOSE_TIE and _for_errors(weakly) > _SURE:
         close = replace(cfg, tie_threshold=CLOSE_TIE)
-        tried_close = _weighed(_tried(standardised, close), weak, _ERRING_SPREAD)
-        if _for_errors(tried_close) < -_SURE:
-            best = max(tried_close, key=lambda settings: tried_close[settings])
+        closely = _weighed(_tried(standardised, close), weak, _ERRING_SPREAD)
+        if _for_errors(closely) < -_SURE:
+            best = max(closely, key=lambda settings: closely[settings])
             return Found(*best, CLOSE_TIE)
-    return _best(tried, cfg)
+    return found
 
 
 Tried = dict[tuple[float, float], float]
