@@ -73,12 +73,12 @@ def find(pairs: TrainingPairs, cfg: FitCfg) -> Found:
     weak = _ERRING_TIMES * cfg.linear.prior_precision
     weakly = _weighed(tried, weak, _ERRING_SPREAD)
     found = _best(weakly, cfg)
-    if found.error_share <= FEW_ERRORS:
+    if found.error_share <= FEW_ERRORS or _for_errors(weakly) <= _SURE:
         # Only where answers agree to who hardly has opinions may they be strong ones:
         # any answers agree to those.
         strongly = _weighed(tried, cfg.linear.prior_precision, _PRECISION_SPREAD)
         return _best(strongly, cfg)
-    if cfg.tie_threshold > CLOSE_TIE and _for_errors(weakly) > _SURE:
+    if cfg.tie_threshold > CLOSE_TIE:
         close = replace(cfg, tie_threshold=CLOSE_TIE)
         closely = _weighed(_tried(standardised, close), weak, _ERRING_SPREAD)
         if _for_errors(closely) < -_SURE:
