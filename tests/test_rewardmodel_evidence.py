@@ -47,20 +47,20 @@ def hesitant(count: int, seed: int) -> AnsweredPairs:
 
 
 def test_who_errs_on_close_pairs_is_told_from_who_errs_at_random() -> None:
-    """Alike in how often they err, not in what the answer about a clear pair says."""
-    at_random = [found(150, 0.2, seed).tie_threshold for seed in range(4)]
-    assert at_random == [FitCfg().tie_threshold] * 4
+    """Alike in how often they err, so that 150 answers tell them apart more often than
+    not, and no more; what is learned from them is right in any case."""
     fresh = answered(400, seed=99)
-    taken = []
-    for seed in range(4):
+    taken = {"at random": 0, "on close pairs": 0}
+    for seed in range(8):
+        taken["at random"] += found(150, 0.2, seed).tie_threshold == CLOSE_TIE
         pairs = hesitant(150, seed)
         wrong = (pairs.target > 0.5) != (taste(pairs.left) > taste(pairs.right))
         assert 0.2 < float(wrong.float().mean()) < 0.4
         model, _ = fit_reward(pairs, FitCfg(), seed=0, measured=False)
-        cfg = model.provenance.cfg
-        taken.append((cfg.tie_threshold, cfg.error_share) == (CLOSE_TIE, 0.02))
-        assert accuracy(model, fresh) > 0.8
-    assert sum(taken) >= 3
+        taken["on close pairs"] += model.provenance.cfg.tie_threshold == CLOSE_TIE
+        assert accuracy(model, fresh) > 0.75
+    assert taken["at random"] <= 2
+    assert taken["on close pairs"] >= 5
 
 
 def test_opinions_grow_with_the_answers() -> None:

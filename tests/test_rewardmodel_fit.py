@@ -64,6 +64,9 @@ def gait(rng: np.random.Generator, steps: int) -> np.ndarray:
     for name in ("foot_height", "foot_speed", "foot_air_time"):
         rows[:, column(name)] = np.abs(rows[:, column(name)])
     rows[:, column("foot_contact")] = rng.random((steps, 4)) < rng.random()
+    # Nobody walks on its back.
+    down = column("gravity_b").stop - 1
+    rows[:, down] = -np.abs(rows[:, down])
     rows[:, column("command")] = (0.5, 0.0, 0.0)
     rows[:, column("fallen")] = 0.0
     return rows.astype(np.float32)
@@ -156,7 +159,7 @@ def test_how_much_better_a_clip_is_teaches_more() -> None:
         pairs = answered(40, seed=seed)
         plain.append(accuracy(fit_reward(pairs, QUICK, seed=0)[0], fresh))
         strong.append(accuracy(fit_reward(graded(pairs), QUICK, seed=0)[0], fresh))
-    assert np.mean(strong) > np.mean(plain) + 0.005
+    assert np.mean(strong) > np.mean(plain) + 0.01
 
 
 def spoiled(pairs: AnsweredPairs, how: str, *, seed: int) -> AnsweredPairs:
@@ -245,7 +248,7 @@ def test_the_model_is_chosen_by_held_out_answers(tmp_path: Path) -> None:
     # Lines of few habits are what the planted taste is; fresh pairs say so too.
     assert stiff.provenance.cfg.kind in ("linear", "sparse")
     fresh, linear = answered(400, seed=99), fit_reward(pairs, QUICK, seed=0)[0]
-    assert accuracy(stiff, fresh) > accuracy(linear, fresh) - 0.02
+    assert accuracy(stiff, fresh) >= accuracy(linear, fresh)
     assert accuracy(stiff, fresh) > 0.9
     # A transformer is tried only where looking back was worth it.
     tried = [kind for kind, _ in report.considered]
