@@ -26,6 +26,7 @@ def walk(
     step_hz: float = 2.0,
     lift: float = 0.35,
     fell: bool = False,
+    task: str = "walk",
 ) -> Episode:
     """A trot at 0.5 m/s; with `fell`, the base sinks in the last half second."""
     time_s = np.arange(steps + 1) * DT_S
@@ -57,7 +58,7 @@ def walk(
         reward=np.zeros(steps, dtype=np.float32),
         end_reason="terminated" if fell else "truncated",
         meta=EpisodeMeta(
-            task="velocity",
+            task=task,
             seed=seed,
             env_index=0,
             command=(0.5, 0.0, 0.0),
@@ -80,6 +81,7 @@ def walking_dataset(
     clip_steps: int = 60,
     episodes: int = 12,
     steps: int = 300,
+    task: str = "walk",
 ) -> Dataset:
     """A data set of trots of different pace, with `pairs` open pairs.
 
@@ -93,6 +95,7 @@ def walking_dataset(
             step_hz=1.5 + 0.1 * index,
             lift=0.2 + 0.03 * index,
             fell=_falls(index, steps),
+            task=task,
         )
         for index in range(episodes)
     )

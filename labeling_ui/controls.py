@@ -145,10 +145,6 @@ class Controls:
                 button.label = past_words(history[index])
 
 
-_ASKED = {"walk": "Which one walks better?", "getup": "Which one gets up better?"}
-"""By what the robots were to do."""
-
-
 def head(rater_id: str, showing: Showing) -> str:
     """The top of the panel: who, what is asked, under which command."""
     progress = showing.progress
@@ -162,9 +158,9 @@ def head(rater_id: str, showing: Showing) -> str:
         )
     else:
         motion = None if showing.motions is None else showing.motions[0]
-        asked = _ASKED.get(motion.task if motion else "walk", "Which one is better?")
-        lines.append(f"<b>{asked}</b>")
-        if motion is not None and motion.task != "getup":
+        lies = motion is not None and motion.task == "getup"
+        lines.append(f"<b>Which one {'gets up' if lies else 'walks'} better?</b>")
+        if motion is not None and not lies:
             lines.append(command_words(motion.commands))
     if question is not None and question.earlier is not None:
         said = WORDS[question.earlier].lower()

@@ -169,7 +169,7 @@ def test_a_rater_at_work(site: Site, visit: Visit) -> None:
     looked for after the next thing that shows on the page.
     """
     page = visit("ann")
-    page.get_by_text("walks better.").first.wait_for()
+    page.get_by_text("walks better, or").first.wait_for()
     page.keyboard.press("1")
     dismiss_guidelines(page)
     assert site.answers() == []  # A dialog was open.

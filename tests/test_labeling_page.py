@@ -64,6 +64,25 @@ def test_an_answer_that_cannot_be_stored_is_said_so(tmp_path: Path) -> None:
         assert store.count() == 1
 
 
+@pytest.mark.parametrize("task", ["walk", "getup"])
+def test_it_asks_for_what_the_robots_were_to_do(tmp_path: Path, task: str) -> None:
+    """Who lies was given no command."""
+    dataset = walking_dataset(tmp_path / "set", pairs=1, task=task)
+
+    async def scenario(url: str) -> str:
+        visitor = Visitor(url, None)
+        page = asyncio.create_task(visitor.run())
+        await visitor.until_moving()
+        page.cancel()
+        return " ".join(visitor.texts.values())
+
+    with LabelServer(dataset, LabelCfg(port=0, auth=False)) as server:
+        told = asyncio.run(scenario(server.url))
+    assert ("Which one walks better?" in told) == (task == "walk")
+    assert ("Which one gets up better?" in told) == (task == "getup")
+    assert ("asked for:" in told) == (task == "walk")
+
+
 def test_what_nobody_waits_for_does_not_pile_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
