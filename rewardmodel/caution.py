@@ -26,7 +26,7 @@ import torch
 from torch import Tensor
 
 from .descriptors import DESCRIPTOR_NAMES, EFFORT
-from .evidence import FEW_ERRORS, close_errors
+from .evidence import FEW_ERRORS
 from .linear import LinearScorer
 from .model import RewardModel
 from .sparse import SparseScorer
@@ -60,15 +60,15 @@ class CautiousReward:
     @classmethod
     def suited(cls, model: RewardModel, most: float) -> Self:
         """Caution by how often answers err, as the fit of `model` found: none where up
-        to `FEW_ERRORS` are random, `most` from `MANY_ERRORS` on and where errors are in
-        close pairs. None of a sparse reward.
+        to `FEW_ERRORS` are random, `most` from `MANY_ERRORS` on. None of a sparse
+        reward.
         """
         if isinstance(model.scorer, SparseScorer):
             return cls(model, 0.0)
-        cfg = model.provenance.cfg
-        doubt = (cfg.error_share - FEW_ERRORS) / (MANY_ERRORS - FEW_ERRORS)
-        doubt = 1.0 if close_errors(cfg) else min(1.0, max(0.0, doubt))
-        return cls(model, most * doubt, pays_effort=most * doubt == 0.0)
+        share = model.provenance.cfg.error_share
+        doubt = (share - FEW_ERRORS) / (MANY_ERRORS - FEW_ERRORS)
+        careful = most * min(1.0, max(0.0, doubt))
+        return cls(model, careful, pays_effort=careful == 0.0)
 
     def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
         """Reward [T, N] for rows [T, N, F], in units of the model's."""

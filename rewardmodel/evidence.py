@@ -32,12 +32,11 @@ ERROR_SHARES = (0.02, 0.1, 0.2, 0.3, 0.5, 0.7)
 """What is tried."""
 FEW_ERRORS = 0.1
 """Share of random answers up to which they can be overlooked."""
-CLOSE_TIE = 0.3
-"""Lead, in logits, from which on a rater who errs on close pairs has an opinion."""
 _SURE = 1.0
-"""Logarithm of the odds from which on answers are taken to err, and a rater to do so
-on close pairs: that random ones are needed where close pairs are to be told apart, and
-that they are not where they need not."""
+"""Logarithm of the odds from which on answers are taken to err."""
+_ERRING_SHARE, _ERRING_TIE = 0.3, 0.3
+"""Where answers err, the least share of them that is taken to be random, and the lead,
+in logits, from which on the others are meant."""
 PLENTY = 1000
 """Answers from which on every second, third, ... is looked at: two settings are known
 well enough from them."""
@@ -60,9 +59,9 @@ class Found:
 def find(pairs: TrainingPairs, cfg: FitCfg) -> Found:
     """The settings with the largest evidence, for described `pairs`.
 
-    Answers may look random because a share of them is, whatever is asked, or because
-    pairs are close. Both leave the same share of answers wrong, and say the opposite of
-    what to make of a clear one; where the closeness alone explains them, it does.
+    Answers are wrong at random, whatever is asked, or where pairs are close, and which
+    of the two it is a hundred of them hardly say; taken for the other kind, either
+    teaches what nobody wants. So where they err, both are expected.
     """
     some = torch.arange(len(pairs)) % -(-len(pairs) // PLENTY) == 0
     seen = pairs.subset(some).seen_by(replace(cfg, kind="linear"))
@@ -78,13 +77,8 @@ def find(pairs: TrainingPairs, cfg: FitCfg) -> Found:
         # any answers agree to those.
         strongly = _weighed(tried, cfg.linear.prior_precision, _PRECISION_SPREAD)
         return _best(strongly, cfg)
-    if cfg.tie_threshold > CLOSE_TIE:
-        close = replace(cfg, tie_threshold=CLOSE_TIE)
-        closely = _weighed(_tried(standardised, close), weak, _ERRING_SPREAD)
-        if _for_errors(closely) < -_SURE:
-            best = max(closely, key=lambda settings: closely[settings])
-            return Found(*best, CLOSE_TIE)
-    return found
+    share = max(found.error_share, _ERRING_SHARE)
+    return Found(share, weak, min(cfg.tie_threshold, _ERRING_TIE))
 
 
 Tried = dict[tuple[float, float], float]
@@ -124,12 +118,6 @@ def _for_errors(tried: Tried) -> float:
     never = max(height for (share, _), height in tried.items() if share == hardly)
     others = max(height for (share, _), height in tried.items() if share != hardly)
     return others - never
-
-
-def close_errors(settings: FitCfg | Found) -> bool:
-    """Whether answers are taken to be wrong where pairs are close, and hardly ever
-    else."""
-    return settings.tie_threshold == CLOSE_TIE
 
 
 def settled(cfg: FitCfg, found: Found) -> FitCfg:

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from .calibration import Calibration, calibration, fit_temperature
 from .cfg import FitCfg
-from .evidence import close_errors
+from .evidence import FEW_ERRORS
 from .held_out import fold_of, held_out_leads, leads_without
 from .model import RewardModel
 from .pairs import AnsweredPairs
@@ -60,8 +60,8 @@ class Foreseen:
     opinion: Accuracy | None
     """The same, each answer counted by the size of its lead; `answers` is how many of
     one size would say as much (Kish 1965, "Survey Sampling")."""
-    close_errors: bool
-    """Whether answers are taken to be wrong where pairs are close, and only there."""
+    erring: bool
+    """Whether more answers are taken to be wrong than can be overlooked."""
     newest: Accuracy | None
     """Answers of the newest round, foreseen without any answer of that round; None
     where there is only one round, or no preference in it."""
@@ -165,7 +165,7 @@ def _summary(
         unseen=unseen,
         accuracy=accuracy_of(lead, target),
         opinion=opinion_of(lead, target),
-        close_errors=cfg.kind == "linear" and close_errors(cfg),
+        erring=cfg.kind == "linear" and cfg.error_share > FEW_ERRORS,
         newest=newest,
         by_command=_apart(commands, lead, target),
         by_round=_apart([str(r) for r in pairs.rounds] if pairs else [], lead, target),

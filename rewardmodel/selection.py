@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from .cfg import FitCfg, Kind
-from .evidence import CLOSE_TIE, FEW_ERRORS, close_errors, erring, find
+from .evidence import FEW_ERRORS, Found, erring, find, settled
 from .held_out import held_out_leads
 from .pairs import AnsweredPairs
 from .reliability import with_reliability
@@ -44,12 +44,12 @@ def choose(
     # Linear weights say most of a walk from few answers; what they cannot say looks
     # like errors to them.
     grows = cfg.kind == "grow"
-    found = find(plain, cfg) if grows else None
-    if found and close_errors(found):
-        cfg = replace(cfg, error_share=found.error_share, tie_threshold=CLOSE_TIE)
-        plain = erring(plain, cfg, cfg.error_share)
-    elif found and found.error_share <= FEW_ERRORS:
-        return stiffest, ()
+    if grows:
+        found = find(plain, cfg)
+        if found.error_share <= FEW_ERRORS or _says_something(
+            plain, pairs, cfg, found, seed
+        ):
+            return stiffest, ()
     foreseen: dict[Kind, Tensor] = {}
     described, _ = with_reliability(plain, pairs.raters, cfg, seed=seed)
     for kind in (stiffest, "gp") if grows else get_args(Kind):
@@ -63,15 +63,24 @@ def choose(
         foreseen[kind] = held_out.log_likelihood(leads, own)
         if len(foreseen[kind]) < MIN_HELD_OUT:
             return kind, ()
-        if found and close_errors(found):
-            # Where weights say something, what they miss are the close pairs; to who
-            # finds no sense in the answers, all pairs are.
-            nothing = held_out.log_likelihood(torch.zeros_like(leads), own)
-            if _surely_more(foreseen[kind], nothing, errors=2.0):
-                return kind, ()
     means = tuple((kind, values.mean().item()) for kind, values in foreseen.items())
     errors = 2.0 if grows else 1.0
     return choose_kind(foreseen, errors=errors), means
+
+
+def _says_something(
+    plain: TrainingPairs, pairs: AnsweredPairs, cfg: FitCfg, found: Found, seed: int
+) -> bool:
+    """Whether weights, with the errors that were found, surely foresee held-out answers
+    better than who finds no sense in them: then errors are what they miss."""
+    own = settled(replace(cfg, kind="linear"), found)
+    expected = erring(plain, own, own.error_share)
+    described, _ = with_reliability(expected, pairs.raters, own, seed=seed)
+    asked, leads = held_out_leads(described, pairs.episodes, own, seed)
+    held_out = described.subset(asked)
+    something = held_out.log_likelihood(leads, own)
+    nothing = held_out.log_likelihood(torch.zeros_like(leads), own)
+    return len(leads) >= MIN_HELD_OUT and _surely_more(something, nothing, errors=2.0)
 
 
 def choose_kind(

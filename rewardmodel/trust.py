@@ -21,7 +21,7 @@ of four answers is then cleared nine times of ten."""
 LEAST_SHARE = 0.6
 """Answers that must be foreseen, however sure it is that some are: a reward that misses
 two in five is followed to where it is wrong."""
-LEAST_OPINION = 0.7
+LEAST_OPINION = 0.68
 """The same share with each answer counted by how sure the model was of it: the closest
 questions are asked first, and those it gets wrong may not matter."""
 ENOUGH_NEWEST = 10
@@ -114,13 +114,13 @@ def alarms(
 
 def disagree(foreseen: Foreseen) -> bool:
     """Whether enough answers were held out to say that they taught too little: it is
-    wrong too often, and also where it is sure. Of a rater who errs on close pairs only
-    the latter counts: where answers say nothing at all, every pair looks close."""
+    wrong too often, and also where it is sure. Where answers are known to err only the
+    latter counts."""
     accuracy, opinion = foreseen.accuracy, foreseen.opinion
     if accuracy is None or accuracy.answers < ENOUGH:
         return False
     wrong_too_often = accuracy.says_nothing or accuracy.share < LEAST_SHARE
-    if not (wrong_too_often or foreseen.close_errors):
+    if not (wrong_too_often or foreseen.erring):
         return False
     return opinion is None or opinion.says_nothing or opinion.share < LEAST_OPINION
 
@@ -130,7 +130,7 @@ def _too_low(accuracy: Accuracy | None) -> str:
         return "no better than chance"
     if accuracy.share < LEAST_SHARE:
         return f"below {LEAST_SHARE:g}"
-    return "low, even for close pairs"
+    return "low, whatever errors are expected"
 
 
 def _no_better(newest: Accuracy) -> bool:

@@ -27,7 +27,6 @@ from policy.train import TrainCfg, train
 from rewardmodel import FitCfg, fit_reward
 from rewardmodel.caution import CautiousReward
 from rewardmodel.descriptors import DESCRIPTOR_NAMES, UNSTEADY, names_seen
-from rewardmodel.evidence import CLOSE_TIE
 from rewardmodel.linear import LinearScorer
 from rewardmodel.mlp import MlpScorer
 from rewardmodel.model import RewardModel
@@ -115,36 +114,24 @@ def test_of_other_models_the_spread_of_a_step_is_taken_off() -> None:
 
 
 @pytest.mark.parametrize(
-    ("share", "tie_threshold", "caution"),
-    [
-        (0.0, 1.0, 0.0),
-        (0.1, 1.0, 0.0),
-        (0.15, 1.0, 0.5),
-        (0.2, 1.0, 1.0),
-        (0.4, 1.0, 1.0),
-        (0.02, CLOSE_TIE, 1.0),
-    ],
+    ("share", "caution"),
+    [(0.0, 0.0), (0.1, 0.0), (0.15, 0.5), (0.2, 1.0), (0.4, 1.0)],
 )
 def test_caution_sets_in_where_answers_turned_out_wrong(
-    share: float, tie_threshold: float, caution: float
+    share: float, caution: float
 ) -> None:
     model = quarrel()
-    cfg = replace(FitCfg(), error_share=share, tie_threshold=tie_threshold)
+    cfg = replace(FitCfg(), error_share=share)
     model.provenance = replace(model.provenance, cfg=cfg)
     assert CautiousReward.suited(model, 1.0).caution == pytest.approx(caution)
 
 
-@pytest.mark.parametrize(
-    ("share", "tie_threshold", "paid"),
-    [(0.1, 1.0, 2.0 * 3.0 - 2.0), (0.2, 1.0, -2.0), (0.02, CLOSE_TIE, -2.0)],
-)
-def test_effort_is_not_paid_for_where_answers_err(
-    share: float, tie_threshold: float, paid: float
-) -> None:
-    """At random or in close pairs: both members like power and dislike torque."""
+@pytest.mark.parametrize(("share", "paid"), [(0.1, 2.0 * 3.0 - 2.0), (0.2, -2.0)])
+def test_effort_is_not_paid_for_where_answers_err(share: float, paid: float) -> None:
+    """Both members like power and dislike torque."""
     weights = {"power": 2.0, "torque_sq": -2.0, "forward_speed": 1.0}
     model = model_of(weights, weights)
-    cfg = replace(FitCfg(), error_share=share, tie_threshold=tie_threshold)
+    cfg = replace(FitCfg(), error_share=share)
     model.provenance = replace(model.provenance, cfg=cfg)
     working = row(speed=0.0, height=0.0)
     working[..., column("joint_torque").start] = 1.0

@@ -111,10 +111,10 @@ def test_answers_disagree_only_where_it_is_wrong_and_sure(sure_is_right: bool) -
     assert all("do not agree" in reason for reason in reasons)
 
 
-@pytest.mark.parametrize("close_errors", [True, False])
-def test_where_every_pair_looks_close_sure_answers_decide(close_errors: bool) -> None:
-    """Two thirds are foreseen, of the sure ones as of the others: enough where errors
-    are expected anywhere, too little where they are expected in close pairs alone."""
+@pytest.mark.parametrize("erring", [True, False])
+def test_where_answers_err_the_sure_ones_decide(erring: bool) -> None:
+    """Two thirds are foreseen, of the sure ones as of the others: enough, if they
+    were not known to err; too little where they are."""
     lead = torch.ones(60)
     target = (torch.arange(60) % 3 > 0).float()
     pairs = answered(60, seed=0)
@@ -123,11 +123,11 @@ def test_where_every_pair_looks_close_sure_answers_decide(close_errors: bool) ->
         foresee(model, pairs, seed=0),
         accuracy=accuracy_of(lead, target),
         opinion=opinion_of(lead, target),
-        close_errors=close_errors,
+        erring=erring,
     )
     reasons = alarms(foreseen, None)
-    assert bool(reasons) == close_errors
-    assert all("low, even for close pairs" in reason for reason in reasons)
+    assert bool(reasons) == erring
+    assert all("low, whatever errors are expected" in reason for reason in reasons)
 
 
 def test_agreeing_answers_raise_no_alarm() -> None:
