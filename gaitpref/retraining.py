@@ -13,7 +13,6 @@ from data.dataset import Dataset
 from data.files import replace_directory, write_atomically
 from policy.checkpoint import holding_home, load_policy
 from policy.ppo import IterationStats, RewardFn
-from policy.reward import KnownTermsCfg
 from policy.robot import Robot
 from policy.train import POLICY_NAME, SUMMARY_NAME, TrainCfg, train
 from rewardmodel.caution import CautiousReward
@@ -135,12 +134,11 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
     )
     if round.number == 0:
         return _Plan(cfg=train_cfg)
-    learned = CautiousReward.suited(load_reward(round.before.reward), cfg.caution)
     reward_fn = total_reward(
-        learned,
+        CautiousReward.suited(load_reward(round.before.reward), cfg.caution),
         robot,
         cfg.env,
-        known=known_beside(learned, cfg.known, erring_fall=cfg.erring_fall),
+        known=cfg.known,
         weight=cfg.learned_weight,
         keep_task=cfg.keeps_task,
         tracking_limit=_tracking_limit(cfg, round),
@@ -159,15 +157,6 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
         init=approved(round.before),
         watch=watched(cfg, round, dataset, reward_fn),
     )
-
-
-def known_beside(
-    learned: CautiousReward, known: KnownTermsCfg, *, erring_fall: float
-) -> KnownTermsCfg:
-    """`known`, a fall costing `erring_fall` times as much beside a careful reward."""
-    if learned.pays_effort:
-        return known
-    return replace(known, fall=erring_fall * known.fall)
 
 
 def _tracking_limit(cfg: LoopCfg, round: Round) -> TrackingLimit | None:

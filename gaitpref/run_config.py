@@ -86,11 +86,8 @@ class LoopCfg:
     """Weight of the learned reward, which has unit standard deviation per second."""
     caution: float = field(default=1.0, metadata=ADDED_LATER)
     """Deviations over the ensemble by which a learned reward pays a habit less where
-    answers err, a fifth of them or more, and fewer where fewer do. A sum of few curves,
-    as of styles, is paid in full."""
-    erring_fall: float = field(default=5.0, metadata=ADDED_LATER)
-    """Times what a fall costs beside a reward that is careful: one that answers bent
-    pays so little for most of a first walk that falling at once would be worth more."""
+    answers err, in close pairs or a fifth of them or more at random, and fewer where
+    fewer do. A sum of few curves, as of styles, is paid in full."""
     approval_labels: int = field(default=7, metadata=ADDED_LATER)
     """Answers that, where answers err, judge each new policy beside the one before it,
     which stays where they speak for it; 0 judges none."""
@@ -165,8 +162,6 @@ class LoopCfg:
             share = getattr(self, name)
             if share is not None and not 0.0 < share < 1.0:
                 raise RunError(f"{name} must lie in (0, 1), got {share}")
-        if self.erring_fall < 1.0:
-            raise RunError(f"erring_fall must be at least 1, got {self.erring_fall}")
 
     @property
     def keeps_task(self) -> bool:

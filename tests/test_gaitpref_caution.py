@@ -11,7 +11,6 @@ import pytest
 import torch
 
 from data.features import FEATURE_DIM, column
-from gaitpref.retraining import known_beside
 from gaitpref.rewards import total_reward
 from gaitpref.tracking_limit import (
     PRICE,
@@ -143,17 +142,6 @@ def test_effort_is_not_paid_for_where_answers_err(share: float, paid: float) -> 
     assert hurried.item() == pytest.approx(1.0, abs=1e-4)
     plain = CautiousReward.suited(model, 0.0)(working, STARTS)
     assert plain.item() == pytest.approx(4.0, abs=1e-4)
-
-
-@pytest.mark.parametrize(("share", "fall"), [(0.1, -1.0), (0.2, -5.0)])
-def test_a_fall_costs_more_where_answers_err(share: float, fall: float) -> None:
-    """Beside such a reward, standing up may pay less than nothing for a while."""
-    model = quarrel()
-    cfg = replace(FitCfg(), error_share=share)
-    model.provenance = replace(model.provenance, cfg=cfg)
-    learned, usual = CautiousReward.suited(model, 1.0), KnownTermsCfg()
-    known = known_beside(learned, usual, erring_fall=5.0)
-    assert known == replace(usual, fall=fall)
 
 
 def test_a_sum_of_few_curves_is_paid_in_full() -> None:
