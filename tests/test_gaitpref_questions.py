@@ -11,6 +11,7 @@ import torch
 
 from benchmarks.walks import walk, walking_dataset
 from data.answers import Pair
+from data.clips import Clip
 from data.dataset import Dataset
 from data.errors import GaitprefError
 from data.features import column
@@ -51,9 +52,17 @@ def test_the_robot_that_does_not_fall_is_the_known_answer(tmp_path: Path) -> Non
         assert pair.round == 2
 
 
+def could_be_moved(clip: Clip, feet: np.ndarray) -> bool:
+    """Whether the foot with contact `feet` [T] comes down less than half the 30 steps
+    to the next clip away, and the episode goes on for as long as the clip."""
+    down = [t for t in range(1, len(feet)) if (feet[t - 1], feet[t]) == (0.0, 1.0)]
+    return any(abs(t - clip.start) < 15 and t + clip.steps <= len(feet) for t in down)
+
+
 def test_robots_that_walk_begin_with_the_same_foot(tmp_path: Path) -> None:
     """Steps at 1.5 to 2.6 Hz: the front right foot comes down as a clip begins; where
-    one falls or stands, both clips stay where they were cut. Nothing comes twice."""
+    one falls or stands, or takes long steps and its foot comes down no nearer than half
+    way to the next clip, both stay where they were cut. Nothing comes twice."""
     dataset = walking_dataset(tmp_path / "set", pairs=0)
     standing = walk(300, seed=99)
     features = standing.features.copy()
@@ -89,6 +98,9 @@ def test_robots_that_walk_begin_with_the_same_foot(tmp_path: Path) -> None:
             continue
         if min(clip.start for clip in clips) == 0:
             continue  # The first step of an episode may be no touchdown.
+        if all(clip.start % 30 == 0 for clip in clips):
+            assert not all(map(could_be_moved, clips, contact))
+            continue
         for clip, feet in zip(clips, contact, strict=True):
             assert (feet[clip.start - 1], feet[clip.start]) == (0.0, 1.0)
         aligned += 1
