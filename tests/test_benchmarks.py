@@ -11,7 +11,16 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks import choosing, hour, kinds, policy_order, robots, throughput, walk
+from benchmarks import (
+    answer_bits,
+    choosing,
+    hour,
+    kinds,
+    policy_order,
+    robots,
+    throughput,
+    walk,
+)
 from benchmarks.preference_plan import HELD_BACK, loop_cfg, plan
 from benchmarks.preference_table import BEGIN, END, publish_rows, together
 from benchmarks.wishes import carried_right_foot, nose_up_when_slow
@@ -19,6 +28,7 @@ from data.dataset import Dataset
 from data.features import FEATURE_DIM, column
 from gaitpref.criteria import load_criterion
 from gaitpref.loop import run_configured
+from gaitpref.rater_cfg import RaterCfg
 from gaitpref.rewards import criterion_context, score_of_criterion
 from policy.checkpoint import load_policy
 from rewardmodel.descriptors import describe
@@ -288,3 +298,28 @@ def test_mistakes_turn_a_share_of_the_answers_round() -> None:
     pairs = answered(400, seed=0)
     wrong = choosing.mistaken(pairs, 0.2, np.random.default_rng(0))
     assert (wrong.target != pairs.target).float().mean() == pytest.approx(0.2, abs=0.06)
+
+
+def test_an_answer_tells_less_the_oftener_it_is_wrong(tmp_path: Path) -> None:
+    """A rater who never errs tells a bit with every choice. Leads are measured in the
+    median of the pairs asked by then, so a lead of one is wrong in sigmoid(-1)."""
+    run_configured(tmp_path / "run", small_cfg())
+    choices, rater = answer_bits.choices_of(tmp_path / "run")
+    assert (choices.leads >= 0).all()
+    assert answer_bits.bits(choices.wrong(rater)) == pytest.approx(np.ones(24))
+
+    leads = np.array([0.2, -1.0, 5.0, 30.0])
+    asked = answer_bits.Choices(np.array([0, 0, 0, 1]), leads)
+    assert asked.wrong(RaterCfg(mistakes=0.11)) == pytest.approx(np.full(4, 0.11))
+    by_chance = asked.wrong(RaterCfg(beta=1.0))
+    assert by_chance[1] == pytest.approx(1 / (1 + np.e))
+    assert by_chance[3] == pytest.approx(1 / (1 + np.exp(30 / 3)))
+    told = answer_bits.bits(np.array([0.0, 0.11, 0.5, 0.89, 1.0]))
+    assert told == pytest.approx([1.0, 0.5, 0.0, 0.5, 1.0], abs=1e-3)
+
+    (tmp_path / "ties").mkdir()
+    config = (tmp_path / "run/config.yaml").read_text()
+    text = config.replace("equal: 0.0", "equal: 0.5")
+    (tmp_path / "ties/config.yaml").write_text(text)
+    with pytest.raises(ValueError, match="always chooses"):
+        answer_bits.choices_of(tmp_path / "ties")
