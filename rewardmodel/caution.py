@@ -10,9 +10,12 @@ some deviations of its own over the members towards what was expected of it befo
 answer (soft thresholding, Donoho and Johnstone 1994), and effort is not paid for: what
 moves well takes more of it than what stands, and such answers cannot tell the two
 apart. A bound on the whole reward also pays less for a habit that is surely good and
-goes with others in doubt, so it prefers standing still. A sum of few curves is paid in
-full: its members differ most about what the wanted habit is worth where it is
-strongest. Of a high step the doubt was twice the pay, and training lost the step.
+goes with others in doubt, so it prefers standing still. How the feet go is doubted
+twice as much: what tumbles lifts them, and a reward that blames them for it stands.
+
+A sum of few curves is paid in full: its members differ most about what the wanted habit
+is worth where it is strongest. Of a high step the doubt was twice the pay, and training
+lost the step.
 
 Shapes: M ensemble members, T steps, N sequences, F features, D descriptors.
 """
@@ -25,7 +28,7 @@ from typing import Self
 import torch
 from torch import Tensor
 
-from .descriptors import DESCRIPTOR_NAMES, EFFORT
+from .descriptors import DESCRIPTOR_NAMES, EFFORT, FEET
 from .evidence import FEW_ERRORS
 from .linear import LinearScorer
 from .model import RewardModel
@@ -34,6 +37,9 @@ from .sparse import SparseScorer
 MANY_ERRORS = 0.2
 """Share of random answers from which on a reward is as careful as it may be; it begins
 to be so at `FEW_ERRORS`."""
+
+_FEET_TIMES = 2.0
+"""How much more how the feet go is doubted."""
 
 
 def answers_err(model: RewardModel) -> bool:
@@ -78,8 +84,7 @@ class CautiousReward:
         if isinstance(scorer, LinearScorer):
             weights = careful_weights(scorer, self.caution)
             if not self.pays_effort:
-                effort = torch.tensor([name in EFFORT for name in DESCRIPTOR_NAMES])
-                weights = torch.where(effort, weights.clamp_max(0.0), weights)
+                weights = torch.where(_named(EFFORT), weights.clamp_max(0.0), weights)
             paid = self.model.standardised(features) @ weights
         else:
             members = self.model.members(features, starts)
@@ -99,4 +104,10 @@ def careful_weights(scorer: LinearScorer, caution: float) -> Tensor:
     """
     found = scorer.weights.mean(dim=0) - scorer.expected
     doubt = caution * scorer.weights.std(dim=0)
+    doubt = torch.where(_named(FEET), _FEET_TIMES * doubt, doubt)
     return scorer.expected + found.sign() * (found.abs() - doubt).clamp_min(0.0)
+
+
+def _named(names: tuple[str, ...]) -> Tensor:
+    """[D] bool: which habits have one of `names`."""
+    return torch.tensor([name in names for name in DESCRIPTOR_NAMES])

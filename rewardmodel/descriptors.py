@@ -223,6 +223,17 @@ UNSTEADY = ("vertical_speed_sq", "roll_rate_sq", "pitch_rate_sq", "slip")
 """Habits hardly anybody wants more of, and that standing and a good walk both lack."""
 EFFORT = ("joint_speed_sq", "torque_sq", "power", "action_rate_sq")
 """What any motion costs, and hardly anybody wants more of for its own sake."""
+FEET = (
+    "contacts",
+    "foot_height_mean",
+    "foot_height_max",
+    "foot_speed_mean",
+    "air_time_mean",
+    "air_time_max",
+    "lift_offs",
+)
+"""How the feet go. A robot that tumbles lifts them too, so answers about robots that
+cannot walk yet say less of these than of anything else."""
 Sight = Literal["habits", "contacts", "legs"]
 """What a model sees: the table, the contact of each foot besides, or all of
 `rewardmodel.legs`."""
