@@ -19,7 +19,7 @@ from policy.evaluate import evaluate
 from policy.exploration import ExplorationBonusCfg
 from policy.kl_penalty import KlPenaltyCfg
 from policy.ppo import PpoCfg
-from policy.record import RecordCfg, record
+from policy.record import LONGEST_S, RecordCfg, record
 from policy.reward import KnownTermsCfg, task_reward_for
 from policy.robot import load_robot_xml
 from policy.train import POLICY_NAME, RESUME_NAME, TrainCfg, train
@@ -125,10 +125,6 @@ def _train(command: options.Train) -> int:
     return 0
 
 
-_LONGEST_S = 600.0
-"""An episode is held in memory until it is written."""
-
-
 def _record_cfg(command: options.Record) -> RecordCfg:
     """What is recorded, as the command line says it.
 
@@ -141,9 +137,9 @@ def _record_cfg(command: options.Record) -> RecordCfg:
         ("--episode-s", command.episode_s),
         ("--change-s", command.change_s),
     ):
-        if value is not None and not 0.0 < value <= _LONGEST_S:
+        if value is not None and not 0.0 < value <= LONGEST_S:
             raise GaitprefError(
-                f"{name} must lie in (0, {_LONGEST_S:g}] seconds, got {value:g}"
+                f"{name} must lie in (0, {LONGEST_S:g}] seconds, got {value:g}"
             )
     return RecordCfg(
         episodes=command.episodes,

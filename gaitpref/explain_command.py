@@ -119,7 +119,7 @@ def _scored(
     model: RewardModel, clips: list[Clip], rows: list[tuple[int, np.ndarray]]
 ) -> list[Ranked]:
     batch = pad_clips([features for _, features in rows])
-    rewards = model(batch.features.transpose(0, 1), batch.starts.mT).mT
+    rewards, _ = model.clip_rewards(batch)
     price = model.provenance.cfg.fall_logit / model.reward_std
     values = mean_over(rewards, batch.scored) - price * batch.fell.float()
     return [

@@ -16,6 +16,7 @@ from rewardmodel.acquisition import (
     Strategy,
     StrategyName,
     Uniform,
+    asked_for,
     choose_pairs,
     in_step,
     make_strategy,
@@ -164,7 +165,7 @@ def with_known_answer(
             other
             for other in clips
             if by_sha256[other.rollout].end_reason == "truncated"
-            and by_sha256[other.rollout].meta.command == entry.meta.command
+            and asked_for(by_sha256[other.rollout], other) == asked_for(entry, clip)
             and frozenset((clip, other)) not in taken
         ]
         if not standing:

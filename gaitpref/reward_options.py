@@ -139,6 +139,9 @@ class Trust:
     """Data set directory with answers."""
     policy: Path | None = None
     """Policy file to compare with the judged clips."""
+    answers: str | None = None
+    """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
+    file by default."""
     picture: Path | None = None
     """Write the reliability plot to this file, .svg or .png."""
     json: bool = False

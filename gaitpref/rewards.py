@@ -74,13 +74,18 @@ class TotalReward:
         return getattr(self.score, "history_steps", 0)
 
     def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
-        """Reward [T, N] per step of `features` [T, N, F]."""
-        parts = self.parts(features, starts)
-        self._measure(parts, features, starts)
+        """Reward [T, N] per step of `features` [T, N, F], which are one rollout."""
+        return self.of_rollout(features, starts, len(features))
+
+    def of_rollout(self, features: Tensor, starts: Tensor, steps: int) -> Tensor:
+        """Reward [steps, N] of the rollout that the last `steps` of `features`
+        [T, N, F] are; only `score` looks back at those before it."""
+        parts = self.parts(features, starts, steps)
+        self._measure(parts, features, starts, steps)
         return torch.stack(tuple(parts.values())).sum(dim=0)
 
     def _measure(
-        self, parts: dict[str, Tensor], features: Tensor, starts: Tensor
+        self, parts: dict[str, Tensor], features: Tensor, starts: Tensor, steps: int
     ) -> None:
         means = {name: float(part.mean()) for name, part in parts.items()}
         sizes = {name: float(part.abs().mean()) for name, part in parts.items()}
@@ -91,12 +96,15 @@ class TotalReward:
         if isinstance(self.score, RewardModel | CautiousReward):
             some = slice(None, None, _SPREAD_STRIDE)
             spread = self.score.spread(features[:, some], starts[:, some])
-            self.figures["reward/spread"] = float(spread.mean())
+            self.figures["reward/spread"] = float(spread[-steps:].mean())
 
-    def parts(self, features: Tensor, starts: Tensor) -> dict[str, Tensor]:
-        """What the total is the sum of, by name, each [T, N]."""
+    def parts(self, features: Tensor, starts: Tensor, steps: int) -> dict[str, Tensor]:
+        """What the total of the last `steps` is the sum of, by name, each
+        [steps, N]."""
+        score = self.score(features, starts)[-steps:]
+        features = features[-steps:]
         standing = 1.0 - features[..., column("fallen")][..., 0]
-        score = self.score(features, starts) * standing
+        score = score * standing
         if self.tracking_limit is not None:
             score = score * self.tracking_limit.share(features)
         parts = {"score": self.weight * self.control_dt_s * score}

@@ -14,7 +14,7 @@ from data.files import write_atomically
 from data.plain import ADDED_LATER, from_plain, to_plain
 from policy.config import EnvCfg
 from policy.ppo import PpoCfg
-from policy.record import RecordCfg
+from policy.record import LONGEST_S, RecordCfg
 from policy.reward import KnownTermsCfg
 from policy.variation import VariationCfg
 from rewardmodel.acquisition import StrategyName
@@ -227,6 +227,11 @@ def resolve(options: Loop) -> LoopCfg:
     quick = options.preset == "quick"
     scratch = options.base == "none"
     clips = ClipCfg.of(options.clip_s)
+    if options.change_s is not None and not 0.0 < options.change_s <= LONGEST_S:
+        raise RunError(
+            f"--change-s must lie in (0, {LONGEST_S:g}] seconds, got "
+            f"{options.change_s:g}"
+        )
     recorded = RecordCfg(
         episode_s=max(RecordCfg.episode_s, 3 * clips.clip_s),
         change_s=options.change_s,

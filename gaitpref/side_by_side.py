@@ -22,7 +22,7 @@ from policy.checkpoint import Policy, load_policy
 from policy.record import record
 from policy.train import POLICY_NAME
 from policy.variation import VariationCfg
-from rewardmodel.acquisition import in_step
+from rewardmodel.acquisition import asked_for, in_step
 from rewardmodel.caution import answers_err
 from rewardmodel.storage import load_reward
 
@@ -153,9 +153,18 @@ def pairs_of_both(
     by_command: dict[tuple[float, ...], list[Pair]] = {}
     clips = clips_of(new, cut)
     for index in rng.permutation(len(clips)):
-        clip, meta = clips[index], entries[clips[index].rollout].meta
-        alike = [entry for entry in old if entry.meta.env_index == meta.env_index]
-        beside = _nearest(clip, clips_of(alike, cut))
+        clip, entry = clips[index], entries[clips[index].rollout]
+        meta = entry.meta
+        alike = [other for other in old if other.meta.env_index == meta.env_index]
+        # Who falls in the middle of a manoeuvre was told less than the other.
+        beside = _nearest(
+            clip,
+            [
+                other
+                for other in clips_of(alike, cut)
+                if asked_for(entries[other.rollout], other) == asked_for(entry, clip)
+            ],
+        )
         if beside is None:
             continue
         sides = (clip, beside) if rng.random() < 0.5 else (beside, clip)

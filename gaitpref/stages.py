@@ -27,7 +27,7 @@ from .fit_summary import fit_summary
 from .people import People
 from .progress import console, counting_bar
 from .rewards import score_of_criterion
-from .rounds import Round, place_of, seed_of
+from .rounds import Round, approved, place_of, seed_of
 from .run_config import LoopCfg
 from .watch import trust_of_round
 
@@ -61,6 +61,25 @@ def fit_stage(cfg: LoopCfg, round: Round, dataset: Dataset, people: People) -> N
     model, report = fit_reward(pairs, cfg.fit, seed=seed_of(cfg, round.number, 5))
     save_reward(model, round.reward)
     console.print(f"round {round.number}: {fit_summary(report)}")
+
+
+def _began_with(cfg: LoopCfg, round: Round) -> float:
+    """Return, under the reward a round trained on, of the policy it began from."""
+    began = approved(round.before)
+    if began == round.before.policy:
+        return json.loads(round.before.report.read_text())["learned_return_next"]
+    policy = load_policy(began)
+    env = policy.info.env
+    features, lengths = rollout_features(
+        policy,
+        policy.robot(),
+        env,
+        episodes=cfg.evaluation_episodes,
+        seed=seed_of(cfg, 0, 6),
+    )
+    reward = load_reward(round.before.reward)
+    found = summarise(features, lengths, reward, control_dt_s=env.control_dt_s)
+    return found.return_mean
 
 
 def report_stage(
@@ -100,8 +119,7 @@ def report_stage(
     if round.number:
         trained_against = measured(load_reward(round.before.reward))
         result["learned_return"] = trained_against["return_mean"]
-        untrained = json.loads(round.before.report.read_text())["learned_return_next"]
-        rose = result["learned_return"] > untrained
+        rose = result["learned_return"] > _began_with(cfg, round)
     if round.reward.exists():
         model = load_reward(round.reward)
         result["learned_return_next"] = measured(model)["return_mean"]

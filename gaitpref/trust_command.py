@@ -8,7 +8,6 @@ from typing import Any
 
 import torch
 
-from data.dataset import Dataset
 from policy.checkpoint import load_policy
 from policy.evaluate import rollout_features
 from rewardmodel.foresight import Foreseen, foresee
@@ -18,6 +17,7 @@ from rewardmodel.trust import Reach, alarms, reach, spelled
 
 from . import options
 from .fit_summary import what_remains
+from .opening import open_dataset
 from .pictures import save_picture
 from .reliability import reliability_plot
 
@@ -29,7 +29,7 @@ def run(command: options.Trust) -> int:
     """Run the command; gives the exit code, 0 with an alarm too."""
     torch.set_num_threads(1)
     model = load_reward(command.reward)
-    judged = load_pairs([Dataset.open(command.dataset)])
+    judged = load_pairs([open_dataset(command)])
     foreseen = foresee(model, judged, seed=command.seed)
     reached = None
     if command.policy is not None:

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from data.dataset import Dataset
 from data.files import write_atomically
-from policy.ppo import RewardFn
+from policy.reward_ppo import OfRollout, RewardFn
 from rewardmodel.foresight import foresee
 from rewardmodel.model import RewardModel
 from rewardmodel.pairs import AnsweredPairs, load_pairs
@@ -59,9 +59,15 @@ class WatchedReward:
         """Of the learned reward since the first rollout seen."""
 
     def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
-        """Reward [T, N] of rows [T, N, F]."""
-        self._look(features, starts)
-        return self._reward(features, starts)
+        """Reward [T, N] of rows [T, N, F], which are one rollout."""
+        return self.of_rollout(features, starts, len(features))
+
+    def of_rollout(self, features: Tensor, starts: Tensor, steps: int) -> Tensor:
+        """Reward [steps, N] of the rollout that the last `steps` of the rows are."""
+        self._look(features, starts, steps)
+        if isinstance(self._reward, OfRollout):
+            return self._reward.of_rollout(features, starts, steps)
+        return self._reward(features, starts)[-steps:]
 
     @property
     def history_steps(self) -> int:
@@ -83,14 +89,14 @@ class WatchedReward:
             f"{spelled(self.drift)}"
         )
 
-    def _look(self, features: Tensor, starts: Tensor) -> None:
-        mean = float(self._model(features, starts).mean())
+    def _look(self, features: Tensor, starts: Tensor, steps: int) -> None:
+        mean = float(self._model(features, starts)[-steps:].mean())
         self._first = mean if self._first is None else self._first
         self.rise = mean - self._first
         # A piece must not reach across a reset.
-        valid = ~starts.bool()
+        valid = ~starts[-steps:].bool()
         valid[0] = True
-        self.drift = self._support.drift(features.cpu(), valid.cpu())
+        self.drift = self._support.drift(features[-steps:].cpu(), valid.cpu())
         far = self.drift is not None and left_for_pay(self.drift, self._limit)
         self._bad = self._bad + 1 if far and self.rise > RISE else 0
 

@@ -24,6 +24,9 @@ from .rollout import Actor, RolloutStep, first_episodes
 from .train import CHECKPOINTS_NAME
 from .variation import VariationCfg, Varied
 
+LONGEST_S = 600.0
+"""Of an episode, which is held in memory until it is written."""
+
 Command = tuple[float, float, float]
 """Forward m/s, left m/s, yaw rad/s."""
 

@@ -35,6 +35,16 @@ class RewardFn(Protocol):
 
 
 @runtime_checkable
+class OfRollout(Protocol):
+    """A reward that also looks at a rollout as a whole, as at a mean over it."""
+
+    def of_rollout(self, features: Tensor, starts: Tensor, steps: int) -> Tensor:
+        """Reward [steps, N] of the rollout that the last `steps` of `features`
+        [T, N, F] are; those before it are only looked back at."""
+        ...
+
+
+@runtime_checkable
 class Remembering(Protocol):
     """A reward that keeps something over a rollout, and over a resume with it."""
 
@@ -117,7 +127,10 @@ class RewardPpo(PPO):
             starts = torch.cat([self._before[1], starts])
         if history:
             self._before = features[-history:].clone(), starts[-history:].clone()
-        return reward_fn(features, starts)[len(features) - len(self.features) :]
+        steps = len(self.features)
+        if isinstance(reward_fn, OfRollout):
+            return reward_fn.of_rollout(features, starts, steps)
+        return reward_fn(features, starts)[len(features) - steps :]
 
     def penalise(self, penalty: KlPenalty) -> None:
         """Add a KL penalty to the loss, where RSL-RL has its mirror loss."""

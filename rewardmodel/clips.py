@@ -78,13 +78,6 @@ class ClipBatch:
         """[B, T] bool: steps whose mean is the clip's return."""
         return self.valid & ~self.fallen
 
-    @property
-    def starts(self) -> Tensor:
-        """[B, T] bool: the first step of each clip, where a history begins anew."""
-        starts = torch.zeros_like(self.valid)
-        starts[:, 0] = True
-        return starts
-
 
 def _require_missing_as_a_whole(features: Tensor, valid: Tensor) -> None:
     """Let NaN pass where a whole feature is missing in a whole clip, and only there.

@@ -54,7 +54,9 @@ def remaining(model: RewardModel, pairs: AnsweredPairs) -> Remaining:
         [model.clip_returns(newest.left), model.clip_returns(newest.right)], dim=1
     )
     left, right = torch.triu_indices(returns.shape[1], returns.shape[1], 1)
-    preferred = (returns[:, left] > returns[:, right]).float().mean(dim=0)  # [K]
+    # Half where a member has no opinion: an order nobody knows is open.
+    lead = returns[:, left] - returns[:, right]
+    preferred = (0.5 + 0.5 * lead.sign()).mean(dim=0)  # [K]
     minority = torch.minimum(preferred, 1 - preferred)
     return Remaining(
         agreement=_rank_correlation(returns),
@@ -74,8 +76,12 @@ def enough(left: Remaining, report: FitReport) -> bool:
 
 
 def _rank_correlation(returns: Tensor) -> float:
-    """Mean over pairs of members of the correlation of ranks of returns [M, C]."""
-    ranks = returns.argsort(dim=1).argsort(dim=1).double()
-    correlation = torch.corrcoef(ranks)
+    """Mean over pairs of members of the correlation of ranks of returns [M, C]; 0 with
+    a member to whom all are equal."""
+    # Equal returns share a rank, or their order in memory would be an opinion.
+    ranks = torch.stack(
+        [(own[:, None] - own).sign().sum(dim=1) for own in returns]
+    ).double()
+    correlation = torch.corrcoef(ranks).nan_to_num(0.0)
     first, second = torch.triu_indices(len(returns), len(returns), 1)
     return float(correlation[first, second].mean())

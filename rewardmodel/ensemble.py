@@ -12,7 +12,7 @@ from .gp import fit_gp
 from .history import fit_history
 from .linear import fit_linear
 from .mlp import fit_mlp
-from .model import Scorer
+from .model import Scorer, leads_of_pairs
 from .normaliser import Normaliser
 from .semi_supervised import Unanswered, with_opinions
 from .sparse import fit_sparse
@@ -28,7 +28,7 @@ def fit_ensemble(
     normaliser, scorer = _fit_once(pairs, cfg, seed)
     if others is None or len(others.pairs) == 0:
         return normaliser, scorer
-    leads = others.pairs.transformed(normaliser).leads(scorer)
+    leads = leads_of_pairs(scorer, others.pairs.transformed(normaliser))
     return _fit_once(with_opinions(pairs, others.pairs, leads, cfg), cfg, seed)
 
 

@@ -20,10 +20,13 @@ from torch import Tensor
 
 from data.features import LEGS
 
+from .clips import pad_clips
 from .errors import RewardError
 from .legs import CONTACTS, SINGLE, TOGETHER
 from .linear import LinearScorer
 from .model import RewardModel
+from .normaliser import fill_missing
+from .sparse import SparseScorer
 
 Method = Literal["auto", "exact", "gradients", "occlusion"]
 
@@ -100,15 +103,15 @@ def explain(
 ) -> Explanation:
     """Share the reward of consecutive feature rows [K, F] of one episode.
 
+    They are seen as the fit saw clips; what nobody measured counts as average.
+
     Raises:
         RewardError: `exact` was asked of a model that is not linear, `gradients` of
             one that looks back, or without captum.
     """
-    features = torch.tensor(rows)[:, None]
-    starts = torch.zeros(len(rows), 1, dtype=torch.bool)
-    starts[0] = True
-    steps = model.standardised(features[:, 0])  # [K, D]
-    average = float(_reward(model, torch.zeros_like(steps[:1])))
+    clip = pad_clips([rows])
+    reward, spread = model.clip_rewards(clip)
+    steps = fill_missing(model.standardised(clip.features[0]))  # [K, D]
     chosen = _chosen(model, method)
     match chosen:
         case "exact":
@@ -126,13 +129,13 @@ def explain(
     else:
         by_group = torch.stack([shares[:, own].sum(dim=1) for own in members], dim=1)
     return Explanation(
-        reward=model(features, starts)[:, 0].numpy(),
-        spread=model.spread(features, starts)[:, 0].numpy(),
+        reward=reward[0].numpy(),
+        spread=spread[0].numpy(),
         groups=groups,
         shares=by_group.numpy(),
         descriptors=shares.numpy(),
         names=model.names,
-        average=average,
+        average=_average(model, steps.shape[1]),
         method=chosen,
     )
 
@@ -159,13 +162,34 @@ def _chosen(model: RewardModel, method: Method) -> str:
 
 def _reward(model: RewardModel, steps: Tensor) -> Tensor:
     """Reward [K] of consecutive steps, standardised [K, D]."""
-    mean = model.scorer(steps).mean(dim=0)
-    return (mean - model.reward_mean) / model.reward_std
+    return _centred(model, model.scorer(steps))
+
+
+def _centred(model: RewardModel, members: Tensor) -> Tensor:
+    """Rewards [...] of raw ones [M, ...]."""
+    return (members.mean(dim=0) - model.reward_mean) / model.reward_std
+
+
+def _average(model: RewardModel, num_descriptors: int) -> float:
+    """Reward of an average judged step, which also steps at the average rate."""
+    if isinstance(model.scorer, SparseScorer):
+        return float(_centred(model, model.scorer.paid(model.scorer.average)))
+    return float(_reward(model, torch.zeros(1, num_descriptors)))
 
 
 def _occluded(model: RewardModel, steps: Tensor, hidden: Tensor) -> Tensor:
-    """Loss of reward [K] where the descriptors `hidden` [D] are average ones."""
-    return _reward(model, steps) - _reward(model, steps.masked_fill(hidden, 0.0))
+    """Loss of reward [K] where the descriptors `hidden` [D] are average ones, and with
+    the contacts the stride rate."""
+    scorer = model.scorer
+    if not isinstance(scorer, SparseScorer):
+        return _reward(model, steps) - _reward(model, steps.masked_fill(hidden, 0.0))
+    names = {item.name for item in CONTACTS}
+    contacts = torch.tensor([name in names for name in model.names])
+    rate = (hidden & contacts).any().reshape(1)
+    seen = scorer.seen(steps)
+    without = torch.where(torch.cat([hidden, rate]), scorer.average, seen)
+    paid, left = scorer.paid(seen), scorer.paid(without)
+    return _centred(model, paid) - _centred(model, left)
 
 
 def _gradients(model: RewardModel, steps: Tensor) -> Tensor:

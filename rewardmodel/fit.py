@@ -19,7 +19,7 @@ from .ensemble import fit_ensemble
 from .evidence import erring, find, settled
 from .held_out import fold_of, held_out_leads
 from .linear import members_for
-from .model import Provenance, RewardModel
+from .model import Provenance, RewardModel, leads_of_pairs
 from .pairs import AnsweredPairs
 from .reliability import with_reliability
 from .report import FitReport as FitReport
@@ -79,7 +79,7 @@ def fit_reward(
     report = _report(
         pairs,
         described,
-        standardised.leads(scorer).mean(dim=0),
+        leads_of_pairs(scorer, standardised).mean(dim=0),
         described.subset(held_out),
         held_out_lead,
         cfg,
@@ -151,8 +151,10 @@ def _report(
 def _count_right(target: Tensor, lead: Tensor) -> tuple[int, int]:
     """How many preferences a lead [B] foresees, and how many there are."""
     preference = target != 0.5
-    right = ((lead > 0) == (target > 0.5)) & preference
-    return int(right.sum()), int(preference.sum())
+    right = ((lead > 0) == (target > 0.5)) & preference & (lead != 0)
+    # Who has no lead guesses, and is right half of the time.
+    guessed = int((preference & (lead == 0)).sum()) // 2
+    return int(right.sum()) + guessed, int(preference.sum())
 
 
 def _share(right: int, total: int) -> float | None:

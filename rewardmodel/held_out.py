@@ -13,6 +13,7 @@ from torch import Tensor
 
 from .cfg import FitCfg
 from .ensemble import fit_ensemble
+from .model import leads_of_pairs
 from .semi_supervised import Unanswered
 from .sparse import find as look
 from .training import TrainingPairs
@@ -70,4 +71,5 @@ def leads_without(
         # Held-out answers choose among models; they must not have shaped one of them.
         cfg = replace(cfg, sparse=look(pairs.subset(fitted), cfg).sparse)
     normaliser, scorer = fit_ensemble(pairs.subset(fitted), cfg, seed, others)
-    return pairs.subset(tested).transformed(normaliser).leads(scorer).mean(dim=0)
+    asked = pairs.subset(tested).transformed(normaliser)
+    return leads_of_pairs(scorer, asked).mean(dim=0)

@@ -61,6 +61,24 @@ def make_scorer(cfg: FitCfg) -> Scorer:
     raise ValueError(f"`{cfg.kind}` is no model: a fit says which one it chose")
 
 
+def of_clips(scorer: Scorer, steps: Tensor, scored: Tensor) -> Tensor:
+    """Raw rewards [M, ..., T] of clips, standardised [..., T, D], whatever is padded.
+
+    Args:
+        scorer: Which model.
+        steps: The clips.
+        scored: [..., T] bool, steps that count; padding lies behind them.
+    """
+    if isinstance(scorer, SparseScorer):
+        return scorer(steps, scored=scored)
+    return scorer(steps)
+
+
+def leads_of_pairs(scorer: Scorer, pairs: TrainingPairs) -> Tensor:
+    """Logit [M, B], by member, that left clips of standardised `pairs` are better."""
+    return pairs.leads(lambda steps: of_clips(scorer, steps, pairs.scored))
+
+
 @dataclass(frozen=True)
 class Provenance:
     """What a reward model was made from and how."""
@@ -110,7 +128,7 @@ class RewardModel(nn.Module):
         A model without any opinion gives reward 0 rather than magnified noise.
         """
         if self.history_steps:
-            rewards = self.scorer(pairs.steps)[:, pairs.scored]
+            rewards = of_clips(self.scorer, pairs.steps, pairs.scored)[:, pairs.scored]
         else:
             rewards = self.scorer(pairs.scored_steps)
         std, mean = torch.std_mean(rewards.mean(dim=0), correction=0)
@@ -165,4 +183,5 @@ class RewardModel(nn.Module):
         Wherever the model lives, clips and result live on the CPU.
         """
         features = clips.features.to(self.reward_mean.device)
-        return self.scorer(fill_missing(self.standardised(features))).cpu()
+        steps = fill_missing(self.standardised(features))
+        return of_clips(self.scorer, steps, clips.scored.to(steps.device)).cpu()

@@ -86,7 +86,7 @@ class SparseScorer(nn.Module):
 
     def look_at(self, pairs: TrainingPairs) -> None:
         """Take from `pairs` what standardises the stride rate, and what was judged."""
-        rate = stride_rate(pairs.steps)[pairs.scored]
+        rate = stride_rate(pairs.steps, scored=pairs.scored)[pairs.scored]
         std, mean = torch.std_mean(rate, correction=0)
         self.rate_mean.copy_(mean)
         self.rate_std.copy_(std if std > 1e-6 else torch.ones(()))
@@ -96,21 +96,42 @@ class SparseScorer(nn.Module):
         ends = [round(share * last) for share in (_RANGE_QUANTILE, 1 - _RANGE_QUANTILE)]
         self.judged.copy_(seen[ends])
 
-    def seen(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
+    def seen(
+        self,
+        steps: Tensor,
+        starts: Tensor | None = None,
+        *,
+        scored: Tensor | None = None,
+    ) -> Tensor:
         """[..., T, G] what has a curve, for standardised sequences [..., T, D]: 0 and 1
         are the ends of what was judged, and nothing goes beyond. Of squares it is the
         root, as nearly all of a gait would lie at the low end of its curve."""
-        rate = (stride_rate(steps, starts) - self.rate_mean) / self.rate_std
-        low, high = self.judged
-        seen = torch.cat([steps, rate[..., None]], dim=-1)
-        return self._laid_out((seen - low) / (high - low).clamp_min(1e-6))
+        rate = stride_rate(steps, starts, scored=scored)
+        rate = (rate - self.rate_mean) / self.rate_std
+        return self._on_range(torch.cat([steps, rate[..., None]], dim=-1))
 
-    def forward(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
-        """Raw rewards [M, ..., T] of standardised sequences [..., T, D]."""
+    @property
+    def average(self) -> Tensor:
+        """[G] the same of a step that is average in everything."""
+        return self._on_range(torch.zeros_like(self.judged[0]))
+
+    def forward(
+        self,
+        steps: Tensor,
+        starts: Tensor | None = None,
+        *,
+        scored: Tensor | None = None,
+    ) -> Tensor:
+        """Raw rewards [M, ..., T] of standardised sequences [..., T, D], as in
+        `stride_rate`."""
+        return self.paid(self.seen(steps, starts, scored=scored))
+
+    def paid(self, seen: Tensor) -> Tensor:
+        """Raw rewards [M, ..., T] for what `seen` gives, [..., T, G]."""
         weights = self.weights.unflatten(1, (-1, _WEIGHTS))
         used = weights.abs().sum(dim=(0, 2)) > 0
-        seen = curves(self.seen(steps, starts)[..., used])
-        return (seen @ weights[:, used].flatten(1).mT).movedim(-1, 0)
+        parts = curves(seen[..., used])
+        return (parts @ weights[:, used].flatten(1).mT).movedim(-1, 0)
 
     def along(self, shares: Tensor) -> Tensor:
         """What each curve adds to the raw reward, [M, K, G], at `shares` [K, G] of the
@@ -118,6 +139,10 @@ class SparseScorer(nn.Module):
         weights = self.weights.unflatten(1, (-1, _WEIGHTS))
         parts = curves(self._laid_out(shares)).unflatten(1, (-1, _WEIGHTS))
         return (parts * weights[:, None]).sum(dim=-1)
+
+    def _on_range(self, standardised: Tensor) -> Tensor:
+        low, high = self.judged
+        return self._laid_out((standardised - low) / (high - low).clamp_min(1e-6))
 
     def _laid_out(self, shares: Tensor) -> Tensor:
         shares = shares.clamp(0, 1)
@@ -138,7 +163,9 @@ def curves(seen: Tensor) -> Tensor:
     return torch.cat([seen, bumps], dim=-1).flatten(-2)
 
 
-def stride_rate(steps: Tensor, starts: Tensor | None = None) -> Tensor:
+def stride_rate(
+    steps: Tensor, starts: Tensor | None = None, *, scored: Tensor | None = None
+) -> Tensor:
     """[..., T] strides per step of standardised `steps` [..., T, D], over the last
     second of the episode at hand: lift-offs of all feet, by four.
 
@@ -146,6 +173,8 @@ def stride_rate(steps: Tensor, starts: Tensor | None = None) -> Tensor:
         steps: Sequences.
         starts: [..., T] bool, first steps of episodes; None for clips, which begin in
             the middle of a walk.
+        scored: [..., T] bool, steps of the clips that count, padding behind them;
+            None where all do.
     """
     down = steps[..., list(_CONTACTS)]
     lifted = torch.zeros_like(down)
@@ -162,7 +191,10 @@ def stride_rate(steps: Tensor, starts: Tensor | None = None) -> Tensor:
     rate = strides / (time - first + 1).clamp_min(_LEAST_STEPS)
     if starts is None and rate.shape[-1] >= _RATE_STEPS:
         # Its first whole second tells the rate of all before it; few steps would not.
-        rate[..., : _RATE_STEPS - 1] = rate[..., _RATE_STEPS - 1, None]
+        whole = rate[..., _RATE_STEPS - 1, None].expand_as(rate).clone()
+        if scored is not None:
+            whole = torch.where(scored[..., _RATE_STEPS - 1, None], whole, rate)
+        rate[..., : _RATE_STEPS - 1] = whole[..., : _RATE_STEPS - 1]
     return rate
 
 
@@ -188,7 +220,7 @@ def scaled_curves(scorer: SparseScorer, pairs: TrainingPairs) -> tuple[Tensor, T
     parts = []
     for chosen in torch.arange(len(pairs)).split(_AT_ONCE):
         part = pairs.subset(chosen)
-        values = curves(scorer.seen(part.steps)).mT
+        values = curves(scorer.seen(part.steps, scored=part.scored)).mT
         left, right = mean_over(values, part.scored[..., None, :])
         parts.append((left - right).double())
     difference = torch.cat(parts)

@@ -71,7 +71,7 @@ def reach(
 def judged_spread(model: RewardModel, judged: AnsweredPairs) -> float:
     """Mean ensemble spread on the steps people saw, in units of the reward."""
     found = [
-        model.spread(clips.features.transpose(0, 1), clips.starts.mT)[clips.scored.mT]
+        model.clip_rewards(clips)[1][clips.scored]
         for clips in (judged.left, judged.right)
     ]
     return float(torch.cat(found).mean())

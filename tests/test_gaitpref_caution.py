@@ -216,7 +216,7 @@ def test_the_walk_does_not_yield() -> None:
             known=KnownTermsCfg(),
             keep_task=True,
             tracking_limit=limit,
-        ).parts(rows, starts)
+        ).parts(rows, starts, len(rows))
         for limit in (None, TrackingLimit(error_m_s=0.1))
     )
     assert torch.allclose(held["score"], free["score"] * math.exp(-1))

@@ -188,7 +188,7 @@ def test_the_total_is_the_learned_part_and_the_known_terms() -> None:
     total = reward(features, starts)[:, 0]
     assert float(total[0]) == pytest.approx(0.02 * (2 * 3 + 1 - 1e-3 * 12 * 25))
     assert float(total[1]) == pytest.approx(-1.0)
-    parts = reward.parts(features, starts)
+    parts = reward.parts(features, starts, len(features))
     assert set(parts) == {"score", "alive", "fall", "torque", "joint_limits"}
     # What is told of the rollout: parts per second, and shares of all their sizes.
     rewards = [v for name, v in reward.figures.items() if name.startswith("reward/")]

@@ -72,6 +72,13 @@ def gait(rng: np.random.Generator, steps: int) -> np.ndarray:
     return rows.astype(np.float32)
 
 
+def starts_of(clips: ClipBatch) -> Tensor:
+    """[T, B] bool: the first step of each clip."""
+    starts = torch.zeros_like(clips.valid.T)
+    starts[0] = True
+    return starts
+
+
 def taste(clips: ClipBatch) -> Tensor:
     """The planted criterion [B]: three habits are disliked."""
     means = mean_over(describe(clips.features).mT, clips.scored[:, None])
@@ -303,7 +310,7 @@ def test_the_reward_has_mean_zero_and_deviation_one_on_the_fitted_clips() -> Non
     model, _ = fit_reward(pairs, FitCfg(), seed=0)
     rewards = torch.cat(
         [
-            model(clips.features.transpose(0, 1), clips.starts.T).flatten()
+            model(clips.features.transpose(0, 1), starts_of(clips)).flatten()
             for clips in (pairs.left, pairs.right)
         ]
     )
@@ -315,7 +322,7 @@ def test_members_mean_and_spread_belong_together() -> None:
     """The reward is the members' mean and the spread their deviation, rescaled."""
     pairs = answered(40, seed=3)
     model, _ = fit_reward(pairs, FitCfg(), seed=0)
-    rows, starts = pairs.left.features.transpose(0, 1), pairs.left.starts.T
+    rows, starts = pairs.left.features.transpose(0, 1), starts_of(pairs.left)
     members = model.members(rows, starts)
     assert members.shape == (50, 20, 40)
     mean = (members.mean(dim=0) - model.reward_mean) / model.reward_std
@@ -350,7 +357,7 @@ def test_answers_that_are_all_equal_give_no_reward() -> None:
     pairs = answered(12, seed=3)
     ties = replace(pairs, target=torch.full_like(pairs.target, 0.5))
     model, report = fit_reward(ties, FitCfg(), seed=0)
-    rewards = model(pairs.left.features.transpose(0, 1), pairs.left.starts.T)
+    rewards = model(pairs.left.features.transpose(0, 1), starts_of(pairs.left))
     assert rewards.abs().max().item() == 0.0
     assert (report.ties, report.train_accuracy) == (12, None)
     assert (report.held_out_pairs, report.held_out_accuracy) == (0, None)
@@ -405,7 +412,7 @@ def test_save_and_load_bit_for_bit(
     for name in ("reward.safetensors", "reward.json"):
         first = (tmp_path / "one" / name).read_bytes()
         assert first == (tmp_path / "two" / name).read_bytes()
-    rows, starts = pairs.left.features.transpose(0, 1), pairs.left.starts.T
+    rows, starts = pairs.left.features.transpose(0, 1), starts_of(pairs.left)
     loaded = load_reward(tmp_path / "one")
     assert torch.equal(loaded.members(rows, starts), model.members(rows, starts))
     assert torch.equal(loaded(rows, starts), model(rows, starts))

@@ -11,6 +11,7 @@ from rewardmodel.model import RewardModel
 from .batches import Dpp as Dpp
 from .batches import KCenter as KCenter
 from .batches import Medoids as Medoids
+from .choose import asked_for as asked_for
 from .choose import choose_pairs as choose_pairs
 from .phase import in_step as in_step
 from .strategy import Strategy as Strategy

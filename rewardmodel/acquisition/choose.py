@@ -28,9 +28,9 @@ SAME_POLICY_WEIGHT = 0.25
 """How often a pair from one checkpoint becomes a candidate, against one from two:
 clips of one checkpoint look alike, and look-alikes are hard to judge."""
 MIN_FALLS, MAX_FALLS = 0.05, 0.25
-"""Share of a batch in which one of the two robots falls: most such answers are known
-beforehand, so that they must not use up the questions, but a fall is shown now and then
-as long as robots fall."""
+"""Share of a round's questions in which one of the two robots falls: most such answers
+are known beforehand, so that they must not use up the questions, but a fall is shown
+now and then as long as robots fall."""
 
 
 def choose_pairs(
@@ -64,8 +64,9 @@ def choose_pairs(
         rng: Every random draw.
 
     Raises:
-        RewardError: no two clips of different episodes share a command.
+        NothingToCompare: no two clips of different episodes share a command.
     """
+    entries, known_pairs = list(entries), list(known_pairs)
     drawn = [clips[index] for index in rng.permutation(len(clips))[:MAX_CLIPS]]
     pool = _pool(drawn, entries, folds)
     candidates = _candidates(pool, known_pairs, CANDIDATES_PER_PAIR * count, rng)
@@ -76,6 +77,7 @@ def choose_pairs(
     order = np.lexsort((-worth, crosses))
     rows = _diverse(candidates, order, pool.episode, crosses)
     decided = pool.fell[candidates].sum(axis=1) == 1
+    asked = _decided_before(known_pairs, entries, round)
     return [
         Pair.make(
             *(drawn[clip] for clip in candidates[row]),
@@ -83,8 +85,12 @@ def choose_pairs(
             round=round,
             info={"worth": float(worth[row])},
         )
-        for row in _with_falls(rows, decided, count)
+        for row in _with_falls(rows, decided, count, asked=asked)
     ]
+
+
+class NothingToCompare(RewardError):
+    """No two clips of different episodes share a command."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +122,7 @@ def _pool(clips: Sequence[Clip], entries: Iterable[EpisodeEntry], folds: int) ->
         clips=clips,
         episode=_numbered([entry.sha256 for entry in own]),
         command=_numbered(
-            [_asked_for(entry, clip) for entry, clip in zip(own, clips, strict=True)]
+            [asked_for(entry, clip) for entry, clip in zip(own, clips, strict=True)]
         ),
         policy=_numbered([entry.meta.policy_sha256 for entry in own]),
         fold=np.array([fold_of(entry.sha256, folds) for entry in own], dtype=int),
@@ -130,7 +136,7 @@ def _pool(clips: Sequence[Clip], entries: Iterable[EpisodeEntry], folds: int) ->
     )
 
 
-def _asked_for(entry: EpisodeEntry, clip: Clip) -> Hashable:
+def asked_for(entry: EpisodeEntry, clip: Clip) -> Hashable:
     """What the robot was told to do in a clip: equal for equal commands throughout."""
     change_steps = entry.meta.command_change_steps
     return entry.meta.command, change_steps, clip.start if change_steps else 0
@@ -154,7 +160,7 @@ def _candidates(
     same_command = pool.command[left] == pool.command[right]
     pairs = pairs[same_command & (pool.episode[left] != pool.episode[right])]
     if len(pairs) == 0:
-        raise RewardError(_nothing_to_compare(pool))
+        raise NothingToCompare(_nothing_to_compare(pool))
     pairs = pairs[~_known(pool, pairs, known_pairs)]
 
     same_policy = pool.policy[pairs[:, 0]] == pool.policy[pairs[:, 1]]
@@ -225,19 +231,37 @@ def _diverse(
     return chosen
 
 
-def _with_falls(rows: Sequence[int], decided: np.ndarray, count: int) -> list[int]:
+def _decided_before(
+    known_pairs: Iterable[Pair], entries: Iterable[EpisodeEntry], round: int
+) -> list[bool]:
+    """Of each pair the round has asked about by now, whether one of two robots
+    falls."""
+    ends = {e.sha256: e.num_steps for e in entries if e.end_reason == "terminated"}
+
+    def falls(clip: Clip) -> bool:
+        return clip.stop >= ends.get(clip.rollout, math.inf)
+
+    return [falls(p.a) != falls(p.b) for p in known_pairs if p.round == round]
+
+
+def _with_falls(
+    rows: Sequence[int], decided: np.ndarray, count: int, *, asked: Sequence[bool] = ()
+) -> list[int]:
     """Up to `count` of `rows`, in their order, with the right share of falls.
 
     Args:
         rows: Rows of candidates, best first.
         decided: [K] bool: of the two robots of a candidate, one falls.
         count: Rows wanted.
+        asked: The same of what the round has asked before: of a few at a time, the
+            least share is less than one.
     """
     falls = [row for row in rows if decided[row]]
     others = [row for row in rows if not decided[row]]
     usual = sum(row in set(falls) for row in rows[:count])
     share_of_all = len(falls) / max(len(rows), 1)
-    least = math.floor(count * min(MIN_FALLS, share_of_all))
+    least = math.floor((len(asked) + count) * min(MIN_FALLS, share_of_all))
+    least = min(max(0, least - sum(asked)), count)
     kept = min(max(usual, least), math.ceil(MAX_FALLS * count), len(falls))
     # Where there are no others left, a fall is better than no question.
     kept = max(kept, min(len(falls), count - len(others)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from data.dataset import Dataset
 from rewardmodel.cfg import SemiSupervisedCfg
 from rewardmodel.pairs import AnsweredPairs, gather_pairs
 
-from .choose import choose_pairs
+from .choose import NothingToCompare, choose_pairs
 from .strategy import Uniform
 
 
@@ -47,7 +48,8 @@ def unanswered_pairs(
         # As the loop cuts them: a shorter clip shows nothing but its fall.
         lengths = {"stride": max(1, steps // 2), "min_steps": max(1, steps // 3)}
         clips = cut_clips(entries, steps=steps, **lengths)
-        if clips:
+        # One data set may have nothing to compare where the others do.
+        with suppress(NothingToCompare):
             chosen += choose_pairs(
                 entries,
                 clips,
