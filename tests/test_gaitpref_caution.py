@@ -239,3 +239,28 @@ def test_the_limit_is_what_the_base_does_and_a_little_more(tmp_path: Path) -> No
     ranges = asked.forward_m_s, asked.left_m_s
     speeds = np.hypot(*(rng.uniform(*ends, 10_000) for ends in ranges))
     assert one == pytest.approx(speeds.mean(), abs=0.05)
+
+
+def test_a_limit_is_about_the_rollout_alone() -> None:
+    """What a reward looks back at was walked, and paid, before: errors of these steps
+    are no part of the mean that others are compared with."""
+
+    def style(features: torch.Tensor, starts: torch.Tensor) -> torch.Tensor:
+        return torch.ones(features.shape[:2])
+
+    reward = total_reward(
+        style,
+        load_robot(physics_dt_s=EnvCfg().physics_dt_s),
+        EnvCfg(),
+        known=KnownTermsCfg(),
+        tracking_limit=TrackingLimit(error_m_s=0.1),
+    )
+    before, after = asked_and_done(0.5, 0.5), asked_and_done(0.5, 0.3)
+    rows, starts = torch.cat([before, after]), torch.zeros(4, 3, dtype=torch.bool)
+    alone = reward(after, starts[2:])
+    figures = dict(reward.figures)
+    assert torch.equal(reward.of_rollout(rows, starts, 2), alone)
+    assert reward.figures == figures
+    # All err by as much, so nobody pays, and next to nothing is left of the style.
+    assert figures["reward/tracking"] == pytest.approx(0.0, abs=1e-6)
+    assert figures["reward/score"] == pytest.approx(math.exp(-5), rel=1e-3)

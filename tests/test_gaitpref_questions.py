@@ -185,6 +185,17 @@ def test_what_cannot_be_recorded_is_refused_before_anything_is_made(
     assert not (tmp_path / "d").exists()
 
 
+@pytest.mark.parametrize("seconds", ["0", "-1", "601"])
+def test_a_loop_is_refused_what_cannot_be_recorded(
+    seconds: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = tmp_path / "run"
+    assert main(["loop", "--run", str(run), "--change-s", seconds]) == 2
+    told = f"--change-s must lie in (0, 600] seconds, got {seconds}"
+    assert told in capsys.readouterr().err
+    assert not run.exists()
+
+
 def test_a_loop_records_episodes_that_hold_its_clips() -> None:
     cfg = resolve(Loop(run=Path("r"), clip_s=8.0, change_s=4.0))
     assert (cfg.clips.clip_s, cfg.clips.stride_s) == (8.0, 4.0)

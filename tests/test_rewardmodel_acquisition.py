@@ -478,3 +478,23 @@ def test_clips_of_a_manoeuvre_meet_where_they_were_told_the_same() -> None:
     assert len(pairs) == 12
     assert all(pair.a.start == pair.b.start for pair in pairs)
     assert len({pair.a.start for pair in pairs}) == 3
+
+
+def test_falls_are_not_avoided_a_few_questions_at_a_time() -> None:
+    """As a loop asks: two and eight, again and again, of which the strategy wants no
+    fall. Every twentieth question of the round is about one all the same."""
+    entries = [entry(k, fell=k % 2 == 0) for k in range(120)]
+    clips = [Clip(e.sha256, start, 10) for e in entries for start in (0, 30)]
+    fallen = {e.sha256 for e in entries[::2]}
+    strategy = PrefersFalls(fallen, -1.0)
+    asked: list[Pair] = []
+    for count in (2, 8, 2, 8, 2, 8, 2, 8):
+        asked += choose(entries, count, clips=clips, strategy=strategy, known=asked)
+    falls = [
+        (p.a.rollout in fallen and p.a.stop == 40)
+        != (p.b.rollout in fallen and p.b.stop == 40)
+        for p in asked
+    ]
+    assert sum(falls[:10]) == 0
+    assert sum(falls[:20]) == 1
+    assert sum(falls) == 2

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Literal
+
 import pytest
+import torch
 
 from rewardmodel import FitCfg, fit_reward
 
@@ -26,3 +30,29 @@ def test_it_says_go_on_early_and_stop_late(flipped: float, plenty: int) -> None:
 def test_answers_at_random_are_never_enough(count: int) -> None:
     _, report = fit_reward(answered(count, seed=1, flipped=0.5), FitCfg(), seed=0)
     assert not report.enough
+
+
+@pytest.mark.parametrize("kind", ["linear", "sparse"])
+def test_who_calls_all_clips_equal_has_told_nothing(
+    kind: Literal["linear", "sparse"],
+) -> None:
+    """Members without an opinion do not agree: the order of all clips is open."""
+    pairs = answered(40, seed=1)
+    ties = replace(pairs, target=torch.full((40,), 0.5))
+    model, report = fit_reward(ties, FitCfg(kind=kind), seed=0)
+    assert (model.clip_returns(ties.left).std(dim=1) < 1e-4).all()
+    assert report.agreement == 0.0
+    assert report.open_share == 1.0
+    assert not report.enough
+
+
+def test_who_has_no_lead_is_right_half_of_the_time() -> None:
+    """However often the right answer is the right clip."""
+    pairs = answered(40, seed=1)
+    flat = replace(
+        pairs,
+        left=pairs.right,
+        target=torch.tensor([0.0] * 30 + [1.0] * 10),
+    )
+    _, report = fit_reward(flat, FitCfg(), seed=0)
+    assert report.train_accuracy == 0.5

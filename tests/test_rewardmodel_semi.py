@@ -119,3 +119,18 @@ def test_the_command(
     assert main([*command, "--semi-supervised", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["answers"] == 40
     assert load_reward(out).provenance.cfg.semi_supervised == SemiSupervisedCfg()
+
+
+def test_a_data_set_with_nothing_to_compare_gives_none(
+    dataset: Dataset, tmp_path: Path
+) -> None:
+    """One episode has no other beside it; the pairs are those of the other data set."""
+    single = Dataset.create(tmp_path / "single")
+    single.add_from(dataset, [dataset.entries()[0].sha256])
+    answers = load_pairs([dataset])
+    found = unanswered_pairs(
+        [single, dataset], answers, SemiSupervisedCfg(), rng=np.random.default_rng(0)
+    )
+    assert found is not None
+    names = {entry.sha256 for entry in dataset.entries()}
+    assert {sha256 for pair in found.episodes for sha256 in pair} <= names

@@ -28,6 +28,7 @@ from rewardmodel.descriptors import describe, names_seen
 from rewardmodel.explain import explain
 from rewardmodel.sparse import SparseScorer, find, stride_rate
 from rewardmodel.training import training_pairs
+from rewardmodel.trust import judged_spread
 
 from .test_rewardmodel_fit import accuracy, answered, gait
 
@@ -288,3 +289,40 @@ def test_a_clip_without_feet_still_has_a_reward() -> None:
     rewards = model.clip_returns(pairs.left)
     assert rewards.isfinite().all()
     assert accuracy(model, pairs) > 0.8
+
+
+def test_a_short_clip_is_worth_the_same_beside_any_other() -> None:
+    """It is padded to the longest of its batch, and padding is no step."""
+    model, _ = fit_reward(asked(best_rate, 120, seed=0), SPARSE, seed=0, measured=False)
+    assert "stride_rate" in curves_kept(model)
+    rng = np.random.default_rng(3)
+    short = [stepping(rng)[:25] for _ in range(6)]
+    alone = model.clip_returns(pad_clips(short))
+    beside = model.clip_returns(pad_clips([*short, stepping(rng)]))[:, :6]
+    assert torch.allclose(alone, beside, atol=1e-4)
+
+
+def test_an_explained_clip_is_worth_what_it_was_to_the_fit() -> None:
+    """A clip is not the start of an episode, before which nobody stepped; its shares
+    begin at a step that is average in everything, its rate of strides too."""
+    model, _ = fit_reward(asked(best_rate, 120, seed=0), SPARSE, seed=0, measured=False)
+    rows = stepping(np.random.default_rng(3))
+    found = explain(model, rows)
+    rewards, spread = model.clip_rewards(pad_clips([rows]))
+    assert np.allclose(found.reward, rewards[0], atol=1e-5)
+    assert np.allclose(found.spread, spread[0], atol=1e-5)
+    paid = found.shares[:, found.groups.index("stepping")] + found.average
+    others = np.abs(found.shares).sum(axis=1) - np.abs(paid - found.average)
+    assert np.allclose(paid, found.reward, atol=float(others.max()) + 1e-3)
+
+
+def test_what_nobody_measured_is_explained_as_average() -> None:
+    """As a robot's log without torque: every other habit is still told."""
+    pairs = asked(best_height, 60, seed=0)
+    for clips in (pairs.left, pairs.right):
+        clips.features[::3, :, column("joint_torque")] = torch.nan
+    model, _ = fit_reward(pairs, SPARSE, seed=0, measured=False)
+    found = explain(model, pairs.left.features[0].numpy())
+    for told in (found.reward, found.spread, found.shares):
+        assert np.isfinite(told).all()
+    assert np.isfinite(judged_spread(model, pairs))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 
 import numpy as np
 
@@ -26,8 +25,8 @@ def unanswered_pairs(
 ) -> AnsweredPairs | None:
     """Pairs of equal command that nobody was asked about, drawn at random.
 
-    Clips are as long as the longest that was judged. None if the data sets have no
-    such pairs.
+    Clips are as long as the longest that was judged. None if everybody was asked about
+    all there are. A data set may have nothing to compare where another has.
 
     Args:
         datasets: Where the answers came from.
@@ -36,11 +35,13 @@ def unanswered_pairs(
         rng: Which ones.
 
     Raises:
+        NothingToCompare: no data set has two clips that can be compared.
         RewardError, DatasetError, EpisodeError: as for `load_pairs`.
     """
     steps = answered.left.valid.shape[1]
     wanted = max(1, cfg.pairs_per_answer * len(answered) // len(datasets))
     chosen: list[Pair] = []
+    refused: NothingToCompare | None = None
     for dataset in datasets:
         entries = dataset.entries()
         with dataset.answers_copy() as store:
@@ -48,8 +49,7 @@ def unanswered_pairs(
         # As the loop cuts them: a shorter clip shows nothing but its fall.
         lengths = {"stride": max(1, steps // 2), "min_steps": max(1, steps // 3)}
         clips = cut_clips(entries, steps=steps, **lengths)
-        # One data set may have nothing to compare where the others do.
-        with suppress(NothingToCompare):
+        try:
             chosen += choose_pairs(
                 entries,
                 clips,
@@ -59,4 +59,8 @@ def unanswered_pairs(
                 known_pairs=known,
                 rng=rng,
             )
+        except NothingToCompare as error:
+            refused = error
+    if refused and not chosen:
+        raise refused
     return gather_pairs(datasets, chosen) if chosen else None
