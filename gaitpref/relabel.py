@@ -13,7 +13,6 @@ import torch
 
 from data.dataset import Dataset
 from data.files import fsync_directory
-from rewardmodel.clips import ClipBatch
 from rewardmodel.model import RewardModel
 
 from .extras import require
@@ -67,12 +66,10 @@ def write_rewards(path: Path, dataset: Dataset, model: RewardModel) -> int:
 
 
 def _table(sha256: str, dataset: Dataset, model: RewardModel) -> Any:
-    rows = torch.tensor(dataset.features(sha256))[None]
-    clip = ClipBatch(rows, torch.ones(rows.shape[:2], dtype=torch.bool))
-    reward, spread = model.clip_rewards(clip)
-    count = rows.shape[1]
+    reward, spread = model.episode_rewards(torch.tensor(dataset.features(sha256)))
+    count = len(reward)
     names = pa.array([sha256]).take(pa.array([0] * count))
-    columns = [names, torch.arange(count).numpy(), reward[0].numpy(), spread[0].numpy()]
+    columns = [names, torch.arange(count).numpy(), reward.numpy(), spread.numpy()]
     arrays = [
         pa.array(column, field.type)
         for column, field in zip(columns, _SCHEMA, strict=True)

@@ -24,6 +24,7 @@ from policy.train import POLICY_NAME
 from policy.variation import VariationCfg
 from rewardmodel.acquisition import asked_for, in_step
 from rewardmodel.caution import answers_err
+from rewardmodel.evidence import ERROR_SHARES
 from rewardmodel.storage import load_reward
 
 from .people import People
@@ -198,12 +199,14 @@ def verdict_of(
         if pair.strategy == STRATEGY and answer.choice in ("a", "b")
     ]
     by_sha256 = {entry.sha256: entry for entry in dataset.entries()}
+    # However sure a fit is that nobody errs, one answer is no proof.
+    share = load_reward(round.before.reward).provenance.cfg.error_share
     for_new = sum(
         by_sha256[clip.rollout].meta.policy_sha256 == new.sha256 for clip in preferred
     )
     return Verdict(
         for_new=for_new,
         for_old=len(preferred) - for_new,
-        error_share=load_reward(round.before.reward).provenance.cfg.error_share,
+        error_share=max(share, ERROR_SHARES[0]),
         needed=needed,
     )

@@ -14,7 +14,7 @@ from typing import Any
 from data.dataset import Dataset
 from data.files import write_atomically
 from policy.checkpoint import load_policy
-from policy.evaluate import rollout_features, summarise
+from policy.evaluate import evaluate, rollout_features, summarise
 from policy.ppo import RewardFn
 from policy.record import record
 from policy.train import SUMMARY_NAME
@@ -63,23 +63,17 @@ def fit_stage(cfg: LoopCfg, round: Round, dataset: Dataset, people: People) -> N
     console.print(f"round {round.number}: {fit_summary(report)}")
 
 
-def _began_with(cfg: LoopCfg, round: Round) -> float:
+def began_with(cfg: LoopCfg, round: Round) -> float:
     """Return, under the reward a round trained on, of the policy it began from."""
     began = approved(round.before)
     if began == round.before.policy:
         return json.loads(round.before.report.read_text())["learned_return_next"]
-    policy = load_policy(began)
-    env = policy.info.env
-    features, lengths = rollout_features(
-        policy,
-        policy.robot(),
-        env,
+    return evaluate(
+        load_policy(began),
+        load_reward(round.before.reward),
         episodes=cfg.evaluation_episodes,
         seed=seed_of(cfg, 0, 6),
-    )
-    reward = load_reward(round.before.reward)
-    found = summarise(features, lengths, reward, control_dt_s=env.control_dt_s)
-    return found.return_mean
+    ).return_mean
 
 
 def report_stage(
@@ -119,7 +113,7 @@ def report_stage(
     if round.number:
         trained_against = measured(load_reward(round.before.reward))
         result["learned_return"] = trained_against["return_mean"]
-        rose = result["learned_return"] > _began_with(cfg, round)
+        rose = result["learned_return"] > began_with(cfg, round)
     if round.reward.exists():
         model = load_reward(round.reward)
         result["learned_return_next"] = measured(model)["return_mean"]

@@ -179,7 +179,8 @@ def erring(pairs: TrainingPairs, cfg: FitCfg, share: float) -> TrainingPairs:
 
 
 def expected_share(cfg: FitCfg, share: float) -> float:
-    """The same for a share of random answers."""
+    """Logarithm, up to a constant, of how probable a share of random answers is before
+    any answer."""
     centre = min(max(cfg.error_share, ERROR_SHARES[0]), ERROR_SHARES[-1])
     return -0.5 * ((_logit(share) - _logit(centre)) / _ERROR_SPREAD) ** 2
 

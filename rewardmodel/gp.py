@@ -62,8 +62,9 @@ def fit_gp(
 ) -> GpScorer:
     """Fit each member to its own bootstrap of standardised `pairs`.
 
-    The prior of the linear part is that of the linear model; the rest is scaled so that
-    it is expected to shift the logit of a pair by `cfg.gp.amplitude`.
+    Its linear part is expected to be as strong as a linear model's, of nothing in
+    particular; the rest is scaled so that it is expected to shift the logit of a pair
+    by `cfg.gp.amplitude`.
     """
     num_descriptors = pairs.steps.shape[-1]
     scorer = GpScorer(cfg.gp.num_members, num_descriptors, cfg.gp.num_features)

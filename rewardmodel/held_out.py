@@ -68,7 +68,8 @@ def leads_without(
     [B] alone (bool), and to its opinions on `others`."""
     pairs = pairs.seen_by(cfg)
     if cfg.kind == "sparse" and cfg.sparse.is_open:
-        # Held-out answers choose among models; they must not have shaped one of them.
+        # Whether single legs matter decides much of what is foreseen, so it is asked
+        # anew; how often answers are wrong is taken from all of them.
         cfg = replace(cfg, sparse=look(pairs.subset(fitted), cfg).sparse)
     normaliser, scorer = fit_ensemble(pairs.subset(fitted), cfg, seed, others)
     asked = pairs.subset(tested).transformed(normaliser)

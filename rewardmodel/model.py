@@ -177,6 +177,16 @@ class RewardModel(nn.Module):
         mean = (rewards.mean(dim=0) - self.reward_mean.cpu()) / self.reward_std.cpu()
         return mean, rewards.std(dim=0) / self.reward_std.cpu()
 
+    def episode_rewards(self, rows: Tensor) -> tuple[Tensor, Tensor]:
+        """Reward [T] of every step of a whole episode, rows [T, F], as training pays
+        it, and its spread over the members; what nobody measured counts as average."""
+        steps = fill_missing(self.standardised(rows))
+        starts = torch.arange(len(rows), device=rows.device) == 0
+        looks_back = isinstance(self.scorer, SequenceScorer)
+        raw = self.scorer(steps, starts) if looks_back else self.scorer(steps)
+        mean = (raw.mean(dim=0) - self.reward_mean) / self.reward_std
+        return mean, raw.std(dim=0) / self.reward_std
+
     def _clip_members(self, clips: ClipBatch) -> Tensor:
         """Raw reward [M, B, T]; descriptors a clip lacks are at their mean.
 

@@ -16,10 +16,13 @@ from data.dataset import Dataset
 from gaitpref.approval import ODDS_TO_STAY
 from gaitpref.loop import run_configured
 from gaitpref.rater_cfg import RaterCfg
-from gaitpref.rounds import Round
+from gaitpref.rounds import Round, seed_of
 from gaitpref.run_config import LoopCfg
 from gaitpref.side_by_side import STRATEGY, Verdict
+from gaitpref.stages import began_with
 from policy.checkpoint import holding_home, load_policy, read_plain
+from policy.evaluate import evaluate
+from rewardmodel.storage import load_reward
 
 from .small_loop import small_cfg
 
@@ -231,3 +234,9 @@ def test_training_goes_on_from_the_policy_that_was_preferred(
             compared.append(shown)
     assert compared == [{first.sha256, second.sha256}, {first.sha256, third.sha256}]
     assert not json.loads((run / "rounds/02/approval.json").read_text())["approved"]
+    # Whether the third training raised the reward is measured from where it began.
+    reward = load_reward(run / "rounds/02/reward")
+    began = evaluate(first, reward, episodes=8, seed=seed_of(cfg, 0, 6)).return_mean
+    assert began_with(cfg, Round(run, 3)) == pytest.approx(began, abs=1e-4)
+    report = json.loads((run / "rounds/02/report.json").read_text())
+    assert began != pytest.approx(report["learned_return_next"], abs=1e-4)

@@ -68,13 +68,15 @@ def test_fit_and_relabel_need_no_simulator(
     assert "pip install -e '.[train]'" in refused.stderr
 
 
+@pytest.mark.parametrize("kind", ["linear", "sparse"])
 def test_every_step_gets_the_reward_of_the_model(
-    datasets: list[Path], tmp_path: Path
+    kind: str, datasets: list[Path], tmp_path: Path
 ) -> None:
     """A row for each step of each episode, equal to what the model says of it."""
     reward, out = str(tmp_path / "reward"), tmp_path / "reward.parquet"
     dataset = Dataset.open(datasets[0])
-    assert main(["fit", "--dataset", str(dataset.root), "--out", reward]) == 0
+    on = ["--dataset", str(dataset.root), "--out", reward, "--model", kind]
+    assert main(["fit", *on]) == 0
     relabel = ["relabel", "--dataset", str(dataset.root), "--reward", reward]
     assert main([*relabel, "--out", str(out)]) == 0
     table = pq.read_table(out)
@@ -84,7 +86,8 @@ def test_every_step_gets_the_reward_of_the_model(
     episodes, steps = np.array(frame["episode"]), np.array(frame["step"])
     for entry in dataset.entries():
         rows = torch.tensor(dataset.features(entry.sha256))[:, None]
-        expected = model(rows, torch.zeros(rows.shape[:2], dtype=torch.bool))[:, 0]
+        starts = (torch.arange(len(rows)) == 0)[:, None]
+        expected = model(rows, starts)[:, 0]
         chosen = episodes == entry.sha256
         assert steps[chosen].tolist() == list(range(entry.num_steps))
         found = np.array(frame["reward"])[chosen]

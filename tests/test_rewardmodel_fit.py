@@ -27,6 +27,7 @@ from rewardmodel import (
 from rewardmodel.cfg import HistoryCfg, LinearCfg, MlpCfg, ReliabilityCfg
 from rewardmodel.clips import ClipBatch, mean_over, pad_clips
 from rewardmodel.descriptors import DESCRIPTOR_NAMES, UNSTEADY, describe
+from rewardmodel.explain import explain
 from rewardmodel.linear import (
     MIN_SPREAD,
     LinearScorer,
@@ -37,6 +38,7 @@ from rewardmodel.linear import (
 from rewardmodel.report import wilson_interval
 from rewardmodel.selection import choose_kind
 from rewardmodel.training import TrainingPairs, training_pairs
+from rewardmodel.trust import judged_spread
 
 EPISODES = [hashlib.sha256(bytes([index])).hexdigest() for index in range(60)]
 HABITS = (
@@ -628,3 +630,15 @@ def test_a_missing_feature_in_training_is_no_mean_but_a_fault() -> None:
     rows[0, 1, column("joint_torque")] = torch.nan
     reward = model(rows, torch.zeros(2, 3, dtype=torch.bool))
     assert reward.isnan().nonzero().tolist() == [[0, 1]]
+
+
+def test_what_nobody_measured_is_explained_as_average() -> None:
+    """As a robot's log without torque: every other habit is still told."""
+    pairs = answered(60, seed=0)
+    for clips in (pairs.left, pairs.right):
+        clips.features[::3, :, column("joint_torque")] = torch.nan
+    model, _ = fit_reward(pairs, FitCfg(), seed=0, measured=False)
+    found = explain(model, pairs.left.features[0].numpy())
+    for told in (found.reward, found.spread, found.shares):
+        assert np.isfinite(told).all()
+    assert np.isfinite(judged_spread(model, pairs))

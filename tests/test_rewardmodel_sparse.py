@@ -28,7 +28,6 @@ from rewardmodel.descriptors import describe, names_seen
 from rewardmodel.explain import explain
 from rewardmodel.sparse import SparseScorer, find, stride_rate
 from rewardmodel.training import training_pairs
-from rewardmodel.trust import judged_spread
 
 from .test_rewardmodel_fit import accuracy, answered, gait
 
@@ -314,15 +313,3 @@ def test_an_explained_clip_is_worth_what_it_was_to_the_fit() -> None:
     paid = found.shares[:, found.groups.index("stepping")] + found.average
     others = np.abs(found.shares).sum(axis=1) - np.abs(paid - found.average)
     assert np.allclose(paid, found.reward, atol=float(others.max()) + 1e-3)
-
-
-def test_what_nobody_measured_is_explained_as_average() -> None:
-    """As a robot's log without torque: every other habit is still told."""
-    pairs = asked(best_height, 60, seed=0)
-    for clips in (pairs.left, pairs.right):
-        clips.features[::3, :, column("joint_torque")] = torch.nan
-    model, _ = fit_reward(pairs, SPARSE, seed=0, measured=False)
-    found = explain(model, pairs.left.features[0].numpy())
-    for told in (found.reward, found.spread, found.shares):
-        assert np.isfinite(told).all()
-    assert np.isfinite(judged_spread(model, pairs))
