@@ -28,6 +28,9 @@ TASKS = {
     "nose_up": "benchmarks.wishes:nose_up_when_slow",
     "pace": "pace",
     "get_up": "task",
+    "lean": "benchmarks.strangers:lean",
+    "bound": "benchmarks.strangers:bound",
+    "front_feet": "benchmarks.strangers:front_feet_high",
 }
 """The hidden criterion of each task. `walk` and `get_up` start from scratch, without a
 task reward, the latter lying; the others are styles on top of a walking base."""
@@ -93,6 +96,7 @@ _BUDGETS = (
     *((task, 60, "perfect", 3) for task in ("smooth", "trot", "pace")),
     *((task, 150, "perfect", 3) for task in ("carried_foot", "nose_up")),
     ("get_up", 100, "perfect", 3),
+    *((task, 60, "perfect", 3) for task in ("lean", "bound", "front_feet")),
 )
 """Task, answers, rater and number of seeds."""
 
