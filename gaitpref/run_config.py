@@ -95,6 +95,10 @@ class LoopCfg:
     """Answers that judge the last policy alone where answers do not err: the longest
     training ends where nobody is asked any more. It stays unless they speak against
     it."""
+    quiet_logit: float = field(default=0.2, metadata=ADDED_LATER)
+    """Where answers err, what the rewards of the last two retrainings from scratch
+    expect of moving more than a walk takes (`LinearCfg.quiet_logit`): what is left of
+    such a reward says next to nothing of how to walk."""
     tracking_slack_m_s: float | None = field(default=0.02, metadata=ADDED_LATER)
     """Where the task is kept: how much worse than the base commands may be followed
     before the learned reward counts less and errors cost; None lets a style cost the
@@ -167,6 +171,13 @@ class LoopCfg:
     def keeps_task(self) -> bool:
         """Whether the hand-written walking reward stays part of the total."""
         return self.base != "none"
+
+    def fit_of(self, round: int) -> FitCfg:
+        """The reward model fitted in `round`, counted from 0."""
+        if self.keeps_task or round < max(1, self.rounds - 2):
+            return self.fit
+        linear = replace(self.fit.linear, quiet_logit=self.quiet_logit)
+        return replace(self.fit, linear=linear)
 
     def labels_of(self, round: int, *, first: int = 0, kept: int = 0) -> int:
         """Answers asked for in `round`, counted from 0, where the first round has asked

@@ -223,6 +223,8 @@ UNSTEADY = ("vertical_speed_sq", "roll_rate_sq", "pitch_rate_sq", "slip")
 """Habits hardly anybody wants more of, and that standing and a good walk both lack."""
 EFFORT = ("joint_speed_sq", "torque_sq", "power", "action_rate_sq")
 """What any motion costs, and hardly anybody wants more of for its own sake."""
+QUIET = ("joint_offset_sq", "joint_speed_sq", "action_sq", "action_rate_sq")
+"""What moves more than a walk takes: legs far from where they stand, and shaking."""
 FEET = (
     "contacts",
     "foot_height_mean",

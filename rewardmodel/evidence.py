@@ -88,7 +88,9 @@ Tried = dict[tuple[float, float], float]
 def _tried(pairs: TrainingPairs, cfg: FitCfg) -> Tried:
     """The evidence of standardised `pairs` for all that is tried."""
     inputs, spread = scaled_differences(pairs)
-    mean = expected_weights(pairs, spread, cfg.linear)
+    # Whether answers err is asked of all that is expected of raters who do not.
+    plain = replace(cfg.linear, quiet_logit=0.0)
+    mean = expected_weights(pairs, spread, plain)
     return {
         (share, precision): evidence(
             inputs, erring(pairs, cfg, share), cfg, precision, mean=mean
@@ -131,6 +133,8 @@ def settled(cfg: FitCfg, found: Found) -> FitCfg:
         share = min(cfg.error_share, found.error_share)
         return replace(cfg, adapt=False, error_share=share)
     linear = replace(cfg.linear, prior_precision=found.prior_precision)
+    if found.error_share <= FEW_ERRORS:
+        linear = replace(linear, quiet_logit=0.0)
     return replace(cfg, adapt=False, error_share=found.error_share, linear=linear)
 
 

@@ -9,9 +9,10 @@ import pytest
 import torch
 
 from rewardmodel import fit_reward
-from rewardmodel.cfg import FitCfg
+from rewardmodel.cfg import FitCfg, LinearCfg
+from rewardmodel.descriptors import DESCRIPTOR_NAMES, QUIET
 from rewardmodel.evidence import Found, evidence, settled
-from rewardmodel.linear import scaled_differences
+from rewardmodel.linear import LinearScorer, scaled_differences
 from rewardmodel.normaliser import Normaliser
 from rewardmodel.pairs import AnsweredPairs
 from rewardmodel.training import training_pairs
@@ -107,3 +108,22 @@ def test_the_evidence_is_the_integral_over_the_weight() -> None:
     )
     summed = float(torch.logsumexp(log_joint, 0)) + np.log(16.0 / 4000)
     assert evidence(inputs, pairs, cfg, precision) == pytest.approx(summed, abs=0.1)
+
+
+def test_moving_more_than_it_takes_is_disliked_only_where_answers_err() -> None:
+    """Of a rater who errs, habits nobody told of are charged for; one who agrees with
+    himself is taken at his word."""
+    cfg = FitCfg(linear=LinearCfg(quiet_logit=0.2))
+    quiet = [DESCRIPTOR_NAMES.index(name) for name in QUIET]
+    for flipped, expected in ((0.25, True), (0.0, False)):
+        pairs = answered(150, seed=3, flipped=flipped)
+        model, _ = fit_reward(pairs, cfg, seed=0, measured=False)
+        plain, _ = fit_reward(pairs, FitCfg(), seed=0, measured=False)
+        assert isinstance(model.scorer, LinearScorer)
+        assert isinstance(plain.scorer, LinearScorer)
+        shift = model.scorer.weights.mean(0) - plain.scorer.weights.mean(0)
+        assert (shift[quiet] < 0).all() == expected
+        assert model.scorer.expected[quiet].any() == expected
+        assert torch.equal(shift, torch.zeros_like(shift)) != expected
+        own, other = model.provenance.cfg, plain.provenance.cfg
+        assert own.error_share == other.error_share
