@@ -28,7 +28,7 @@ from typing import Self
 import torch
 from torch import Tensor
 
-from .descriptors import DESCRIPTOR_NAMES, EFFORT, FEET
+from .descriptors import EFFORT, FEET, named
 from .evidence import FEW_ERRORS
 from .linear import LinearScorer
 from .model import RewardModel
@@ -84,7 +84,7 @@ class CautiousReward:
         if isinstance(scorer, LinearScorer):
             weights = careful_weights(scorer, self.caution)
             if not self.pays_effort:
-                weights = torch.where(_named(EFFORT), weights.clamp_max(0.0), weights)
+                weights = torch.where(named(EFFORT), weights.clamp_max(0.0), weights)
             paid = self.model.standardised(features) @ weights
         else:
             members = self.model.members(features, starts)
@@ -104,10 +104,5 @@ def careful_weights(scorer: LinearScorer, caution: float) -> Tensor:
     """
     found = scorer.weights.mean(dim=0) - scorer.expected
     doubt = caution * scorer.weights.std(dim=0)
-    doubt = torch.where(_named(FEET), _FEET_TIMES * doubt, doubt)
+    doubt = torch.where(named(FEET), _FEET_TIMES * doubt, doubt)
     return scorer.expected + found.sign() * (found.abs() - doubt).clamp_min(0.0)
-
-
-def _named(names: tuple[str, ...]) -> Tensor:
-    """[D] bool: which habits have one of `names`."""
-    return torch.tensor([name in names for name in DESCRIPTOR_NAMES])

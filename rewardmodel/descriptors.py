@@ -236,6 +236,13 @@ FEET = (
 )
 """How the feet go. A robot that tumbles lifts them too, so answers about robots that
 cannot walk yet say less of these than of anything else."""
+
+
+def named(names: tuple[str, ...]) -> Tensor:
+    """[D] bool: which habits have one of `names`."""
+    return torch.tensor([name in names for name in DESCRIPTOR_NAMES])
+
+
 Sight = Literal["habits", "contacts", "legs"]
 """What a model sees: the table, the contact of each foot besides, or all of
 `rewardmodel.legs`."""

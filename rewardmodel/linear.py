@@ -14,7 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from .cfg import FitCfg, LinearCfg
-from .descriptors import DESCRIPTOR_NAMES, QUIET, UNSTEADY
+from .descriptors import QUIET, UNSTEADY, named
 from .likelihood import log_likelihood_derivatives
 from .training import TrainingPairs, bootstrap_counts
 
@@ -95,11 +95,7 @@ def expected_weights(pairs: TrainingPairs, spread: Tensor, cfg: LinearCfg) -> Te
     """
     if (pairs.target == 0.5).all():
         return torch.zeros_like(spread)
-    unsteady, quiet = (
-        torch.tensor([name in names for name in DESCRIPTOR_NAMES])
-        for names in (UNSTEADY, QUIET)
-    )
-    disliked = cfg.unsteady_logit * unsteady + cfg.quiet_logit * quiet
+    disliked = cfg.unsteady_logit * named(UNSTEADY) + cfg.quiet_logit * named(QUIET)
     seen = (spread / _USUAL_SPREAD).clamp_max(1) * (spread > MIN_SPREAD)
     return -disliked * seen
 

@@ -191,10 +191,11 @@ def stride_rate(
     rate = strides / (time - first + 1).clamp_min(_LEAST_STEPS)
     if starts is None and rate.shape[-1] >= _RATE_STEPS:
         # Its first whole second tells the rate of all before it; few steps would not.
-        whole = rate[..., _RATE_STEPS - 1, None].expand_as(rate).clone()
+        last = _RATE_STEPS - 1
+        early, whole = rate[..., :last], rate[..., last, None]
         if scored is not None:
-            whole = torch.where(scored[..., _RATE_STEPS - 1, None], whole, rate)
-        rate[..., : _RATE_STEPS - 1] = whole[..., : _RATE_STEPS - 1]
+            whole = torch.where(scored[..., last, None], whole, early)
+        rate[..., :last] = whole
     return rate
 
 
