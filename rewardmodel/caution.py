@@ -89,7 +89,7 @@ class CautiousReward:
         else:
             members = self.model.members(features, starts)
             paid = members.mean(dim=0) - self.caution * members.std(dim=0)
-        return (paid - self.model.reward_mean) / self.model.reward_std
+        return self.model.centred(paid)
 
     def spread(self, features: Tensor, starts: Tensor) -> Tensor:
         """As the model's own."""

@@ -162,18 +162,13 @@ def _chosen(model: RewardModel, method: Method) -> str:
 
 def _reward(model: RewardModel, steps: Tensor) -> Tensor:
     """Reward [K] of consecutive steps, standardised [K, D]."""
-    return _centred(model, model.scorer(steps))
-
-
-def _centred(model: RewardModel, members: Tensor) -> Tensor:
-    """Rewards [...] of raw ones [M, ...]."""
-    return (members.mean(dim=0) - model.reward_mean) / model.reward_std
+    return model.reward_of(model.scorer(steps))
 
 
 def _average(model: RewardModel, num_descriptors: int) -> float:
     """Reward of an average judged step, which also steps at the average rate."""
     if isinstance(model.scorer, SparseScorer):
-        return float(_centred(model, model.scorer.paid(model.scorer.average)))
+        return float(model.reward_of(model.scorer.paid(model.scorer.average)))
     return float(_reward(model, torch.zeros(1, num_descriptors)))
 
 
@@ -189,7 +184,7 @@ def _occluded(model: RewardModel, steps: Tensor, hidden: Tensor) -> Tensor:
     seen = scorer.seen(steps)
     without = torch.where(torch.cat([hidden, rate]), scorer.average, seen)
     paid, left = scorer.paid(seen), scorer.paid(without)
-    return _centred(model, paid) - _centred(model, left)
+    return model.reward_of(paid) - model.reward_of(left)
 
 
 def _gradients(model: RewardModel, steps: Tensor) -> Tensor:

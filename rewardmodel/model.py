@@ -149,12 +149,23 @@ class RewardModel(nn.Module):
 
     def forward(self, features: Tensor, starts: Tensor) -> Tensor:
         """Reward [T, N]: ensemble mean, centred, unit deviation on the fitted clips."""
-        mean = self.members(features, starts).mean(dim=0)
-        return (mean - self.reward_mean) / self.reward_std
+        return self.reward_of(self.members(features, starts))
+
+    def centred(self, raw: Tensor) -> Tensor:
+        """Reward [...] of a raw one, [...], that members agreed on."""
+        return (raw - self.reward_mean) / self.reward_std
+
+    def reward_of(self, raw: Tensor) -> Tensor:
+        """Reward [...] of what the members give, raw [M, ...]."""
+        return self.centred(raw.mean(dim=0))
+
+    def spread_of(self, raw: Tensor) -> Tensor:
+        """Standard deviation [...] of what the members give, in units of the reward."""
+        return raw.std(dim=0) / self.reward_std
 
     def spread(self, features: Tensor, starts: Tensor) -> Tensor:
         """Standard deviation [T, N] over the members, in units of the reward."""
-        return self.members(features, starts).std(dim=0) / self.reward_std
+        return self.spread_of(self.members(features, starts))
 
     def leads(self, left: ClipBatch, right: ClipBatch) -> Tensor:
         """Logit [M, B], by member, that each left clip is better than the right one."""
@@ -167,15 +178,14 @@ class RewardModel(nn.Module):
 
     def clip_returns(self, clips: ClipBatch) -> Tensor:
         """Mean raw reward [M, B] of clips, less the fixed price of a fall."""
-        rewards = self._clip_members(clips)
+        rewards = self._clip_members(clips).cpu()
         price = self.provenance.cfg.fall_logit
         return mean_over(rewards, clips.scored) - price * clips.fell.float()
 
     def clip_rewards(self, clips: ClipBatch) -> tuple[Tensor, Tensor]:
         """Reward [B, T] of every step of clips, and its spread over the members."""
-        rewards = self._clip_members(clips)
-        mean = (rewards.mean(dim=0) - self.reward_mean.cpu()) / self.reward_std.cpu()
-        return mean, rewards.std(dim=0) / self.reward_std.cpu()
+        raw = self._clip_members(clips)
+        return self.reward_of(raw).cpu(), self.spread_of(raw).cpu()
 
     def episode_rewards(self, rows: Tensor) -> tuple[Tensor, Tensor]:
         """Reward [T] of every step of a whole episode, rows [T, F], as training pays
@@ -184,14 +194,11 @@ class RewardModel(nn.Module):
         starts = torch.arange(len(rows), device=rows.device) == 0
         looks_back = isinstance(self.scorer, SequenceScorer)
         raw = self.scorer(steps, starts) if looks_back else self.scorer(steps)
-        mean = (raw.mean(dim=0) - self.reward_mean) / self.reward_std
-        return mean, raw.std(dim=0) / self.reward_std
+        return self.reward_of(raw), self.spread_of(raw)
 
     def _clip_members(self, clips: ClipBatch) -> Tensor:
-        """Raw reward [M, B, T]; descriptors a clip lacks are at their mean.
-
-        Wherever the model lives, clips and result live on the CPU.
-        """
+        """Raw reward [M, B, T], where the model lives, of clips on the CPU; descriptors
+        a clip lacks are at their mean."""
         features = clips.features.to(self.reward_mean.device)
         steps = fill_missing(self.standardised(features))
-        return of_clips(self.scorer, steps, clips.scored.to(steps.device)).cpu()
+        return of_clips(self.scorer, steps, clips.scored.to(steps.device))

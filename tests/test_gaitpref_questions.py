@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,14 +14,18 @@ from benchmarks.walks import walk, walking_dataset
 from data.answers import Pair
 from data.clips import Clip
 from data.dataset import Dataset
+from data.episode import Episode
 from data.errors import GaitprefError
 from data.features import column
 from gaitpref.cli import main
 from gaitpref.options import Loop
 from gaitpref.questions import ClipCfg, ask, with_known_answer
+from gaitpref.rounds import Round
 from gaitpref.run_config import resolve
+from gaitpref.side_by_side import pairs_of_both
 from labeling_ui.controls import command_words
 from labeling_ui.motion import MotionCache
+from policy.checkpoint import load_policy
 from policy.config import EnvCfg
 from policy.ppo import PpoCfg
 from policy.robot import load_robot
@@ -50,6 +55,64 @@ def test_the_robot_that_does_not_fall_is_the_known_answer(tmp_path: Path) -> Non
         assert better.rollout not in falls
         assert worse.stop == falls[worse.rollout]
         assert pair.round == 2
+
+
+def told_every_second(entry: int, *, steps: int, policy: str = "0" * 64) -> Episode:
+    """A walk whose command changes every second; one that is not 300 steps falls."""
+    walked = walk(steps, seed=entry, step_hz=1.5 + 0.1 * entry, fell=steps < 300)
+    extra = {"command_change_steps": "50"}
+    meta = replace(walked.meta, policy_sha256=policy, extra=extra)
+    return replace(walked, meta=meta)
+
+
+def test_of_a_manoeuvre_a_fall_is_known_beside_what_was_told_the_same(
+    tmp_path: Path,
+) -> None:
+    """Whoever stands was told the same from the first step of the clip on."""
+    dataset = Dataset.create(tmp_path / "set")
+    lengths = (300, 300, 233, 190)
+    entries = dataset.add_episodes(
+        told_every_second(index, steps=steps) for index, steps in enumerate(lengths)
+    )
+    pairs = with_known_answer(
+        entries,
+        ClipCfg.of(3.0),
+        10,
+        known=(),
+        round_number=0,
+        rng=np.random.default_rng(0),
+    )
+    assert len(pairs) == 2
+    assert {pair.a.start - pair.b.start for pair in pairs} == {0}
+
+
+def test_of_a_manoeuvre_policies_are_compared_where_they_were_told_the_same(
+    manoeuvres: Dataset, tmp_path: Path
+) -> None:
+    """What the new one does later has nothing beside it: the old one has fallen."""
+    new, old = map(load_policy, two_policies(manoeuvres, tmp_path))
+    names = (new.sha256, old.sha256)
+    dataset = Dataset.create(tmp_path / "set")
+    entries = dataset.add_episodes(
+        told_every_second(index, steps=steps, policy=names[index])
+        for index, steps in enumerate((300, 140))
+    )
+    round = Round(tmp_path / "run", 1)
+    round.root.mkdir(parents=True)
+    round.shown.write_text(json.dumps([entry.sha256 for entry in entries]))
+    cfg = replace(resolve(Loop(run=Path("r"))), clips=ClipCfg.of(3.0))
+    pairs = pairs_of_both(cfg, round, dataset, (new, old), known=())
+    assert pairs
+    assert {pair.a.start - pair.b.start for pair in pairs} == {0}
+
+
+def two_policies(dataset: Dataset, folder: Path) -> tuple[Path, Path]:
+    """Files of the policy that recorded `dataset`, and of one that leans on a hip."""
+    first = dataset.root.parent / "p" / "policy.pt"
+    payload = torch.load(first, weights_only=True)
+    payload["actor_state_dict"]["mlp.2.bias"][0] = 0.1
+    torch.save(payload, folder / "other.pt")
+    return first, folder / "other.pt"
 
 
 def could_be_moved(clip: Clip, feet: np.ndarray) -> bool:
