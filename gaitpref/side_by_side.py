@@ -52,6 +52,10 @@ class Verdict:
     needed: float
     """Odds from which on the new policy is approved."""
 
+    def __post_init__(self) -> None:
+        if not 0.0 < self.error_share < 1.0:
+            raise ValueError(f"error_share must lie in (0, 1), got {self.error_share}")
+
     @property
     def odds(self) -> float:
         """That the new policy is better, if either was as likely before."""

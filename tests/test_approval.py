@@ -18,10 +18,11 @@ from gaitpref.loop import run_configured
 from gaitpref.rater_cfg import RaterCfg
 from gaitpref.rounds import Round, seed_of
 from gaitpref.run_config import LoopCfg
-from gaitpref.side_by_side import STRATEGY, Verdict
+from gaitpref.side_by_side import STRATEGY, Verdict, verdict_of
 from gaitpref.stages import began_with
 from policy.checkpoint import holding_home, load_policy, read_plain
 from policy.evaluate import evaluate
+from rewardmodel.evidence import ERROR_SHARES
 from rewardmodel.storage import load_reward
 
 from .small_loop import small_cfg
@@ -203,6 +204,32 @@ def test_the_odds_are_those_of_erring_answers(
     )
     assert found.odds == pytest.approx(odds)
     assert found.approved == approved
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_answers_that_never_err_or_always_do_are_no_odds(share: float) -> None:
+    with pytest.raises(ValueError, match=r"error_share must lie in \(0, 1\)"):
+        Verdict(for_new=1, for_old=0, error_share=share, needed=ODDS_TO_STAY)
+
+
+def test_however_sure_a_fit_is_one_answer_is_no_proof(
+    before_approval: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A reward that found no error at all still gives finite odds."""
+    run = tmp_path / "run"
+    shutil.copytree(before_approval, run)
+    with_one_that_stands(run, "new")
+    run_configured(run, erring_cfg())
+    sure = load_reward(run / "rounds/01/reward")
+    found = replace(sure.provenance, cfg=replace(sure.provenance.cfg, error_share=0.0))
+    sure.provenance = found
+    monkeypatch.setattr("gaitpref.side_by_side.load_reward", lambda _: sure)
+    round = Round(run, 2)
+    new = load_policy(round.policy)
+    dataset = Dataset.open(run / "dataset")
+    verdict = verdict_of(round, dataset, new, needed=ODDS_TO_STAY)
+    assert verdict is not None
+    assert verdict.error_share == ERROR_SHARES[0] > 0.0
 
 
 @pytest.mark.slow

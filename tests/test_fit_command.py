@@ -68,6 +68,28 @@ def test_fit_and_relabel_need_no_simulator(
     assert "pip install -e '.[train]'" in refused.stderr
 
 
+def test_answers_on_a_server_are_fitted_and_trusted_as_those_of_a_file(
+    datasets: list[Path],
+    postgres_answers: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    served = tmp_path / "served"
+    answers = ["--answers", postgres_answers]
+    merge = ["data", "merge", "--dataset", str(served), "--source", str(datasets[0])]
+    assert main([*merge, *answers]) == 0
+    told = []
+    for dataset, source in ((datasets[0], []), (served, answers)):
+        there = ["--dataset", str(dataset), *source, "--json"]
+        reward = str(tmp_path / f"reward-{dataset.name}")
+        assert main(["fit", *there, "--out", reward]) == 0
+        capsys.readouterr()
+        assert main(["trust", *there, "--reward", reward]) == 0
+        told.append(json.loads(capsys.readouterr().out))
+    assert told[0] == told[1]
+    assert told[1]["answers_are_those_fitted"]
+
+
 @pytest.mark.parametrize("kind", ["linear", "sparse"])
 def test_every_step_gets_the_reward_of_the_model(
     kind: str, datasets: list[Path], tmp_path: Path
