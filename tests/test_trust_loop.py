@@ -46,14 +46,18 @@ FAR_LIMIT = 0.7
 def test_answers_that_do_not_agree_train_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """With 40 % of the answers wrong at random the loop says so, lets the robot stand,
-    and asks again; `gaitpref trust` says the same.
+    """Answers at random: the loop says so, lets the robot stand, and asks again;
+    `gaitpref trust` says the same.
 
-    Of so few such answers the right ones are sometimes many enough to agree; with this
-    seed they are not.
+    They are two hundred: of a hundred the right ones are often many enough to agree.
     """
-    rater = RaterCfg(mistakes=0.4)
-    cfg = replace(small_cfg(seed=2), base_steps=0, labels=100, simulated=rater)
+    cfg = replace(
+        small_cfg(),
+        base_steps=0,
+        labels=200,
+        record=RecordCfg(episodes=90, episode_s=2.0),
+        simulated=RaterCfg(mistakes=0.5),
+    )
     run = tmp_path / "run"
     run_configured(run, cfg)
     told = " ".join("".join(capsys.readouterr()).split())
@@ -68,7 +72,7 @@ def test_answers_that_do_not_agree_train_nothing(
     assert (second.info, second.std.tolist()) == (first.info, first.std.tolist())
     with Dataset.open(run / "dataset").answers() as store:
         # Nothing new was trained, so there is nothing to judge at the end.
-        assert store.count() == 100 - cfg.approval_labels
+        assert store.count() == 200 - cfg.approval_labels
     report = json.loads((run / "rounds/00/report.json").read_text())
     assert "do not agree" in report["trust"]["alarm"]
     assert not report["trust"]["deserves_training"]
