@@ -13,11 +13,14 @@ import numpy as np
 from data.answers import AnswerStore, Pair
 from data.dataset import Dataset, EpisodeEntry
 from policy.babble import BABBLE_SHA256
+from rewardmodel.caution import answers_err
 from rewardmodel.cfg import FitCfg
 from rewardmodel.enough import remaining
 from rewardmodel.fit import fit_reward
+from rewardmodel.foresight import foresee
 from rewardmodel.pairs import MIN_ANSWERS, count_evidence, load_pairs
 from rewardmodel.storage import load_reward
+from rewardmodel.trust import disagree
 
 from .criteria import Criterion
 from .fit_summary import what_remains
@@ -71,6 +74,8 @@ def _count_going_on(cfg: LoopCfg, round: Round, dataset: Dataset, asked: int) ->
     while the members of a reward fitted to them contradict each other.
 
     What it does not know of a first walk no later answer tells: there is no walk then.
+    But answers that err, and agree for all that, hardly tell more of robots that
+    tumble; hoping leads to a walk, and more is worth knowing of that.
     """
     most = cfg.most_first_labels
     if round.number or asked >= most:
@@ -80,6 +85,9 @@ def _count_going_on(cfg: LoopCfg, round: Round, dataset: Dataset, asked: int) ->
     model, _ = fit_reward(pairs, _fit_for_asking(cfg, round), seed=seed, measured=False)
     agreement = remaining(model, pairs).agreement
     if agreement >= cfg.first_agreement:
+        return asked
+    hopes = cfg.hopes and answers_err(model)
+    if hopes and not disagree(foresee(model, pairs, seed=seed)):
         return asked
     console.print(
         f"round 0: what {asked} answers say is open (agreement {agreement:.2f}, "

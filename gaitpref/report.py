@@ -15,7 +15,13 @@ from matplotlib.ticker import MaxNLocator
 from data.files import write_atomically
 
 from .pictures import BLUE, GREY, plain_axes, svg_of
-from .report_trust import alarm_section, approval_section, clips_section, trust_cells
+from .report_trust import (
+    alarm_section,
+    approval_section,
+    clips_section,
+    standstill_section,
+    trust_cells,
+)
 from .run_config import LoopCfg, RunError, read_config
 
 PAGE_NAME = Path("report") / "index.html"
@@ -102,7 +108,8 @@ def render(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
         f'<meta name="viewport" content="width=device-width"><title>{title}</title>'
         f"<style>{_STYLE}</style><h1>{title}</h1>"
         f'<p class="lead">{settings}; {done}.</p><p>{verdict}</p>'
-        f"{approval_section(rounds)}{alarm_section(rounds)}"
+        f"{standstill_section(rounds)}{approval_section(rounds)}"
+        f"{alarm_section(rounds)}"
         f'<div class="curves">{_curves(criterion, rounds)}</div>{_table(rounds)}'
         f"{clips_section(run, rounds)}"
         f"<p>Returns are means over {last['episodes']} episodes on a fixed grid of "

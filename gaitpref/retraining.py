@@ -21,9 +21,10 @@ from rewardmodel.storage import load_reward
 from .people import People
 from .progress import console, training_bar
 from .rewards import total_reward
-from .rounds import Round, approved, place_of, seed_of
+from .rounds import STANDSTILL_NAME, Round, approved, place_of, seed_of
 from .run_config import LoopCfg
 from .side_by_side import labels_kept
+from .standstill import Standstill, standstill_before
 from .tracking_limit import TrackingLimit, limit_beside
 from .watch import WatchedReward, deserves_training, watched
 
@@ -51,7 +52,14 @@ def policy_stage(
         replace_directory(partial, round.policy.parent)
         return
     plan = _plan(cfg, round, robot, dataset)
+    if plan.standstill:
+        console.print(
+            f"round {round.number}: the robot stands still ({plan.standstill}); it is "
+            f"trained on what those members of the reward think who like that least"
+        )
     _train(cfg, round, robot, plan, people, out=partial)
+    if plan.standstill:
+        plan.standstill.save(partial)
     if plan.watch:
         plan.watch.save(partial)
         if plan.watch.alarm:
@@ -104,7 +112,10 @@ def _untrained(cfg: LoopCfg, round: Round) -> bytes | None:
     if round.number and not deserves_training(round.before):
         asks = round.number < cfg.rounds
         kept = approved(round.before)
-        stands = cfg.base == "none" and load_policy(kept).info.steps == 0
+        # A policy that was trained to be seen need not please.
+        shown = (kept.parent / STANDSTILL_NAME).exists()
+        untrained = load_policy(kept).info.steps == 0
+        stands = cfg.base == "none" and (untrained or shown)
         stays = "robot stands still" if stands else "policy stays as it was"
         console.print(
             f"round {round.number}: the {stays}, because the answers do not agree; "
@@ -123,6 +134,8 @@ class _Plan:
     reward_name: str = "task"
     init: Path | None = None
     watch: WatchedReward | None = None
+    standstill: Standstill | None = None
+    """What it is to leave."""
 
 
 def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
@@ -134,8 +147,15 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
     )
     if round.number == 0:
         return _Plan(cfg=train_cfg)
+    model = load_reward(round.before.reward)
+    standstill = standstill_before(cfg, round)
+    learned = (
+        standstill.reward(model, cfg)
+        if standstill
+        else CautiousReward.suited(model, cfg.caution)
+    )
     reward_fn = total_reward(
-        CautiousReward.suited(load_reward(round.before.reward), cfg.caution),
+        learned,
         robot,
         cfg.env,
         known=cfg.known,
@@ -156,6 +176,7 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
         reward_name=f"the reward learned in round {round.number - 1}",
         init=approved(round.before),
         watch=watched(cfg, round, dataset, reward_fn),
+        standstill=standstill,
     )
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 import torch
 from torch import Tensor
@@ -23,8 +24,6 @@ from policy.reward import (
     task_score,
 )
 from policy.robot import Robot
-from rewardmodel.caution import CautiousReward
-from rewardmodel.model import RewardModel
 from rewardmodel.storage import load_reward
 
 from .criteria import (
@@ -44,6 +43,15 @@ def criterion_context(robot: Robot, env: EnvCfg) -> CriterionContext:
     return CriterionContext(
         task=task_reward_for(robot, env.task), control_dt_s=env.control_dt_s
     )
+
+
+@runtime_checkable
+class Unsure(Protocol):
+    """A reward that knows how unsure it is."""
+
+    def spread(self, features: Tensor, starts: Tensor) -> Tensor:
+        """Deviation [T, N] over an ensemble, for rows [T, N, F]."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +101,7 @@ class TotalReward:
         for name, mean in means.items():
             self.figures[f"reward/{name}"] = mean / self.control_dt_s
             self.figures[f"share/{name}"] = sizes[name] / whole
-        if isinstance(self.score, RewardModel | CautiousReward):
+        if isinstance(self.score, Unsure):
             some = slice(None, None, _SPREAD_STRIDE)
             spread = self.score.spread(features[:, some], starts[:, some])
             self.figures["reward/spread"] = float(spread[-steps:].mean())

@@ -12,6 +12,8 @@ from policy.train import POLICY_NAME
 
 from .run_config import LoopCfg
 
+STANDSTILL_NAME = "standstill.json"
+
 
 @dataclass(frozen=True)
 class Round:
@@ -33,6 +35,11 @@ class Round:
     def candidate(self) -> Path:
         """The directory of a policy that waits for approval, or did not get it."""
         return self.root / "candidate"
+
+    @property
+    def standstill(self) -> Path:
+        """Of the policy the round's own was trained to leave; such is not judged."""
+        return self.policy.parent / STANDSTILL_NAME
 
     @property
     def shown(self) -> Path:

@@ -99,6 +99,10 @@ class LoopCfg:
     """Where answers err, what the rewards of the last two retrainings from scratch
     expect of moving more than a walk takes (`LinearCfg.quiet_logit`): what is left of
     such a reward says next to nothing of how to walk."""
+    optimism: float = field(default=2.0, metadata=ADDED_LATER)
+    """Where a robot from scratch stands still: deviations over the ensemble by which
+    the reward of the next training is moved towards members who think less of that; 0
+    is cautious then too."""
     tracking_slack_m_s: float | None = field(default=0.02, metadata=ADDED_LATER)
     """Where the task is kept: how much worse than the base commands may be followed
     before the learned reward counts less and errors cost; None lets a style cost the
@@ -171,6 +175,11 @@ class LoopCfg:
     def keeps_task(self) -> bool:
         """Whether the hand-written walking reward stays part of the total."""
         return self.base != "none"
+
+    @property
+    def hopes(self) -> bool:
+        """Whether a robot that stands still is got going."""
+        return self.optimism > 0.0 and not self.keeps_task and self.rounds > 1
 
     def fit_of(self, round: int) -> FitCfg:
         """The reward model fitted in `round`, counted from 0."""

@@ -88,11 +88,14 @@ def both_policies(
     """The new policy of a round and the one it was to better, where the round's
     questions are about them.
 
-    A first walk from scratch is not judged: it need not please yet.
+    A first walk from scratch is not judged, nor one that leaves a standstill: it need
+    not please yet.
     """
     last = round.number == cfg.rounds
     first = 1 if cfg.keeps_task else 2
     if round.number < first or not labels_kept(cfg, round, dataset):
+        return None
+    if round.standstill.exists():
         return None
     if not last and not first_erred(round):
         return None

@@ -110,6 +110,8 @@ def report_stage(
         result["training"] = json.loads(summary.read_text())
     if round.approval.exists():
         result["approval"] = json.loads(round.approval.read_text())
+    if round.standstill.exists():
+        result["standstill"] = json.loads(round.standstill.read_text())
     rose = False
     if round.number:
         trained_against = measured(load_reward(round.before.reward))

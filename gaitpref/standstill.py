@@ -1,0 +1,97 @@
+"""A robot from scratch that stands still, and what it is trained on to get it going.
+
+Answers about robots that tumble make standing still look best, and one that stands
+shows nobody what walking would be like: round after round nothing new is asked about.
+So a policy that begins from such a one follows those of its reward's members who think
+least of that. It is not judged beside the other: it is there to be seen.
+
+Shapes: T steps, N episodes, F feature columns.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from data.features import column
+from data.files import write_atomically
+from policy.checkpoint import load_policy
+from policy.evaluate import rollout_features
+from rewardmodel.model import RewardModel
+from rewardmodel.optimism import OptimisticReward
+
+from .rounds import STANDSTILL_NAME, Round, approved, seed_of
+from .run_config import LoopCfg
+from .side_by_side import first_erred
+
+STILL = 0.2
+"""Share of the speed it is told below which a robot stands still."""
+_EPISODES = 16
+
+
+@dataclass(frozen=True, kw_only=True)
+class Standstill:
+    """A policy that goes nowhere, and what it does."""
+
+    speed_m_s: float
+    """Mean planar speed over the grid of commands, without noise."""
+    told_m_s: float
+    """The same of the commands."""
+    features: Tensor
+    """[T, N, F] of its episodes."""
+    lengths: Tensor
+    """[N] of its episodes."""
+
+    def __str__(self) -> str:
+        return f"{self.speed_m_s:.2f} m/s where told {self.told_m_s:.2f}"
+
+    def reward(self, model: RewardModel, cfg: LoopCfg) -> OptimisticReward:
+        """What `model` pays who hopes for something better."""
+        return OptimisticReward.leaving(
+            model, self.features, self.lengths, cfg.optimism
+        )
+
+    def save(self, folder: Path) -> None:
+        """Leave word beside the policy that was trained to leave it."""
+        found = {"speed_m_s": self.speed_m_s, "told_m_s": self.told_m_s}
+        write_atomically(folder / STANDSTILL_NAME, json.dumps(found).encode())
+
+
+def standstill_before(cfg: LoopCfg, round: Round) -> Standstill | None:
+    """The policy a round begins from, if it stands still and the round is to leave it.
+
+    Not in the last round, after which nobody is asked; not of a base, which walks; and
+    the first time only where answers err: others tell what to do instead.
+    """
+    if not cfg.hopes or round.number in (0, cfg.rounds):
+        return None
+    if round.number == 1 and not first_erred(round):
+        return None
+    policy = load_policy(approved(round.before))
+    features, lengths = rollout_features(
+        policy,
+        policy.robot(),
+        policy.info.env,
+        episodes=_EPISODES,
+        seed=seed_of(cfg, round.number, 12),
+    )
+    return seen_standing(features, lengths)
+
+
+def seen_standing(features: Tensor, lengths: Tensor) -> Standstill | None:
+    """What rows [T, N, F] of episodes with `lengths` [N] show, if that is a robot far
+    slower than it is told."""
+    rows = features[torch.arange(len(features))[:, None] < lengths]
+    speed, told = (
+        float(rows[:, column(name)][:, :2].norm(dim=1).mean())
+        for name in ("base_lin_vel_b", "command")
+    )
+    if not speed < STILL * told:
+        return None
+    return Standstill(
+        speed_m_s=speed, told_m_s=told, features=features, lengths=lengths
+    )

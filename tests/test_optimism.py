@@ -1,0 +1,257 @@
+"""A robot is got going on opinions the answers leave room for."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from data.dataset import Dataset
+from data.features import FEATURE_DIM, column
+from gaitpref.loop import run_configured
+from gaitpref.people import People
+from gaitpref.retraining import policy_stage
+from gaitpref.rounds import Round
+from gaitpref.run_config import LoopCfg
+from gaitpref.side_by_side import STRATEGY
+from gaitpref.standstill import seen_standing, standstill_before
+from policy.checkpoint import load_policy
+from policy.features import OBS_DIM
+from policy.robot import load_robot
+from policy.train import TrainCfg, train
+from rewardmodel.linear import LinearScorer
+from rewardmodel.mlp import MlpScorer
+from rewardmodel.model import RewardModel
+from rewardmodel.normaliser import Normaliser
+from rewardmodel.optimism import OptimisticReward
+
+from .small_loop import small_cfg
+from .test_rewardmodel_acquisition import model_of
+
+STEPS, EPISODES = 7, 3
+
+
+def motion(seed: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Rows [T, N, F] of episodes with lengths [N]; behind their ends nothing."""
+    lengths = torch.tensor([STEPS, 4, 0])
+    rows = torch.randn(
+        STEPS, EPISODES, FEATURE_DIM, generator=torch.Generator().manual_seed(seed)
+    )
+    return rows * (torch.arange(STEPS)[:, None] < lengths)[..., None], lengths
+
+
+def opinions(kind: str) -> RewardModel:
+    """Six members with opinions of all kinds."""
+    model = model_of(*({} for _ in range(6)))
+    scorer = model.scorer
+    if kind == "mlp":
+        scorer = MlpScorer(6, len(model.names), 4)
+    with torch.no_grad():
+        generator = torch.Generator().manual_seed(0)
+        for values in (*scorer.parameters(), *scorer.buffers()):
+            values.normal_(generator=generator)
+    moved = RewardModel(Normaliser(len(model.names)), scorer, model.provenance)
+    moved.reward_mean.fill_(0.3)
+    moved.reward_std.fill_(2.0)
+    return moved
+
+
+def mean_over(values: torch.Tensor, lengths: torch.Tensor) -> torch.Tensor:
+    """Mean [...] of [..., T, N] over the steps of the episodes."""
+    return values[..., torch.arange(STEPS)[:, None] < lengths].mean(dim=-1)
+
+
+def starts_of(rows: torch.Tensor) -> torch.Tensor:
+    return (torch.arange(len(rows)) == 0)[:, None].expand(rows.shape[:2])
+
+
+@pytest.mark.parametrize("kind", ["linear", "mlp"])
+@pytest.mark.parametrize("deviations", [0.0, 1.0, 2.0])
+def test_what_is_left_is_paid_less_by_so_many_deviations(
+    kind: str, deviations: float
+) -> None:
+    model = opinions(kind)
+    rows, lengths = motion(1)
+    starts = starts_of(rows)
+    reward = OptimisticReward.leaving(model, rows, lengths, deviations)
+    plain = mean_over(model(rows, starts), lengths)
+    pay = mean_over(model.members(rows, starts), lengths) / model.reward_std
+    expected = plain - deviations * pay.std()
+    paid = mean_over(reward(rows, starts), lengths)
+    assert paid.item() == pytest.approx(expected.item(), abs=1e-4)
+
+
+def test_of_a_linear_reward_it_is_the_likeliest_that_pays_so_little() -> None:
+    """In closed form, from mean and covariance of the members' weights."""
+    model = opinions("linear")
+    assert isinstance(model.scorer, LinearScorer)
+    rows, lengths = motion(2)
+    x = mean_over(model.standardised(rows).movedim(-1, 0), lengths)
+    mean, spread = model.scorer.weights.mean(dim=0), torch.cov(model.scorer.weights.mT)
+    weights = mean - 2.0 * (spread @ x) / (x @ spread @ x).sqrt()
+    other, _ = motion(3)
+    expected = (model.standardised(other) @ weights - 0.3) / 2.0
+    reward = OptimisticReward.leaving(model, rows, lengths, 2.0)
+    assert torch.allclose(reward(other, starts_of(other)), expected, atol=1e-3)
+
+
+def test_where_members_agree_there_is_nothing_to_hope_for() -> None:
+    model = model_of({"height": 1.0}, {"height": 1.0})
+    rows, lengths = motion(4)
+    reward = OptimisticReward.leaving(model, rows, lengths, 2.0)
+    starts = starts_of(rows)
+    assert torch.allclose(reward(rows, starts), model(rows, starts))
+
+
+@pytest.mark.parametrize(("speed", "stands"), [(0.09, True), (0.11, False)])
+def test_a_robot_stands_that_is_far_slower_than_it_is_told(
+    speed: float, stands: bool
+) -> None:
+    """Told 0.5 m/s ahead, and creeping sideways; rows behind an end do not count."""
+    rows = torch.zeros(STEPS, 2, FEATURE_DIM)
+    rows[..., column("command").start] = 0.5
+    rows[..., column("base_lin_vel_b").start + 1] = speed
+    rows[4:, 1] = 9.0
+    found = seen_standing(rows, torch.tensor([STEPS, 4]))
+    assert (found is not None) == stands
+    if found:
+        assert str(found) == "0.09 m/s where told 0.50"
+
+
+class _Killed(Exception):
+    pass
+
+
+def untrained_cfg() -> LoopCfg:
+    """A small loop whose first policy is untrained: it surely goes nowhere."""
+    return replace(small_cfg(), base_steps=0, labels=70)
+
+
+def killed(*others: object) -> None:
+    raise _Killed
+
+
+def ask_first(run: Path, patch: pytest.MonkeyPatch, *, err: bool, agree: bool) -> int:
+    """Run a small loop until it has fitted its first reward, to answers said to err or
+    to agree; how many were asked for."""
+    patch.setattr("gaitpref.asking.answers_err", lambda _: err)
+    patch.setattr("gaitpref.asking.disagree", lambda _: not agree)
+    patch.setattr("gaitpref.loop.report_stage", killed)
+    with pytest.raises(_Killed):
+        run_configured(run, replace(untrained_cfg(), first_agreement=1.1))
+    with Dataset.open(run / "dataset").answers() as store:
+        return len(store.pairs(round=0))
+
+
+@pytest.fixture(scope="module")
+def asked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small loop that has fitted its first reward, and not trained on it."""
+    run = tmp_path_factory.mktemp("loop") / "run"
+    with pytest.MonkeyPatch.context() as patch:
+        assert ask_first(run, patch, err=True, agree=True) == 33
+    return run
+
+
+@pytest.mark.parametrize(("err", "agree"), [(True, False), (False, True)])
+def test_a_first_round_asks_on_where_answers_do_not_err_or_do_not_agree(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, err: bool, agree: bool
+) -> None:
+    """Otherwise, as in `asked`, what is left is asked about walks."""
+    assert ask_first(tmp_path / "run", monkeypatch, err=err, agree=agree) == 52
+
+
+def first_training(run: Path, folder: Path, cfg: LoopCfg) -> Round:
+    """The round that trains for the first time, in a copy of `run`."""
+    copy = folder / f"run-{cfg.optimism:g}"
+    shutil.copytree(run, copy)
+    round = Round(copy, 1)
+    round.root.mkdir()
+    Round(copy, 0).report.write_text("{}")
+    robot = load_robot(physics_dt_s=cfg.env.physics_dt_s)
+    policy_stage(cfg, round, robot, Dataset.open(copy / "dataset"), People())
+    return round
+
+
+@pytest.mark.parametrize("err", [True, False])
+def test_a_robot_that_stands_is_got_going_where_answers_err(
+    asked: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    err: bool,
+) -> None:
+    """It says so, leaves word beside the policy, and nobody is to judge that."""
+    for place in ("standstill", "side_by_side"):
+        monkeypatch.setattr(f"gaitpref.{place}.first_erred", lambda _: err)
+    plain = first_training(asked, tmp_path, replace(small_cfg(), optimism=0.0))
+    assert not plain.standstill.exists()
+    hoped = first_training(asked, tmp_path, small_cfg())
+    assert hoped.standstill.exists() == err
+    assert (hoped.policy.read_bytes() != plain.policy.read_bytes()) == err
+    told = " ".join(capsys.readouterr().err.split())
+    assert ("the robot stands still (" in told) == err
+    if err:
+        found = json.loads(hoped.standstill.read_text())
+        assert 0.0 <= found["speed_m_s"] < 0.2 * found["told_m_s"]
+
+
+def test_the_next_time_it_is_got_going_whoever_answers(
+    asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Answers that do not err told it what to do, and it stands for all that; but not
+    in the last round, not a base, and not where nothing is hoped for."""
+    monkeypatch.setattr("gaitpref.standstill.first_erred", lambda _: False)
+    run = tmp_path / "run"
+    shutil.copytree(asked / "rounds/00/policy", run / "rounds/00/policy")
+    shutil.copytree(asked / "rounds/00/policy", run / "rounds/01/policy")
+    cfg = replace(small_cfg(), rounds=3)
+    assert standstill_before(cfg, Round(run, 1)) is None
+    assert standstill_before(cfg, Round(run, 2))
+    assert standstill_before(small_cfg(), Round(run, 2)) is None
+    assert standstill_before(replace(cfg, base="task"), Round(run, 2)) is None
+    assert standstill_before(replace(cfg, optimism=0.0), Round(run, 2)) is None
+
+
+@pytest.mark.parametrize("shown", [True, False])
+def test_a_policy_to_be_seen_is_not_kept_where_answers_do_not_agree(
+    tmp_path: Path, shown: bool
+) -> None:
+    """It need not please, so the robot rather stands. Any other stays."""
+    cfg = small_cfg()
+    before, last = Round(tmp_path / "run", 1), Round(tmp_path / "run", 2)
+    robot = load_robot(physics_dt_s=cfg.env.physics_dt_s)
+    train(before.policy.parent, robot, TrainCfg(steps=768, env=cfg.env, ppo=cfg.ppo))
+    if shown:
+        before.standstill.write_text("{}")
+    before.report.write_text(json.dumps({"trust": {"deserves_training": False}}))
+    policy_stage(cfg, last, robot, Dataset.create(tmp_path / "set"), People())
+    obs = torch.randn(5, OBS_DIM, generator=torch.Generator().manual_seed(0))
+    assert bool((load_policy(last.policy)(obs) == 0.0).all()) == shown
+    same = last.policy.read_bytes() == before.policy.read_bytes()
+    assert same == (not shown)
+
+
+def test_who_leaves_a_standstill_is_not_judged_and_the_page_says_so(
+    asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for place in ("standstill", "side_by_side"):
+        monkeypatch.setattr(f"gaitpref.{place}.first_erred", lambda _: True)
+    run = tmp_path / "run"
+    cfg = replace(untrained_cfg(), rounds=3)
+    run_configured(run, cfg)
+    rounds = [Round(run, number) for number in range(4)]
+    left = [round.number for round in rounds if round.standstill.exists()]
+    assert left[0] == 1
+    assert 3 not in left
+    for round in rounds:
+        report = json.loads(round.report.read_text())
+        assert ("standstill" in report) == (round.number in left)
+    with Dataset.open(run / "dataset").answers() as store:
+        judged = {pair.round for pair in store.pairs() if pair.strategy == STRATEGY}
+    assert 3 in judged
+    assert not judged & set(left)
+    assert "the robot stood still" in (run / "report/index.html").read_text()
