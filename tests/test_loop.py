@@ -170,6 +170,7 @@ def test_the_first_round_asks_on_while_answers_leave_it_open(
         most_first_share=0.7,
         first_agreement=agreed,
         approval_labels=0,
+        optimism=0.0,
     )
     expected = [28, 12] if asks_on else [16, 24]
     for _ in range(2):
