@@ -16,6 +16,7 @@ from .harness import median
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
 
 PAGE = "benchmarks.md"
 PLOT = "images/preferences.svg"
@@ -91,46 +92,62 @@ def _shown(value: float | None, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
 
 
-def _label(row: Row) -> str:
-    """Of a line of the plot; it has one colour in all panels."""
-    return f"{row['rater']}, {row['method']}"
+def _bar(row: Row) -> tuple[float, tuple[float, float]]:
+    """Median of a row, and how far the worst and the best seed are from it."""
+    middle = row["fraction_median"]
+    return middle, (middle - row["fraction_min"], row["fraction_max"] - middle)
 
 
 def plot(rows: Sequence[Row], path: Path) -> None:
-    """Fraction against answers, a panel a task; bars from worst to best seed."""
-    tasks = list(dict.fromkeys(row["task"] for row in rows))
-    labels = sorted({_label(row) for row in rows})
-    colors = {label: f"C{index}" for index, label in enumerate(labels)}
-    columns = min(3, len(tasks))
-    lines = -(-len(tasks) // columns)
-    figure, axes = plt.subplots(
-        lines, columns, figsize=(3.6 * columns, 2.9 * lines), squeeze=False
-    )
-    for axis, task in zip(axes.flat, tasks, strict=False):
-        series: dict[str, list[Row]] = defaultdict(list)
-        for row in rows:
-            if row["task"] == task:
-                series[_label(row)].append(row)
-        for label, own in series.items():
-            own.sort(key=lambda row: row["answers"])
-            middle = [row["fraction_median"] for row in own]
-            below = [row["fraction_median"] - row["fraction_min"] for row in own]
-            above = [row["fraction_max"] - row["fraction_median"] for row in own]
-            answers = [row["answers"] for row in own]
-            style = {"marker": "o", "capsize": 3, "color": colors[label]}
-            axis.errorbar(answers, middle, (below, above), label=label, **style)
-        axis.axhline(1.0, color="0.6", linewidth=0.8)
-        axis.axhline(0.0, color="0.6", linewidth=0.8, linestyle=":")
-        axis.set(title=task, xlabel="answers", ylabel="fraction of the true reward")
-        axis.legend(fontsize=7)
-    for axis in list(axes.flat)[len(tasks) :]:
-        axis.set_visible(False)
+    """Fraction of every row, bars from worst to best seed: against answers for tasks
+    with several budgets or raters, a line each for all others."""
+    by_task: dict[str, list[Row]] = defaultdict(list)
+    for row in rows:
+        by_task[row["task"]].append(row)
+    several = [task for task, own in by_task.items() if len(own) > 1]
+    alone = [own[0] for own in by_task.values() if len(own) == 1]
+    panels = len(several) + bool(alone)
+    figure, axes = plt.subplots(1, panels, figsize=(5.2 * panels, 4.2), squeeze=False)
+    for axis, task in zip(axes.flat, several, strict=False):
+        _against_answers(axis, task, by_task[task])
+    if alone:
+        _one_line_each(axes.flat[-1], alone)
     figure.tight_layout()
     path.parent.mkdir(parents=True, exist_ok=True)
     # Without a date and with fixed ids, equal rows give equal files.
     with plt.rc_context({"svg.hashsalt": "preferences"}):
         figure.savefig(path, metadata={"Date": None})
     plt.close(figure)
+
+
+def _against_answers(axis: Axes, task: str, rows: Sequence[Row]) -> None:
+    series: dict[str, list[Row]] = defaultdict(list)
+    for row in rows:
+        series[f"{row['rater']}, {row['method']}"].append(row)
+    for label, own in series.items():
+        own.sort(key=lambda row: row["answers"])
+        answers = [row["answers"] for row in own]
+        middle, reach = zip(*map(_bar, own), strict=True)
+        reach = tuple(zip(*reach, strict=True))
+        axis.errorbar(answers, middle, reach, marker="o", capsize=3, label=label)
+    for level, style in ((1.0, "-"), (0.0, ":")):
+        axis.axhline(level, color="0.6", linewidth=0.8, linestyle=style)
+    axis.set(title=task, xlabel="answers", ylabel="fraction of the true reward")
+    axis.legend(fontsize=7)
+
+
+def _one_line_each(axis: Axes, rows: Sequence[Row]) -> None:
+    for place, row in enumerate(reversed(rows)):
+        middle, reach = _bar(row)
+        axis.errorbar(
+            middle, place, xerr=[[part] for part in reach],
+            marker="o", capsize=3, color="C0",
+        )  # fmt: skip
+    for level, style in ((1.0, "-"), (0.0, ":")):
+        axis.axvline(level, color="0.6", linewidth=0.8, linestyle=style)
+    names = [f"{row['task']}, {row['answers']} answers" for row in reversed(rows)]
+    axis.set_yticks(range(len(rows)), names)
+    axis.set(xlabel="fraction of the true reward")
 
 
 def publish_rows(rows: Sequence[Row], docs: Path, json_file: Path | None) -> None:
