@@ -253,6 +253,7 @@ def test_choosing_tells_what_the_policy_paid_most_is_worth(
     options = choosing.Options(
         run=(tmp_path / "run",), members=(2, 9), caution=(0.0, 1.5), draws=1
     )
+    capsys.readouterr()  # What the loop told.
     choosing.main(options)
     lines = [line for line in capsys.readouterr().err.splitlines() if "members" in line]
     told = [(line.split()[0], line.split()[5]) for line in lines]
