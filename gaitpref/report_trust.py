@@ -52,13 +52,13 @@ def approval_section(rounds: list[dict[str, Any]]) -> str:
 
 
 def standstill_section(rounds: list[dict[str, Any]]) -> str:
-    """In which rounds a robot that stood still was got going."""
+    """In which rounds a robot that went nowhere was got going."""
     left = [of_round["round"] for of_round in rounds if of_round.get("standstill")]
     if not left:
         return ""
     numbers = ", ".join(map(str, left))
     return (
-        f"<p>Before round {numbers} the robot stood still. So it was trained on what "
+        f"<p>Before round {numbers} the robot went nowhere. So it was trained on what "
         f"those members of the reward think who like that least, to show what else "
         f"there is; that policy was not judged beside the other.</p>"
     )

@@ -54,7 +54,7 @@ def policy_stage(
     plan = _plan(cfg, round, robot, dataset)
     if plan.standstill:
         console.print(
-            f"round {round.number}: the robot stands still ({plan.standstill}); it is "
+            f"round {round.number}: the robot goes nowhere ({plan.standstill}); it is "
             f"trained on what those members of the reward think who like that least"
         )
     _train(cfg, round, robot, plan, people, out=partial)

@@ -193,7 +193,7 @@ def test_a_robot_that_stands_is_got_going_where_answers_err(
     assert hoped.standstill.exists() == err
     assert (hoped.policy.read_bytes() != plain.policy.read_bytes()) == err
     told = " ".join(capsys.readouterr().err.split())
-    assert ("the robot stands still (" in told) == err
+    assert ("the robot goes nowhere (" in told) == err
     if err:
         found = json.loads(hoped.standstill.read_text())
         assert 0.0 <= found["speed_m_s"] < 0.2 * found["told_m_s"]
@@ -254,4 +254,4 @@ def test_who_leaves_a_standstill_is_not_judged_and_the_page_says_so(
         judged = {pair.round for pair in store.pairs() if pair.strategy == STRATEGY}
     assert 3 in judged
     assert not judged & set(left)
-    assert "the robot stood still" in (run / "report/index.html").read_text()
+    assert "the robot went nowhere" in (run / "report/index.html").read_text()
