@@ -5,11 +5,11 @@ disagree, the answers do not say what a motion is worth; paying less there takes
 gain out of leaving what was judged (lower confidence bound; for learned rewards Coste
 et al. 2023, "Reward Model Ensembles Help Mitigate Overoptimization").
 
-Where answers err, a linear reward is careful habit by habit: each weight is moved by
-some deviations of its own over the members towards what was expected of it before any
-answer (soft thresholding, Donoho and Johnstone 1994), and effort is not paid for: what
-moves well takes more of it than what stands, and such answers cannot tell the two
-apart. A bound on the whole reward also pays less for a habit that is surely good and
+A linear reward does not pay for effort: what moves well takes more of it than what
+stands, and few answers tell the two apart. Where answers err, it is careful habit by
+habit: each weight is moved by some deviations of its own over the members towards what
+was expected of it before any answer (soft thresholding, Donoho and Johnstone 1994). A
+bound on the whole reward also pays less for a habit that is surely good and
 goes with others in doubt, so it prefers standing still. How the feet go is doubted
 twice as much: what tumbles lifts them, and a reward that blames them for it stands.
 
@@ -67,21 +67,22 @@ class CautiousReward:
     def suited(cls, model: RewardModel, most: float) -> Self:
         """Caution by how often answers err, as the fit of `model` found: none where up
         to `FEW_ERRORS` are random, `most` from `MANY_ERRORS` on. None of a sparse
-        reward.
+        reward. A linear one pays for no effort, unless `most` is 0.
         """
         if isinstance(model.scorer, SparseScorer):
             return cls(model, 0.0)
         share = model.provenance.cfg.error_share
         doubt = (share - FEW_ERRORS) / (MANY_ERRORS - FEW_ERRORS)
         careful = most * min(1.0, max(0.0, doubt))
-        return cls(model, careful, pays_effort=careful == 0.0)
+        return cls(model, careful, pays_effort=most == 0.0)
 
     def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
         """Reward [T, N] for rows [T, N, F], in units of the model's."""
         scorer = self.model.scorer
-        if self.caution == 0.0 and self.pays_effort:
+        linear = isinstance(scorer, LinearScorer)
+        if self.caution == 0.0 and (self.pays_effort or not linear):
             return self.model(features, starts)
-        if isinstance(scorer, LinearScorer):
+        if linear:
             weights = careful_weights(scorer, self.caution)
             if not self.pays_effort:
                 weights = torch.where(named(EFFORT), weights.clamp_max(0.0), weights)
