@@ -18,7 +18,7 @@ from policy.record import LONGEST_S, RecordCfg
 from policy.reward import KnownTermsCfg
 from policy.variation import VariationCfg
 from rewardmodel.acquisition import StrategyName
-from rewardmodel.cfg import FitCfg, LinearCfg
+from rewardmodel.cfg import FitCfg
 from rewardmodel.pairs import MIN_ANSWERS
 
 from .options import Loop
@@ -95,6 +95,10 @@ class LoopCfg:
     """Answers that judge the last policy alone where answers do not err: the longest
     training ends where nobody is asked any more. It stays unless they speak against
     it."""
+    quiet_logit: float = field(default=0.2, metadata=ADDED_LATER)
+    """Where answers err, what the rewards of the last two retrainings from scratch
+    expect of moving more than a walk takes (`LinearCfg.quiet_logit`): what is left of
+    such a reward says next to nothing of how to walk."""
     optimism: float = field(default=2.0, metadata=ADDED_LATER)
     """Where a robot from scratch stands still: deviations over the ensemble by which
     the reward of the next training is moved towards members who think less of that; 0
@@ -176,6 +180,13 @@ class LoopCfg:
     def hopes(self) -> bool:
         """Whether a robot that stands still is got going."""
         return self.optimism > 0.0 and not self.keeps_task and self.rounds > 1
+
+    def fit_of(self, round: int) -> FitCfg:
+        """The reward model fitted in `round`, counted from 0."""
+        if self.keeps_task or round < max(1, self.rounds - 2):
+            return self.fit
+        linear = replace(self.fit.linear, quiet_logit=self.quiet_logit)
+        return replace(self.fit, linear=linear)
 
     def labels_of(self, round: int, *, first: int = 0, kept: int = 0) -> int:
         """Answers asked for in `round`, counted from 0, where the first round has asked
@@ -273,11 +284,6 @@ def resolve(options: Loop) -> LoopCfg:
             # Beside clips without noise, those with it teach that moving is bad; and a
             # robot that only shakes shows nobody what walking would be like.
             record=replace(recorded, episodes=192, noisy_share=1.0, babble_share=0.3),
-            # Of robots that tumble wrong answers tell neither what commands are for nor
-            # how much moving a walk takes.
-            fit=FitCfg(
-                kind="grow", linear=LinearCfg(astray_logit=0.5, quiet_logit=0.2)
-            ),
             **common,
         )
     rounds = 3 if quick else 5

@@ -59,7 +59,7 @@ def fit_stage(cfg: LoopCfg, round: Round, dataset: Dataset, people: People) -> N
     people.tell(f"{place_of(cfg, round)}: learning from the answers")
     pairs = load_pairs([dataset])
     seed = seed_of(cfg, round.number, 5)
-    model, report = fit_reward(pairs, cfg.fit, seed=seed)
+    model, report = fit_reward(pairs, cfg.fit_of(round.number), seed=seed)
     save_reward(model, round.reward)
     console.print(f"round {round.number}: {fit_summary(report)}")
 

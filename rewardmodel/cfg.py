@@ -28,11 +28,9 @@ class LinearCfg:
     """Logit by which a clip that bounces, sways, rocks or slips by the usual amount
     more, each, is expected to lose before any answer. Answers overrule it; wrong ones
     are kept from teaching that rocking is wanted."""
-    astray_logit: float = field(default=0.0, metadata=ADDED_LATER)
-    """The same of each way of not doing what the robot is told, where answers err."""
     quiet_logit: float = field(default=0.0, metadata=ADDED_LATER)
-    """The same of each habit of moving more than a walk takes, where answers err. Alone
-    it makes a reward prefer standing."""
+    """The same of each habit of moving more than a walk takes, where answers err. A
+    reward that expects it before there is a walk prefers standing."""
 
     def __post_init__(self) -> None:
         _require_members(self.num_members)

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from .cfg import FitCfg, LinearCfg
-from .descriptors import COMMANDED, QUIET, UNSTEADY, named
+from .descriptors import QUIET, UNSTEADY, named
 from .likelihood import log_likelihood_derivatives
 from .training import TrainingPairs, bootstrap_counts
 
@@ -95,11 +95,7 @@ def expected_weights(pairs: TrainingPairs, spread: Tensor, cfg: LinearCfg) -> Te
     """
     if (pairs.target == 0.5).all():
         return torch.zeros_like(spread)
-    disliked = (
-        cfg.unsteady_logit * named(UNSTEADY)
-        + cfg.astray_logit * named(COMMANDED)
-        + cfg.quiet_logit * named(QUIET)
-    )
+    disliked = cfg.unsteady_logit * named(UNSTEADY) + cfg.quiet_logit * named(QUIET)
     seen = (spread / _USUAL_SPREAD).clamp_max(1) * (spread > MIN_SPREAD)
     return -disliked * seen
 

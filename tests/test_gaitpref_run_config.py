@@ -94,10 +94,12 @@ def test_too_few_answers_are_refused_with_what_would_do() -> None:
         replace(resolve(Loop(run=RUN)), most_first_share=0.0)
 
 
-def test_commands_followed_and_a_quiet_walk_are_expected_only_from_scratch() -> None:
-    """Of a style nothing is: the task is kept."""
-    scratch = resolve(Loop(run=Path("r"), base="none")).fit.linear
-    assert scratch.astray_logit > 0
-    assert scratch.quiet_logit > 0
-    style = resolve(Loop(run=Path("r"), base="task")).fit.linear
-    assert style.astray_logit == style.quiet_logit == 0
+def test_a_quiet_walk_is_expected_only_once_there_is_one() -> None:
+    """From scratch, by the rewards of the last two retrainings; never of a style."""
+    scratch = resolve(Loop(run=Path("r"), base="none", preset="quick"))
+    found = [scratch.fit_of(round).linear.quiet_logit for round in range(4)]
+    assert found == [0.0, 0.0, 0.2, 0.2]
+    short = replace(scratch, rounds=1)
+    assert short.fit_of(0) == short.fit
+    style = resolve(Loop(run=Path("r"), base="task"))
+    assert all(style.fit_of(round) == style.fit for round in range(style.rounds))

@@ -10,7 +10,7 @@ import torch
 
 from rewardmodel import fit_reward
 from rewardmodel.cfg import FitCfg, LinearCfg
-from rewardmodel.descriptors import COMMANDED, DESCRIPTOR_NAMES, QUIET
+from rewardmodel.descriptors import DESCRIPTOR_NAMES, QUIET
 from rewardmodel.evidence import Found, evidence, settled
 from rewardmodel.linear import LinearScorer, scaled_differences
 from rewardmodel.normaliser import Normaliser
@@ -110,20 +110,11 @@ def test_the_evidence_is_the_integral_over_the_weight() -> None:
     assert evidence(inputs, pairs, cfg, precision) == pytest.approx(summed, abs=0.1)
 
 
-@pytest.mark.parametrize(
-    ("linear", "habits"),
-    [
-        (LinearCfg(quiet_logit=0.2), QUIET),
-        (LinearCfg(astray_logit=0.5), COMMANDED),
-    ],
-)
-def test_habits_are_expected_to_be_disliked_only_where_answers_err(
-    linear: LinearCfg, habits: tuple[str, ...]
-) -> None:
+def test_moving_more_than_it_takes_is_disliked_only_where_answers_err() -> None:
     """Of a rater who errs, habits nobody told of are charged for; one who agrees with
     himself is taken at his word."""
-    cfg = FitCfg(linear=linear)
-    named = [DESCRIPTOR_NAMES.index(name) for name in habits]
+    cfg = FitCfg(linear=LinearCfg(quiet_logit=0.2))
+    quiet = [DESCRIPTOR_NAMES.index(name) for name in QUIET]
     for flipped, expected in ((0.25, True), (0.0, False)):
         pairs = answered(150, seed=3, flipped=flipped)
         model, _ = fit_reward(pairs, cfg, seed=0, measured=False)
@@ -131,8 +122,8 @@ def test_habits_are_expected_to_be_disliked_only_where_answers_err(
         assert isinstance(model.scorer, LinearScorer)
         assert isinstance(plain.scorer, LinearScorer)
         shift = model.scorer.weights.mean(0) - plain.scorer.weights.mean(0)
-        assert (shift[named] < 0).all() == expected
-        assert model.scorer.expected[named].any() == expected
+        assert (shift[quiet] < 0).all() == expected
+        assert model.scorer.expected[quiet].any() == expected
         assert torch.equal(shift, torch.zeros_like(shift)) != expected
         own, other = model.provenance.cfg, plain.provenance.cfg
         assert own.error_share == other.error_share
