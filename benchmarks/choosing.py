@@ -60,6 +60,11 @@ class Options:
     """How weak opinions are expected to be."""
     caution: tuple[float, ...] = (0.0,)
     """Deviations by which a habit that the ensemble disagrees about is paid less."""
+    told_most: bool = False
+    """Expect strong opinions of doing what the robot is told, as a run from scratch
+    does (`LinearCfg.told_most`)."""
+    round: int | None = None
+    """Look at the answers up to this round only, counted from 0."""
     draws: int = 2
     """Fits for every run, each with other mistakes."""
     seed: int = 0
@@ -138,7 +143,7 @@ class Judged:
 
 def judged(model: RewardModel, caution: float, shown: list[Shown]) -> Judged:
     """What a careful `model` makes of policies, the first of which holds home."""
-    reward = CautiousReward(model, caution)
+    reward = CautiousReward(model, caution, pays_effort=caution == 0.0)
     paid = torch.stack(
         [
             reward(policy.rows[None], torch.zeros(1, len(policy.rows))).mean()
@@ -156,12 +161,24 @@ def judged(model: RewardModel, caution: float, shown: list[Shown]) -> Judged:
     )
 
 
+def answers_of(run: Path, last: int | None) -> AnsweredPairs:
+    """The answers of a run up to its round `last`."""
+    pairs = load_pairs([Dataset.open(run / "dataset")])
+    if last is None:
+        return pairs
+    return pairs.subset(torch.tensor(pairs.rounds) <= last)
+
+
 def main(options: Options) -> int:
     torch.set_num_threads(1)
     shown = shown_policies(options.run + options.beside)
-    answered = [load_pairs([Dataset.open(run / "dataset")]) for run in options.run]
+    answered = [answers_of(run, options.round) for run in options.run]
     for members, precision in product(options.members, options.precision):
-        linear = LinearCfg(num_members=members, prior_precision=precision)
+        linear = LinearCfg(
+            num_members=members,
+            prior_precision=precision,
+            told_most=options.told_most,
+        )
         cfg = FitCfg(linear=linear)
         rng = np.random.default_rng(options.seed)
         models = [

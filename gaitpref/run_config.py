@@ -18,7 +18,7 @@ from policy.record import LONGEST_S, RecordCfg
 from policy.reward import KnownTermsCfg
 from policy.variation import VariationCfg
 from rewardmodel.acquisition import StrategyName
-from rewardmodel.cfg import FitCfg
+from rewardmodel.cfg import FitCfg, LinearCfg
 from rewardmodel.pairs import MIN_ANSWERS
 
 from .options import Loop
@@ -284,6 +284,7 @@ def resolve(options: Loop) -> LoopCfg:
             # Beside clips without noise, those with it teach that moving is bad; and a
             # robot that only shakes shows nobody what walking would be like.
             record=replace(recorded, episodes=192, noisy_share=1.0, babble_share=0.3),
+            fit=FitCfg(kind="grow", linear=LinearCfg(told_most=True)),
             **common,
         )
     rounds = 3 if quick else 5

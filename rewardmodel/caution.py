@@ -10,8 +10,7 @@ stands, and few answers tell the two apart. Where answers err, it is careful hab
 habit: each weight is moved by some deviations of its own over the members towards what
 was expected of it before any answer (soft thresholding, Donoho and Johnstone 1994). A
 bound on the whole reward also pays less for a habit that is surely good and
-goes with others in doubt, so it prefers standing still. How the feet go is doubted
-twice as much: what tumbles lifts them, and a reward that blames them for it stands.
+goes with others in doubt, so it prefers standing still.
 
 A sum of few curves is paid in full: its members differ most about what the wanted habit
 is worth where it is strongest. Of a high step the doubt was twice the pay, and training
@@ -28,7 +27,7 @@ from typing import Self
 import torch
 from torch import Tensor
 
-from .descriptors import EFFORT, FEET, named
+from .descriptors import EFFORT, named
 from .evidence import FEW_ERRORS
 from .linear import LinearScorer
 from .model import RewardModel
@@ -37,9 +36,6 @@ from .sparse import SparseScorer
 MANY_ERRORS = 0.2
 """Share of random answers from which on a reward is as careful as it may be; it begins
 to be so at `FEW_ERRORS`."""
-
-_FEET_TIMES = 2.0
-"""How much more how the feet go is doubted."""
 
 
 def answers_err(model: RewardModel) -> bool:
@@ -105,5 +101,4 @@ def careful_weights(scorer: LinearScorer, caution: float) -> Tensor:
     """
     found = scorer.weights.mean(dim=0) - scorer.expected
     doubt = caution * scorer.weights.std(dim=0)
-    doubt = torch.where(named(FEET), _FEET_TIMES * doubt, doubt)
     return scorer.expected + found.sign() * (found.abs() - doubt).clamp_min(0.0)

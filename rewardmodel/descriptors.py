@@ -221,6 +221,13 @@ DESCRIPTORS = (
 DESCRIPTOR_NAMES = tuple(descriptor.name for descriptor in DESCRIPTORS)
 UNSTEADY = ("vertical_speed_sq", "roll_rate_sq", "pitch_rate_sq", "slip")
 """Habits hardly anybody wants more of, and that standing and a good walk both lack."""
+TOLD = (
+    "planar_error",
+    "planar_error_sq",
+    "yaw_rate_error",
+    "yaw_rate_error_sq",
+)
+"""Not doing what the robot is told."""
 EFFORT = ("joint_speed_sq", "torque_sq", "power", "action_rate_sq")
 """What any motion costs, and hardly anybody wants more of for its own sake."""
 QUIET = ("joint_offset_sq", "joint_speed_sq", "action_sq", "action_rate_sq")

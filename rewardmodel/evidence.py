@@ -89,7 +89,7 @@ def _tried(pairs: TrainingPairs, cfg: FitCfg) -> Tried:
     """The evidence of standardised `pairs` for all that is tried."""
     inputs, spread = scaled_differences(pairs)
     # Whether answers err is asked of all that is expected of raters who do not.
-    plain = replace(cfg.linear, quiet_logit=0.0)
+    plain = replace(cfg.linear, told_most=False, quiet_logit=0.0)
     mean = expected_weights(pairs, spread, plain)
     return {
         (share, precision): evidence(
@@ -134,7 +134,7 @@ def settled(cfg: FitCfg, found: Found) -> FitCfg:
         return replace(cfg, adapt=False, error_share=share)
     linear = replace(cfg.linear, prior_precision=found.prior_precision)
     if found.error_share <= FEW_ERRORS:
-        linear = replace(linear, quiet_logit=0.0)
+        linear = replace(linear, told_most=False, quiet_logit=0.0)
     return replace(cfg, adapt=False, error_share=found.error_share, linear=linear)
 
 

@@ -14,7 +14,15 @@ import torch
 from torch import Tensor, nn
 
 from .cfg import FitCfg, LinearCfg
-from .descriptors import QUIET, UNSTEADY, named
+from .descriptors import (
+    DESCRIPTOR_NAMES,
+    EFFORT,
+    FEET,
+    QUIET,
+    TOLD,
+    UNSTEADY,
+    named,
+)
 from .likelihood import log_likelihood_derivatives
 from .training import TrainingPairs, bootstrap_counts
 
@@ -23,6 +31,7 @@ MIN_SPREAD = 0.02
 in a descriptor: its weight stays small instead of being divided by next to nothing."""
 
 _USUAL_SPREAD = 0.25
+_STRENGTHS = ((TOLD, 2.0), (EFFORT, 1 / 2), (FEET, 1 / 3))
 _FEWEST_MEMBERS = 5
 _MOST_DRAWN = 20_000
 """Answers that all members together are fitted to: with more of them, resampling moves
@@ -77,7 +86,7 @@ def fit_linear(
         pairs,
         counts.double(),
         cfg,
-        precision=cfg.linear.prior_precision,
+        precision=prior_precisions(cfg.linear),
         mean=mean,
     )
     scorer = LinearScorer(*theta.shape)
@@ -98,6 +107,20 @@ def expected_weights(pairs: TrainingPairs, spread: Tensor, cfg: LinearCfg) -> Te
     disliked = cfg.unsteady_logit * named(UNSTEADY) + cfg.quiet_logit * named(QUIET)
     seen = (spread / _USUAL_SPREAD).clamp_max(1) * (spread > MIN_SPREAD)
     return -disliked * seen
+
+
+def prior_precisions(cfg: LinearCfg) -> Tensor:
+    """Precision [D], in float64, of the prior on the weights of scaled differences.
+
+    A robot is told something for a purpose; how it moves its feet and joints follows
+    from that, and what tumbles moves them too. So less is believed of the latter from
+    answers that err. Which way an opinion goes, answers alone decide.
+    """
+    strength = torch.ones(len(DESCRIPTOR_NAMES), dtype=torch.float64)
+    if cfg.told_most:
+        for names, times in _STRENGTHS:
+            strength[named(names)] = times
+    return cfg.prior_precision / strength.square()
 
 
 def scaled_differences(pairs: TrainingPairs) -> tuple[Tensor, Tensor]:
@@ -130,7 +153,7 @@ def posterior_modes(
         pairs: Their answers and falls.
         counts: [M, B] float64, how often a member sees an answer.
         cfg: The likelihood of an answer.
-        precision: Of the Gaussian prior on each weight, [M, D] or one for all.
+        precision: Of the Gaussian prior on each weight, [M, D], [D] or one for all.
         mean: Of the same, [D] or one for all.
         start: [M, D] where to start instead.
     """
@@ -192,7 +215,7 @@ def hessian_factor(inputs: Tensor, bends: Tensor, precision: Tensor | float) -> 
     Args:
         inputs: [B, D] scaled differences of the clips.
         bends: [M, B] second derivatives of the negated log-likelihood.
-        precision: Of the prior, [M, D] or one for all.
+        precision: Of the prior, [M, D], [D] or one for all.
     """
     prior = torch.diag_embed(precision + inputs.new_zeros(inputs.shape[1]))
     exact = (bends[..., None] * inputs).mT @ inputs + prior

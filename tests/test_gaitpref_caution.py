@@ -76,20 +76,6 @@ def test_a_habit_in_doubt_is_paid_less_and_a_sure_one_is_not() -> None:
         assert running.item() == pytest.approx(1.0, abs=1e-4)
 
 
-def test_how_the_feet_go_is_doubted_twice_as_much() -> None:
-    """Members say 3.0 and 2.2 of both: 2.6, whose deviation is 0.5657."""
-    high, low = ({"height": w, "contacts": w} for w in (3.0, 2.2))
-    model = model_of(high, low)
-    down = torch.zeros(1, 1, FEATURE_DIM)
-    down[..., column("foot_contact").start] = 1.0
-    for caution in (0.0, 1.0):
-        reward = CautiousReward(model, caution)
-        rising = reward(row(speed=0.0, height=1.0), STARTS)
-        assert rising.item() == pytest.approx(2.6 - 0.5657 * caution, abs=1e-4)
-        landed = reward(down, STARTS)
-        assert landed.item() == pytest.approx(2.6 - 1.1314 * caution, abs=1e-4)
-
-
 def test_a_habit_in_doubt_is_paid_as_was_expected() -> None:
     """Members say 0.5 and -0.5 of height and nothing of speed; -0.75 and 0 were
     expected: height is 0.75 above that, less a deviation of 0.7071."""

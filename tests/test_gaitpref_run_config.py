@@ -94,6 +94,11 @@ def test_too_few_answers_are_refused_with_what_would_do() -> None:
         replace(resolve(Loop(run=RUN)), most_first_share=0.0)
 
 
+def test_what_robots_are_told_weighs_most_only_from_scratch() -> None:
+    assert resolve(Loop(run=RUN, base="none")).fit.linear.told_most
+    assert not resolve(Loop(run=RUN, base="task")).fit.linear.told_most
+
+
 def test_a_quiet_walk_is_expected_only_once_there_is_one() -> None:
     """From scratch, by the rewards of the last two retrainings; never of a style."""
     scratch = resolve(Loop(run=Path("r"), base="none", preset="quick"))

@@ -10,7 +10,7 @@ import torch
 
 from rewardmodel import fit_reward
 from rewardmodel.cfg import FitCfg, LinearCfg
-from rewardmodel.descriptors import DESCRIPTOR_NAMES, QUIET
+from rewardmodel.descriptors import DESCRIPTOR_NAMES, EFFORT, FEET, QUIET, TOLD, named
 from rewardmodel.evidence import Found, evidence, settled
 from rewardmodel.linear import LinearScorer, scaled_differences
 from rewardmodel.normaliser import Normaliser
@@ -108,6 +108,37 @@ def test_the_evidence_is_the_integral_over_the_weight() -> None:
     )
     summed = float(torch.logsumexp(log_joint, 0)) + np.log(16.0 / 4000)
     assert evidence(inputs, pairs, cfg, precision) == pytest.approx(summed, abs=0.1)
+
+
+def test_where_answers_err_what_robots_are_told_weighs_most() -> None:
+    """Who agrees with himself is taken at his word."""
+    for flipped, expected in ((0.25, True), (0.0, False)):
+        pairs = answered(150, seed=3, flipped=flipped)
+        most, even = (weights_of(pairs, told_most=most) for most in (True, False))
+        told, effort, feet = (
+            float(most[named(names)].norm() / even[named(names)].norm())
+            for names in (TOLD, EFFORT, FEET)
+        )
+        assert (told > 1.1, effort < 0.9, feet < 0.6) == (expected,) * 3
+        assert torch.equal(most, even) != expected
+
+
+def test_what_robots_are_told_weighs_most_for_and_against_it() -> None:
+    """Of a rater who says the opposite, every weight is the opposite."""
+    pairs = answered(150, seed=3, flipped=0.25)
+    turned = replace(pairs, target=1 - pairs.target)
+    torch.testing.assert_close(
+        weights_of(pairs, told_most=True), -weights_of(turned, told_most=True)
+    )
+
+
+def weights_of(pairs: AnsweredPairs, *, told_most: bool) -> torch.Tensor:
+    """Mean weight [D] over the members, with nothing expected of any sign."""
+    linear = LinearCfg(told_most=told_most, unsteady_logit=0.0)
+    cfg = FitCfg(linear=linear, fall_logit=0.0)
+    model, _ = fit_reward(pairs, cfg, seed=0, measured=False)
+    assert isinstance(model.scorer, LinearScorer)
+    return model.scorer.weights.mean(dim=0)
 
 
 def test_moving_more_than_it_takes_is_disliked_only_where_answers_err() -> None:
