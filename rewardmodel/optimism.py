@@ -31,6 +31,8 @@ class OptimisticReward:
     model: RewardModel
     shares: Tensor
     """[M], summing to 1; below 0 for members who think most of what is to be left."""
+    lift: float = 0.0
+    """Added to every step, in units of the model's."""
 
     @property
     def history_steps(self) -> int:
@@ -46,6 +48,11 @@ class OptimisticReward:
         Of a linear reward w with posterior covariance S it is the most likely one that
         pays the motion x as little: w - deviations S x / sqrt(x' S x).
 
+        Answers about clips of one length leave open what a step is worth beside none.
+        Every step is lifted so that the motion to be left goes on being paid what the
+        mean pays, and nothing at least: where all that is known costs something, the
+        way out is to fall at once.
+
         Args:
             model: The reward.
             features: [T, N, F] of the motion.
@@ -59,12 +66,14 @@ class OptimisticReward:
         shares = torch.full_like(pay, 1 / len(pay))
         if len(pay) > 1 and spread > _LEAST_SPREAD:
             shares = shares - deviations * apart / ((len(pay) - 1) * spread)
-        return cls(model, shares)
+        own, hoped = (float(model.centred(each)) for each in (pay.mean(), shares @ pay))
+        return cls(model, shares, lift=max(own, 0.0) - hoped)
 
     def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
         """Reward [T, N] for rows [T, N, F], in units of the model's."""
         raw = self.model.members(features, starts)
-        return self.model.centred(torch.einsum("m,mtn->tn", self.shares, raw))
+        hoped = torch.einsum("m,mtn->tn", self.shares, raw)
+        return self.model.centred(hoped) + self.lift
 
     def spread(self, features: Tensor, starts: Tensor) -> Tensor:
         """As the model's own."""

@@ -82,7 +82,25 @@ def test_what_is_left_is_paid_less_by_so_many_deviations(
     pay = mean_over(model.members(rows, starts), lengths) / model.reward_std
     expected = plain - deviations * pay.std()
     paid = mean_over(reward(rows, starts), lengths)
-    assert paid.item() == pytest.approx(expected.item(), abs=1e-4)
+    assert paid.item() - reward.lift == pytest.approx(expected.item(), abs=1e-4)
+
+
+@pytest.mark.parametrize("deviations", [0.0, 1.0, 2.0])
+@pytest.mark.parametrize(("centre", "costs"), [(-30.0, False), (30.0, True)])
+def test_what_is_left_costs_nothing(
+    centre: float, costs: bool, deviations: float
+) -> None:
+    """It is paid as before, or nothing: who only loses by going on falls at once."""
+    model = opinions("linear")
+    model.reward_mean.fill_(centre)
+    rows, lengths = motion(1)
+    reward = OptimisticReward.leaving(model, rows, lengths, deviations)
+    plain, paid = (
+        mean_over(each(rows, starts_of(rows)), lengths).item()
+        for each in (model, reward)
+    )
+    assert paid == pytest.approx(max(plain, 0.0), abs=1e-4)
+    assert (plain < 0.0) == costs
 
 
 def test_of_a_linear_reward_it_is_the_likeliest_that_pays_so_little() -> None:
@@ -96,7 +114,8 @@ def test_of_a_linear_reward_it_is_the_likeliest_that_pays_so_little() -> None:
     other, _ = motion(3)
     expected = (model.standardised(other) @ weights - 0.3) / 2.0
     reward = OptimisticReward.leaving(model, rows, lengths, 2.0)
-    assert torch.allclose(reward(other, starts_of(other)), expected, atol=1e-3)
+    paid = reward(other, starts_of(other)) - reward.lift
+    assert torch.allclose(paid, expected, atol=1e-3)
 
 
 def test_where_members_agree_there_is_nothing_to_hope_for() -> None:
@@ -104,7 +123,7 @@ def test_where_members_agree_there_is_nothing_to_hope_for() -> None:
     rows, lengths = motion(4)
     reward = OptimisticReward.leaving(model, rows, lengths, 2.0)
     starts = starts_of(rows)
-    assert torch.allclose(reward(rows, starts), model(rows, starts))
+    assert torch.allclose(reward(rows, starts) - reward.lift, model(rows, starts))
 
 
 @pytest.mark.parametrize(("speed", "stands"), [(0.09, True), (0.11, False)])
