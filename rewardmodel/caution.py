@@ -61,16 +61,19 @@ class CautiousReward:
 
     @classmethod
     def suited(cls, model: RewardModel, most: float) -> Self:
-        """Caution by how often answers err, as the fit of `model` found: none where up
-        to `FEW_ERRORS` are random, `most` from `MANY_ERRORS` on. None of a sparse
-        reward. A linear one pays for no effort, unless `most` is 0.
+        """The caution that suits a kind of reward: `most` of a linear one, which pays
+        for no effort then, none of a sparse one. Of others by how often answers err, as
+        the fit of `model` found: none where up to `FEW_ERRORS` are random, `most` from
+        `MANY_ERRORS` on.
         """
         if isinstance(model.scorer, SparseScorer):
             return cls(model, 0.0)
+        if isinstance(model.scorer, LinearScorer):
+            return cls(model, most, pays_effort=most == 0.0)
         share = model.provenance.cfg.error_share
         doubt = (share - FEW_ERRORS) / (MANY_ERRORS - FEW_ERRORS)
         careful = most * min(1.0, max(0.0, doubt))
-        return cls(model, careful, pays_effort=most == 0.0)
+        return cls(model, careful)
 
     def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
         """Reward [T, N] for rows [T, N, F], in units of the model's."""

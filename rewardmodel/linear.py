@@ -32,6 +32,8 @@ in a descriptor: its weight stays small instead of being divided by next to noth
 
 _USUAL_SPREAD = 0.25
 _STRENGTHS = ((TOLD, 2.0), (EFFORT, 1 / 2), (FEET, 1 / 3))
+_ALIKE = 0.8
+"""Correlation, before any answer, of opinions about the ways not to do what is told."""
 _FEWEST_MEMBERS = 5
 _MOST_DRAWN = 20_000
 """Answers that all members together are fitted to: with more of them, resampling moves
@@ -80,15 +82,17 @@ def fit_linear(
     """
     inputs, spread = scaled_differences(pairs)
     mean = expected_weights(pairs, spread, cfg.linear)
+    factor = prior_factor(cfg.linear)
     counts = bootstrap_counts(cfg.linear.num_members, len(pairs), generator=generator)
-    theta = posterior_modes(
-        inputs,
+    whitened = posterior_modes(
+        inputs @ factor,
         pairs,
         counts.double(),
         cfg,
-        precision=prior_precisions(cfg.linear),
-        mean=mean,
+        precision=cfg.linear.prior_precision,
+        mean=whitened_weights(mean, factor),
     )
+    theta = whitened @ factor.mT
     scorer = LinearScorer(*theta.shape)
     scorer.weights.copy_(theta / spread)
     scorer.expected.copy_(mean / spread)
@@ -109,18 +113,29 @@ def expected_weights(pairs: TrainingPairs, spread: Tensor, cfg: LinearCfg) -> Te
     return -disliked * seen
 
 
-def prior_precisions(cfg: LinearCfg) -> Tensor:
-    """Precision [D], in float64, of the prior on the weights of scaled differences.
+def prior_factor(cfg: LinearCfg) -> Tensor:
+    """Lower triangular L [D, D], in float64: L L' is the prior covariance of the
+    weights of scaled differences, in units of 1 / `prior_precision`.
 
-    A robot is told something for a purpose; how it moves its feet and joints follows
-    from that, and what tumbles moves them too. So less is believed of the latter from
-    answers that err. Which way an opinion goes, answers alone decide.
+    A robot is told something for a purpose, all of it for the same one; how it moves
+    its feet and joints follows from that, and what tumbles moves them too. So much is
+    believed of the former, and less of the latter. Which way an opinion goes, answers
+    alone decide.
     """
+    if not cfg.told_most:
+        return torch.eye(len(DESCRIPTOR_NAMES), dtype=torch.float64)
     strength = torch.ones(len(DESCRIPTOR_NAMES), dtype=torch.float64)
-    if cfg.told_most:
-        for names, times in _STRENGTHS:
-            strength[named(names)] = times
-    return cfg.prior_precision / strength.square()
+    for names, times in _STRENGTHS:
+        strength[named(names)] = times
+    told = named(TOLD).double()
+    alike = _ALIKE * torch.outer(told, told)
+    own = torch.diag(1 - alike.diagonal())
+    return strength[:, None] * torch.linalg.cholesky(alike + own)
+
+
+def whitened_weights(weights: Tensor, factor: Tensor) -> Tensor:
+    """What weights [D] are of differences multiplied by `factor` [D, D]."""
+    return torch.linalg.solve_triangular(factor, weights[:, None], upper=False)[:, 0]
 
 
 def scaled_differences(pairs: TrainingPairs) -> tuple[Tensor, Tensor]:
@@ -153,7 +168,7 @@ def posterior_modes(
         pairs: Their answers and falls.
         counts: [M, B] float64, how often a member sees an answer.
         cfg: The likelihood of an answer.
-        precision: Of the Gaussian prior on each weight, [M, D], [D] or one for all.
+        precision: Of the Gaussian prior on each weight, [M, D] or one for all.
         mean: Of the same, [D] or one for all.
         start: [M, D] where to start instead.
     """
@@ -215,7 +230,7 @@ def hessian_factor(inputs: Tensor, bends: Tensor, precision: Tensor | float) -> 
     Args:
         inputs: [B, D] scaled differences of the clips.
         bends: [M, B] second derivatives of the negated log-likelihood.
-        precision: Of the prior, [M, D], [D] or one for all.
+        precision: Of the prior, [M, D] or one for all.
     """
     prior = torch.diag_embed(precision + inputs.new_zeros(inputs.shape[1]))
     exact = (bends[..., None] * inputs).mT @ inputs + prior

@@ -117,13 +117,16 @@ def test_of_other_models_the_spread_of_a_step_is_taken_off() -> None:
     ("share", "caution"),
     [(0.0, 0.0), (0.1, 0.0), (0.15, 0.5), (0.2, 1.0), (0.4, 1.0)],
 )
-def test_caution_sets_in_where_answers_turned_out_wrong(
+def test_of_other_models_caution_sets_in_where_answers_turned_out_wrong(
     share: float, caution: float
 ) -> None:
-    model = quarrel()
+    linear, scorer = quarrel(), MlpScorer(3, len(DESCRIPTOR_NAMES), 8)
     cfg = replace(FitCfg(), error_share=share)
-    model.provenance = replace(model.provenance, cfg=cfg)
+    provenance = replace(linear.provenance, cfg=cfg)
+    model = RewardModel(linear.normaliser, scorer, provenance)
     assert CautiousReward.suited(model, 1.0).caution == pytest.approx(caution)
+    linear.provenance = provenance
+    assert CautiousReward.suited(linear, 1.0).caution == 1.0
 
 
 @pytest.mark.parametrize("share", [0.02, 0.2])

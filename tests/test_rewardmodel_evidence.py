@@ -12,7 +12,7 @@ from rewardmodel import fit_reward
 from rewardmodel.cfg import FitCfg, LinearCfg
 from rewardmodel.descriptors import DESCRIPTOR_NAMES, EFFORT, FEET, QUIET, TOLD, named
 from rewardmodel.evidence import Found, evidence, settled
-from rewardmodel.linear import LinearScorer, scaled_differences
+from rewardmodel.linear import LinearScorer, prior_factor, scaled_differences
 from rewardmodel.normaliser import Normaliser
 from rewardmodel.pairs import AnsweredPairs
 from rewardmodel.training import training_pairs
@@ -110,17 +110,30 @@ def test_the_evidence_is_the_integral_over_the_weight() -> None:
     assert evidence(inputs, pairs, cfg, precision) == pytest.approx(summed, abs=0.1)
 
 
-def test_where_answers_err_what_robots_are_told_weighs_most() -> None:
-    """Who agrees with himself is taken at his word."""
-    for flipped, expected in ((0.25, True), (0.0, False)):
+def test_opinions_about_what_robots_are_told_are_strong_and_of_one_piece() -> None:
+    factor = prior_factor(LinearCfg(told_most=True))
+    covariance = factor @ factor.mT
+    deviations = covariance.diagonal().sqrt()
+    correlation = covariance / torch.outer(deviations, deviations)
+    told = named(TOLD)
+    assert deviations[told].tolist() == pytest.approx([2.0] * len(TOLD))
+    assert deviations[named(EFFORT)].tolist() == pytest.approx([0.5] * len(EFFORT))
+    assert deviations[named(FEET)].tolist() == pytest.approx([1 / 3] * len(FEET))
+    rest = ~(told | named(EFFORT) | named(FEET))
+    assert (deviations[rest] == 1.0).all()
+    apart = correlation - torch.eye(len(correlation))
+    together = torch.outer(told, told) & ~torch.eye(len(told), dtype=torch.bool)
+    assert apart[together].tolist() == pytest.approx([0.8] * together.sum())
+    assert apart[~together].abs().max() < 1e-9
+    assert torch.equal(prior_factor(LinearCfg()), torch.eye(len(told)).double())
+
+
+def test_less_is_believed_of_feet() -> None:
+    """Of a rater who errs and of one who does not."""
+    for flipped in (0.0, 0.25):
         pairs = answered(150, seed=3, flipped=flipped)
         most, even = (weights_of(pairs, told_most=most) for most in (True, False))
-        told, effort, feet = (
-            float(most[named(names)].norm() / even[named(names)].norm())
-            for names in (TOLD, EFFORT, FEET)
-        )
-        assert (told > 1.1, effort < 0.9, feet < 0.6) == (expected,) * 3
-        assert torch.equal(most, even) != expected
+        assert most[named(FEET)].norm() < 0.7 * even[named(FEET)].norm()
 
 
 def test_what_robots_are_told_weighs_most_for_and_against_it() -> None:

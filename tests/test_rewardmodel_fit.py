@@ -26,7 +26,13 @@ from rewardmodel import (
 )
 from rewardmodel.cfg import HistoryCfg, LinearCfg, MlpCfg, ReliabilityCfg
 from rewardmodel.clips import ClipBatch, mean_over, pad_clips
-from rewardmodel.descriptors import DESCRIPTOR_NAMES, UNSTEADY, describe
+from rewardmodel.descriptors import (
+    DESCRIPTOR_NAMES,
+    FEET,
+    TOLD,
+    UNSTEADY,
+    describe,
+)
 from rewardmodel.explain import explain
 from rewardmodel.linear import (
     MIN_SPREAD,
@@ -512,9 +518,13 @@ def test_many_answers_need_fewer_members(tmp_path: Path) -> None:
     assert loaded.leads(pairs.left, pairs.right).shape == (20, 1000)
 
 
-def by_one_who_likes_rocking(pairs: AnsweredPairs, flipped: float) -> AnsweredPairs:
+ROCKING = ("vertical_speed_sq", "roll_rate_sq", "pitch_rate_sq")
+
+
+def by_one_who_likes(
+    names: tuple[str, ...], pairs: AnsweredPairs, flipped: float
+) -> AnsweredPairs:
     """The answers of somebody who wants as much of it as can be; a share is wrong."""
-    names = ("vertical_speed_sq", "roll_rate_sq", "pitch_rate_sq")
     columns = [DESCRIPTOR_NAMES.index(name) for name in names]
     left, right = (
         mean_over(describe(clips.features).mT, clips.scored[:, None])
@@ -525,12 +535,23 @@ def by_one_who_likes_rocking(pairs: AnsweredPairs, flipped: float) -> AnsweredPa
     return replace(pairs, target=(better != wrong).float())
 
 
+@pytest.mark.parametrize(
+    ("habits", "linear"),
+    [
+        (ROCKING, LinearCfg()),
+        (ROCKING, LinearCfg(told_most=True)),
+        (TOLD, LinearCfg(told_most=True)),
+        (FEET, LinearCfg(told_most=True)),
+    ],
+)
 @pytest.mark.parametrize(("flipped", "least"), [(0.0, 0.9), (0.2, 0.75)])
-def test_who_likes_rocking_is_believed(flipped: float, least: float) -> None:
+def test_who_likes_what_nobody_does_is_believed(
+    habits: tuple[str, ...], linear: LinearCfg, flipped: float, least: float
+) -> None:
     """What is expected before any answer gives way to answers."""
-    pairs = by_one_who_likes_rocking(answered(100, seed=1), flipped)
-    model, _ = fit_reward(pairs, QUICK, seed=0)
-    assert accuracy(model, by_one_who_likes_rocking(answered(200, seed=2), 0)) > least
+    pairs = by_one_who_likes(habits, answered(100, seed=1), flipped)
+    model, _ = fit_reward(pairs, replace(QUICK, linear=linear), seed=0)
+    assert accuracy(model, by_one_who_likes(habits, answered(200, seed=2), 0)) > least
 
 
 def test_without_evidence_unsteadiness_is_disliked_and_nothing_else() -> None:
