@@ -6,11 +6,11 @@ gain out of leaving what was judged (lower confidence bound; for learned rewards
 et al. 2023, "Reward Model Ensembles Help Mitigate Overoptimization").
 
 A linear reward does not pay for effort: what moves well takes more of it than what
-stands, and few answers tell the two apart. Where answers err, it is careful habit by
-habit: each weight is moved by some deviations of its own over the members towards what
-was expected of it before any answer (soft thresholding, Donoho and Johnstone 1994). A
-bound on the whole reward also pays less for a habit that is surely good and
-goes with others in doubt, so it prefers standing still.
+stands, and few answers tell the two apart. It is careful habit by habit: each weight is
+moved by some deviations of its own over the members towards what was expected of it
+before any answer (soft thresholding, Donoho and Johnstone 1994). A bound on the whole
+reward also pays less for a habit that is surely good and goes with others in doubt, so
+it prefers standing still; that is for other models, and only where answers err.
 
 A sum of few curves is paid in full: its members differ most about what the wanted habit
 is worth where it is strongest. Of a high step the doubt was twice the pay, and training

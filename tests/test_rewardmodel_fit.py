@@ -554,10 +554,14 @@ def test_who_likes_what_nobody_does_is_believed(
     assert accuracy(model, by_one_who_likes(habits, answered(200, seed=2), 0)) > least
 
 
-def test_without_evidence_unsteadiness_is_disliked_and_nothing_else() -> None:
-    """Answers at random leave what was expected: the sign of four weights."""
+@pytest.mark.parametrize("told_most", [False, True])
+def test_without_evidence_unsteadiness_is_disliked_and_nothing_else(
+    told_most: bool,
+) -> None:
+    """Answers at random leave what was expected: the sign of four weights. None of
+    them says what to do."""
     pairs = answered(8, seed=4, flipped=0.5)
-    stiff = LinearCfg(prior_precision=1e4)
+    stiff = LinearCfg(prior_precision=1e4, told_most=told_most)
     model, _ = fit_reward(
         pairs, replace(QUICK, adapt=False, linear=stiff), seed=0, measured=False
     )
