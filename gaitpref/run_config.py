@@ -85,10 +85,9 @@ class LoopCfg:
     learned_weight: float
     """Weight of the learned reward, which has unit standard deviation per second."""
     caution: float = field(default=1.0, metadata=ADDED_LATER)
-    """Deviations over the ensemble by which a linear reward pays each habit less; with
-    any, effort is not paid for. Other models pay less where answers err, by as much
-    where a fifth of them or more do. A sum of few curves, as of styles, is paid in
-    full."""
+    """Deviations over the ensemble by which a learned reward pays a habit less where
+    answers err, a fifth of them or more, and fewer where fewer do. A sum of few curves,
+    as of styles, is paid in full."""
     approval_labels: int = field(default=7, metadata=ADDED_LATER)
     """Answers that, where answers err, judge each new policy beside the one before it,
     which stays where they speak for it; 0 judges none."""
@@ -286,7 +285,7 @@ def resolve(options: Loop) -> LoopCfg:
             # robot that only shakes shows nobody what walking would be like.
             record=replace(recorded, episodes=192, noisy_share=1.0, babble_share=0.3),
             # Robots that tumble move their feet and joints whatever they do of what
-            # they are told.
+            # they are told; answers that err cannot tell the two apart.
             fit=FitCfg(kind="grow", linear=LinearCfg(told_most=True)),
             **common,
         )

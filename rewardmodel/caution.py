@@ -5,12 +5,12 @@ disagree, the answers do not say what a motion is worth; paying less there takes
 gain out of leaving what was judged (lower confidence bound; for learned rewards Coste
 et al. 2023, "Reward Model Ensembles Help Mitigate Overoptimization").
 
-A linear reward does not pay for effort: what moves well takes more of it than what
-stands, and few answers tell the two apart. It is careful habit by habit: each weight is
-moved by some deviations of its own over the members towards what was expected of it
-before any answer (soft thresholding, Donoho and Johnstone 1994). A bound on the whole
-reward also pays less for a habit that is surely good and goes with others in doubt, so
-it prefers standing still; that is for other models, and only where answers err.
+Where answers err, a linear reward is careful habit by habit: each weight is moved by
+some deviations of its own over the members towards what was expected of it before any
+answer (soft thresholding, Donoho and Johnstone 1994), and effort is not paid for: what
+moves well takes more of it than what stands, and such answers cannot tell the two
+apart. A bound on the whole reward also pays less for a habit that is surely good and
+goes with others in doubt, so it prefers standing still.
 
 A sum of few curves is paid in full: its members differ most about what the wanted habit
 is worth where it is strongest. Of a high step the doubt was twice the pay, and training
@@ -61,19 +61,16 @@ class CautiousReward:
 
     @classmethod
     def suited(cls, model: RewardModel, most: float) -> Self:
-        """The caution that suits a kind of reward: `most` of a linear one, which pays
-        for no effort then, none of a sparse one. Of others by how often answers err, as
-        the fit of `model` found: none where up to `FEW_ERRORS` are random, `most` from
-        `MANY_ERRORS` on.
+        """Caution by how often answers err, as the fit of `model` found: none where up
+        to `FEW_ERRORS` are random, `most` from `MANY_ERRORS` on. None of a sparse
+        reward.
         """
         if isinstance(model.scorer, SparseScorer):
             return cls(model, 0.0)
-        if isinstance(model.scorer, LinearScorer):
-            return cls(model, most, pays_effort=most == 0.0)
         share = model.provenance.cfg.error_share
         doubt = (share - FEW_ERRORS) / (MANY_ERRORS - FEW_ERRORS)
         careful = most * min(1.0, max(0.0, doubt))
-        return cls(model, careful)
+        return cls(model, careful, pays_effort=careful == 0.0)
 
     def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
         """Reward [T, N] for rows [T, N, F], in units of the model's."""

@@ -22,9 +22,7 @@ from .linear import (
     expected_weights,
     hessian_factor,
     posterior_modes,
-    prior_factor,
     scaled_differences,
-    whitened_weights,
 )
 from .normaliser import Normaliser
 from .training import TrainingPairs
@@ -91,10 +89,8 @@ def _tried(pairs: TrainingPairs, cfg: FitCfg) -> Tried:
     """The evidence of standardised `pairs` for all that is tried."""
     inputs, spread = scaled_differences(pairs)
     # Whether answers err is asked of all that is expected of raters who do not.
-    plain = replace(cfg.linear, quiet_logit=0.0)
-    factor = prior_factor(plain)
-    mean = whitened_weights(expected_weights(pairs, spread, plain), factor)
-    inputs = inputs @ factor
+    plain = replace(cfg.linear, told_most=False, quiet_logit=0.0)
+    mean = expected_weights(pairs, spread, plain)
     return {
         (share, precision): evidence(
             inputs, erring(pairs, cfg, share), cfg, precision, mean=mean
@@ -138,7 +134,7 @@ def settled(cfg: FitCfg, found: Found) -> FitCfg:
         return replace(cfg, adapt=False, error_share=share)
     linear = replace(cfg.linear, prior_precision=found.prior_precision)
     if found.error_share <= FEW_ERRORS:
-        linear = replace(linear, quiet_logit=0.0)
+        linear = replace(linear, told_most=False, quiet_logit=0.0)
     return replace(cfg, adapt=False, error_share=found.error_share, linear=linear)
 
 
