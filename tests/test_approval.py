@@ -161,13 +161,15 @@ def test_a_policy_that_no_clip_shows_is_not_approved(
 def test_each_pair_shows_both_policies_under_one_command(
     before_approval: Path, tmp_path: Path
 ) -> None:
+    """Whichever of them is preferred."""
     run = tmp_path / "run"
     shutil.copytree(before_approval, run)
-    run_configured(run, erring_cfg())
     new, old = (
         load_policy(run / f"rounds/{place}/policy.pt").sha256
-        for place in ("02/policy", "01/policy")
+        for place in ("02/candidate", "01/policy")
     )
+    assert new != old
+    run_configured(run, erring_cfg())
     dataset = Dataset.open(run / "dataset")
     with dataset.answers() as store:
         pairs = store.pairs(round=2)
