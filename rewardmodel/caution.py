@@ -75,10 +75,9 @@ class CautiousReward:
     def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
         """Reward [T, N] for rows [T, N, F], in units of the model's."""
         scorer = self.model.scorer
-        linear = isinstance(scorer, LinearScorer)
-        if self.caution == 0.0 and (self.pays_effort or not linear):
+        if self.caution == 0.0 and self.pays_effort:
             return self.model(features, starts)
-        if linear:
+        if isinstance(scorer, LinearScorer):
             weights = careful_weights(scorer, self.caution)
             if not self.pays_effort:
                 weights = torch.where(named(EFFORT), weights.clamp_max(0.0), weights)

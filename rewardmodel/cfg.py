@@ -28,13 +28,13 @@ class LinearCfg:
     """Logit by which a clip that bounces, sways, rocks or slips by the usual amount
     more, each, is expected to lose before any answer. Answers overrule it; wrong ones
     are kept from teaching that rocking is wanted."""
+    quiet_logit: float = field(default=0.0, metadata=ADDED_LATER)
+    """The same of each habit of moving more than a walk takes, where answers err. A
+    reward that expects it before there is a walk prefers standing."""
     told_most: bool = field(default=False, metadata=ADDED_LATER)
     """Where answers err, whether opinions about doing what the robot is told are
     expected to be twice as strong as others, for or against it, and of one piece, those
     about effort half as strong, and those about how the feet go a third."""
-    quiet_logit: float = field(default=0.0, metadata=ADDED_LATER)
-    """The same of each habit of moving more than a walk takes, where answers err. A
-    reward that expects it before there is a walk prefers standing."""
 
     def __post_init__(self) -> None:
         _require_members(self.num_members)

@@ -32,6 +32,7 @@ in a descriptor: its weight stays small instead of being divided by next to noth
 
 _USUAL_SPREAD = 0.25
 _STRENGTHS = ((TOLD, 2.0), (EFFORT, 1 / 2), (FEET, 1 / 3))
+"""How strong opinions about some habits are expected to be beside others."""
 _ALIKE = 0.8
 """Correlation, before any answer, of opinions about the ways not to do what is told."""
 _FEWEST_MEMBERS = 5
