@@ -74,8 +74,10 @@ def find(pairs: TrainingPairs, cfg: FitCfg) -> Found:
     found = _best(weakly, cfg)
     if found.error_share <= FEW_ERRORS or _for_errors(weakly) <= _SURE:
         # Only where answers agree to who hardly has opinions may they be strong ones:
-        # any answers agree to those.
-        strongly = _weighed(tried, cfg.linear.prior_precision, _PRECISION_SPREAD)
+        # any answers agree to those. And what weights cannot say, strong opinions take
+        # for errors: these are few where the odds did not speak for more.
+        few = {key: height for key, height in tried.items() if key[0] <= FEW_ERRORS}
+        strongly = _weighed(few, cfg.linear.prior_precision, _PRECISION_SPREAD)
         return _best(strongly, cfg)
     share = max(found.error_share, _ERRING_SHARE)
     return Found(share, weak, min(cfg.tie_threshold, _ERRING_TIE))

@@ -10,14 +10,23 @@ import torch
 
 from rewardmodel import fit_reward
 from rewardmodel.cfg import FitCfg, LinearCfg
-from rewardmodel.descriptors import DESCRIPTOR_NAMES, EFFORT, FEET, QUIET, TOLD, named
+from rewardmodel.clips import ClipBatch, mean_over
+from rewardmodel.descriptors import (
+    DESCRIPTOR_NAMES,
+    EFFORT,
+    FEET,
+    QUIET,
+    TOLD,
+    describe,
+    named,
+)
 from rewardmodel.evidence import Found, evidence, settled
 from rewardmodel.linear import LinearScorer, prior_factor, scaled_differences
 from rewardmodel.normaliser import Normaliser
 from rewardmodel.pairs import AnsweredPairs
 from rewardmodel.training import training_pairs
 
-from .test_rewardmodel_fit import accuracy, answered, taste
+from .test_rewardmodel_fit import DISLIKED, accuracy, answered, taste
 
 FLIPPED = (0.0, 0.2, 0.4)
 
@@ -62,6 +71,33 @@ def test_both_ways_to_be_wrong_are_expected_of_who_errs() -> None:
             assert cfg.tie_threshold < usual
             assert accuracy(model, fresh) > 0.75
         assert found(150, 0.0, seed).tie_threshold == usual
+
+
+def by_the_worst_habit(count: int, seed: int) -> AnsweredPairs:
+    """Right answers that no weights can say: only the worst of three habits counts."""
+    pairs = answered(count, seed=seed)
+
+    def worst(clips: ClipBatch) -> torch.Tensor:
+        means = mean_over(describe(clips.features).mT, clips.scored[:, None])
+        shown = [
+            means[:, DESCRIPTOR_NAMES.index(name)] / unit
+            for name, unit in DISLIKED.items()
+        ]
+        return torch.stack([each - each.median() for each in shown]).amax(dim=0)
+
+    return replace(pairs, target=(worst(pairs.left) < worst(pairs.right)).float())
+
+
+def test_answers_err_often_or_hardly_and_nothing_between() -> None:
+    """What weights cannot say is no error unless the odds speak for one: then all that
+    goes with raters who err is expected, else nothing of it."""
+    shares = []
+    for seed in range(12):
+        pairs = by_the_worst_habit(24, seed)
+        model, _ = fit_reward(pairs, FitCfg(), seed=0, measured=False)
+        shares.append(model.provenance.cfg.error_share)
+    assert all(share <= 0.1 or share >= 0.3 for share in shares)
+    assert sum(share <= 0.1 for share in shares) >= 6
 
 
 def test_opinions_grow_with_the_answers() -> None:
