@@ -23,7 +23,7 @@ from policy.record import LONGEST_S, RecordCfg, record
 from policy.reward import KnownTermsCfg, task_reward_for
 from policy.robot import load_robot_xml
 from policy.train import POLICY_NAME, RESUME_NAME, TrainCfg, train
-from policy.variation import QUICKNESS, VariationCfg
+from policy.variation import VariationCfg
 from rewardmodel.acquisition import make_strategy
 from rewardmodel.storage import load_reward
 
@@ -145,7 +145,7 @@ def _record_cfg(command: options.Record) -> RecordCfg:
         episodes=command.episodes,
         episode_s=command.episode_s,
         change_s=command.change_s,
-        variation=VariationCfg(share=command.varied, quickness=QUICKNESS),
+        variation=VariationCfg(share=command.varied),
     )
 
 

@@ -71,8 +71,8 @@ class Record:
     """Ask for another of the recorded commands every so many seconds: a manoeuvre, of
     which `gaitpref pairs --clip-s` asks long clips. By default an episode has one."""
     varied: float = 0.0
-    """Share of the episodes in another posture and rhythm: higher, wider, with larger,
-    fewer or more steps. Of what a policy never varies itself, no answer tells."""
+    """Share of the episodes in another posture, higher, wider or with larger steps:
+    what a policy never varies itself, no answer about its clips tells."""
     compression: Literal["none", "zstd"] = "none"
     """zstd saves a fifth of the space and takes about eight times as long to write."""
     seed: int = 0

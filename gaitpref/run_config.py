@@ -16,7 +16,7 @@ from policy.config import EnvCfg
 from policy.ppo import PpoCfg
 from policy.record import LONGEST_S, RecordCfg
 from policy.reward import KnownTermsCfg
-from policy.variation import QUICKNESS, VariationCfg
+from policy.variation import VariationCfg
 from rewardmodel.acquisition import StrategyName
 from rewardmodel.cfg import FitCfg, LinearCfg
 from rewardmodel.pairs import MIN_ANSWERS
@@ -255,7 +255,7 @@ def resolve(options: Loop) -> LoopCfg:
     recorded = RecordCfg(
         episode_s=max(RecordCfg.episode_s, 3 * clips.clip_s),
         change_s=options.change_s,
-        variation=VariationCfg(share=0.5, quickness=QUICKNESS),
+        variation=VariationCfg(share=0.5),
     )
     common = {
         "clips": clips,

@@ -1,41 +1,35 @@
-"""The same policy otherwise: what would people say if it walked taller, or calmer?
+"""The same policy in another posture: what would people say if it walked taller?
 
 Clips of one policy look alike in what the policy never varies, and no answer about them
 tells whether that habit is wanted. So some episodes are recorded with the feet shifted
-against the base, by a constant in every episode, with larger or smaller actions, and
-with actions that follow the policy's more slowly or quickly: steps become longer and
-fewer, or shorter and more.
+against the base, by a constant in every episode, and with larger or smaller actions.
 
 Shapes: N environments.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 import torch
 from torch import Tensor
 
-from data.plain import ADDED_LATER
-
 from .reward import size_of
 from .robot import Robot
 from .rollout import Actor
 
-QUICKNESS = 0.35
-"""Where rhythms are varied. Of six walks all fell at 0.6 more, some at 0.6 less."""
 _DAMPING = 1e-4
 """m^2, against huge joint offsets where a leg is nearly straight."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class VariationCfg:
-    """How far a walk is varied; lengths are those for the robot that ships."""
+    """How far a posture is varied; lengths are those for the robot that ships."""
 
     share: float = 0.0
-    """Share of a policy's episodes that show it in another posture and rhythm."""
+    """Share of a policy's episodes that show it in another posture."""
     height_m: float = 0.05
     """The base is carried higher or lower by up to this."""
     width_m: float = 0.03
@@ -44,22 +38,16 @@ class VariationCfg:
     """Front and rear feet stand farther forward or back by up to this, apart."""
     gain: float = 0.25
     """Actions are larger or smaller by up to this share of themselves."""
-    quickness: float = field(default=0.0, metadata=ADDED_LATER)
-    """Actions come nearer to what the policy wants by 1, give or take up to this share,
-    of what is left: less of it smooths them, more overshoots."""
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.share <= 1.0:
             raise ValueError(f"share must lie in [0, 1], got {self.share}")
         if not 0.0 <= self.gain < 1.0:
             raise ValueError(f"gain must lie in [0, 1), got {self.gain}")
-        if not 0.0 <= self.quickness < 1.0:
-            raise ValueError(f"quickness must lie in [0, 1), got {self.quickness}")
 
 
 class Varied:
-    """An actor whose actions are scaled, shifted and smoothed (or sharpened), each
-    episode's by constants.
+    """An actor whose actions are scaled and shifted, each episode's by a constant.
 
     Where the share says so; elsewhere it acts as the other actor does.
     """
@@ -96,18 +84,10 @@ class Varied:
         self._gain = torch.where(
             self.chosen[:, None], 1 + uniform(cfg.gain, 1), torch.ones(())
         )
-        self._quickness = torch.where(
-            self.chosen[:, None], 1 + uniform(cfg.quickness, 1), torch.ones(())
-        )
-        self._last: Tensor | None = None
 
     def __call__(self, obs: Tensor, noise: Tensor | None = None) -> Tensor:
-        """Actions [N, 12] of the step after the last one asked for."""
-        wanted = self._gain * self._actor(obs, noise) + self._offset
-        if self._last is None:
-            self._last = wanted
-        self._last = torch.lerp(self._last, wanted, self._quickness)
-        return self._last
+        """Actions [N, 12]."""
+        return self._gain * self._actor(obs, noise) + self._offset
 
 
 def joints_per_shift(robot: Robot) -> np.ndarray:

@@ -21,9 +21,6 @@ from policy.variation import VariationCfg, Varied, joints_per_shift
 
 ENV = EnvCfg(episode_s=1.0)
 ALL = VariationCfg(share=1.0)
-RHYTHM = VariationCfg(
-    share=1.0, height_m=0, width_m=0, length_m=0, gain=0, quickness=0.5
-)
 
 
 @pytest.fixture(scope="module")
@@ -72,32 +69,6 @@ def test_a_varied_robot_stands_higher_or_lower(robot: Robot) -> None:
     assert varied.max() > still.mean() + 0.02
 
 
-def answers_to_a_step(robot: Robot, cfg: VariationCfg) -> torch.Tensor:
-    """Actions [T, N] of 16 robots whose policy wants 0 once and 1 ever after."""
-    wanted = iter([0.0] + [1.0] * 9)
-
-    def actor(obs: torch.Tensor, noise: torch.Tensor | None = None) -> torch.Tensor:
-        return torch.full((16, 12), next(wanted))
-
-    rng = torch.Generator().manual_seed(0)
-    varied = Varied(actor, robot, cfg, 16, action_scale_rad=0.25, rng=rng)
-    return torch.stack([varied(torch.zeros(16, 1))[:, 0] for _ in range(10)])
-
-
-def test_a_varied_rhythm_follows_the_policy_slower_or_quicker(robot: Robot) -> None:
-    """Each robot by the same share of what is left at every step, and gets there; a
-    robot that is not varied does what its policy wants, to the last bit."""
-    left = 1 - answers_to_a_step(robot, RHYTHM)
-    share = left[2] / left[1]
-    assert ((share > -0.5) & (share < 0.5)).all()
-    assert share.min() < -0.2
-    assert share.max() > 0.2
-    torch.testing.assert_close(left[3], left[1] * share**2)
-    assert left[-1].abs().max() < 0.01
-    plain = answers_to_a_step(robot, VariationCfg(quickness=0.5))
-    assert torch.equal(plain[1:], torch.ones(9, 16))
-
-
 def test_equal_seeds_give_equal_postures(robot: Robot) -> None:
     assert torch.equal(heights(robot, ALL), heights(robot, ALL))
     assert not torch.equal(heights(robot, ALL), heights(robot, ALL, seed=1))
@@ -127,5 +98,3 @@ def test_shares_and_gains_that_cannot_be_are_refused() -> None:
         VariationCfg(share=1.5)
     with pytest.raises(ValueError, match=r"gain must lie in \[0, 1\), got 1.0"):
         VariationCfg(gain=1.0)
-    with pytest.raises(ValueError, match=r"quickness must lie in \[0, 1\), got -0.1"):
-        VariationCfg(quickness=-0.1)
