@@ -15,6 +15,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -34,7 +35,6 @@ from policy.rollout import hold_home
 from rewardmodel.caution import CautiousReward
 from rewardmodel.cfg import FitCfg, LinearCfg
 from rewardmodel.fit import fit_reward
-from rewardmodel.model import RewardModel
 from rewardmodel.pairs import AnsweredPairs, load_pairs
 
 _EPISODES = 16
@@ -60,6 +60,8 @@ class Options:
     """How weak opinions are expected to be."""
     caution: tuple[float, ...] = (0.0,)
     """Deviations by which a habit that the ensemble disagrees about is paid less."""
+    sure: tuple[float, ...] = (0.0,)
+    """Deviations that a weight must be above 0 to pay at all (`LoopCfg.sure`)."""
     told_most: bool = False
     """Expect strong opinions of doing what the robot is told, as a run from scratch
     does (`LinearCfg.told_most`)."""
@@ -141,9 +143,8 @@ class Judged:
     """Of good policies over the home pose, in deviations over all policies."""
 
 
-def judged(model: RewardModel, caution: float, shown: list[Shown]) -> Judged:
-    """What a careful `model` makes of policies, the first of which holds home."""
-    reward = CautiousReward(model, caution, pays_effort=caution == 0.0)
+def judged(reward: CautiousReward, shown: list[Shown]) -> Judged:
+    """What a `reward` makes of policies, the first of which holds home."""
     paid = torch.stack(
         [
             reward(policy.rows[None], torch.zeros(1, len(policy.rows))).mean()
@@ -188,14 +189,17 @@ def main(options: Options) -> int:
             for draw in range(options.draws)
             for pairs in answered
         ]
-        for caution in options.caution:
-            found = [judged(model, caution, shown) for model in models]
+        for caution, sure in product(options.caution, options.sure):
+            careful = partial(
+                CautiousReward, caution=caution, sure=sure, pays_effort=caution == 0.0
+            )
+            found = [judged(careful(model), shown) for model in models]
             worth, lead = ([getattr(f, n) for f in found] for n in ("worth", "lead"))
             console.print(
                 f"{members} members, precision {precision:g}, caution {caution:g}, "
-                f"{len(found)} fits: the policy chosen of {len(shown)} is worth "
-                f"{np.mean(worth):.2f}, at worst {min(worth):.2f}; rank correlation "
-                f"{np.mean([f.order for f in found]):.2f}; lead over standing "
+                f"sure {sure:g}, {len(found)} fits: the policy chosen of {len(shown)} "
+                f"is worth {np.mean(worth):.2f}, at worst {min(worth):.2f}; "
+                f"rank correlation {np.mean([f.order for f in found]):.2f}; lead over standing "
                 f"{np.median(lead):.2f}, at worst {min(lead):.2f}"
             )
     return 0

@@ -152,7 +152,7 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
     learned = (
         standstill.reward(model, cfg)
         if standstill
-        else CautiousReward.suited(model, cfg.caution)
+        else CautiousReward.suited(model, cfg.caution, sure=cfg.sure_of(round.number))
     )
     reward_fn = total_reward(
         learned,

@@ -99,6 +99,11 @@ class LoopCfg:
     """Where answers err, what the rewards of the last two retrainings from scratch
     expect of moving more than a walk takes (`LinearCfg.quiet_logit`): what is left of
     such a reward says next to nothing of how to walk."""
+    sure: float = field(default=2.0, metadata=ADDED_LATER)
+    """From the second retraining from scratch on: deviations over the ensemble that a
+    weight of a linear reward must be above 0 to pay at all, instead of caution. The
+    first needs a reward that tells walking from standing; later ones must not pay for
+    what chance made positive. 0 pays all."""
     optimism: float = field(default=2.0, metadata=ADDED_LATER)
     """Where a robot from scratch stands still: deviations over the ensemble by which
     the reward of the next training is moved towards members who think less of that; 0
@@ -187,6 +192,10 @@ class LoopCfg:
             return self.fit
         linear = replace(self.fit.linear, quiet_logit=self.quiet_logit)
         return replace(self.fit, linear=linear)
+
+    def sure_of(self, round: int) -> float:
+        """Deviations from which on the retraining of `round`, counted from 1, pays."""
+        return self.sure if round > 1 and not self.keeps_task else 0.0
 
     def labels_of(self, round: int, *, first: int = 0, kept: int = 0) -> int:
         """Answers asked for in `round`, counted from 0, where the first round has asked

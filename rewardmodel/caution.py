@@ -12,6 +12,10 @@ moves well takes more of it than what stands, and such answers cannot tell the t
 apart. A bound on the whole reward also pays less for a habit that is surely good and
 goes with others in doubt, so it prefers standing still.
 
+A linear reward may also charge in full and pay only what is surely liked. What is
+charged ends at nothing; of what is paid a policy can have more than any clip showed,
+and it finds those weights that chance made positive.
+
 A sum of few curves is paid in full: its members differ most about what the wanted habit
 is worth where it is strongest. Of a high step the doubt was twice the pay, and training
 lost the step.
@@ -53,6 +57,9 @@ class CautiousReward:
     reward, of every step's reward of another."""
     pays_effort: bool = True
     """Whether a linear reward may pay for effort."""
+    sure: float = 0.0
+    """Standard deviations of the ensemble that a weight of a linear reward must be
+    above 0 to pay at all."""
 
     @property
     def history_steps(self) -> int:
@@ -60,13 +67,15 @@ class CautiousReward:
         return self.model.history_steps
 
     @classmethod
-    def suited(cls, model: RewardModel, most: float) -> Self:
+    def suited(cls, model: RewardModel, most: float, *, sure: float = 0.0) -> Self:
         """Caution by how often answers err, as the fit of `model` found: none where up
         to `FEW_ERRORS` are random, `most` from `MANY_ERRORS` on. None of a sparse
-        reward.
+        reward, and of a linear one where it pays only what is `sure`.
         """
         if isinstance(model.scorer, SparseScorer):
             return cls(model, 0.0)
+        if sure and isinstance(model.scorer, LinearScorer):
+            return cls(model, 0.0, pays_effort=not answers_err(model), sure=sure)
         share = model.provenance.cfg.error_share
         doubt = (share - FEW_ERRORS) / (MANY_ERRORS - FEW_ERRORS)
         careful = most * min(1.0, max(0.0, doubt))
@@ -75,17 +84,22 @@ class CautiousReward:
     def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
         """Reward [T, N] for rows [T, N, F], in units of the model's."""
         scorer = self.model.scorer
-        if self.caution == 0.0 and self.pays_effort:
+        if self.caution == 0.0 and self.pays_effort and self.sure == 0.0:
             return self.model(features, starts)
         if isinstance(scorer, LinearScorer):
-            weights = careful_weights(scorer, self.caution)
-            if not self.pays_effort:
-                weights = torch.where(named(EFFORT), weights.clamp_max(0.0), weights)
-            paid = self.model.standardised(features) @ weights
+            paid = self.model.standardised(features) @ self._weights(scorer)
         else:
             members = self.model.members(features, starts)
             paid = members.mean(dim=0) - self.caution * members.std(dim=0)
         return self.model.centred(paid)
+
+    def _weights(self, scorer: LinearScorer) -> Tensor:
+        weights = careful_weights(scorer, self.caution)
+        if self.sure:
+            weights = surely_paid(weights, self.sure * scorer.weights.std(dim=0))
+        if self.pays_effort:
+            return weights
+        return torch.where(named(EFFORT), weights.clamp_max(0.0), weights)
 
     def spread(self, features: Tensor, starts: Tensor) -> Tensor:
         """As the model's own."""
@@ -101,3 +115,11 @@ def careful_weights(scorer: LinearScorer, caution: float) -> Tensor:
     found = scorer.weights.mean(dim=0) - scorer.expected
     doubt = caution * scorer.weights.std(dim=0)
     return scorer.expected + found.sign() * (found.abs() - doubt).clamp_min(0.0)
+
+
+def surely_paid(weights: Tensor, doubt: Tensor) -> Tensor:
+    """`weights` [D], those above 0 lowered: to 0 up to their `doubt` [D], and by less
+    the surer they are (non-negative garrote, Breiman 1995, "Better Subset Regression
+    Using the Nonnegative Garrote")."""
+    kept = 1 - (doubt / weights.abs().clamp_min(1e-12)).square()
+    return torch.where(weights > 0, weights * kept.clamp_min(0.0), weights)

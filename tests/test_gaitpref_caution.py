@@ -11,7 +11,9 @@ import pytest
 import torch
 
 from data.features import FEATURE_DIM, column
+from gaitpref.options import Loop
 from gaitpref.rewards import total_reward
+from gaitpref.run_config import resolve
 from gaitpref.tracking_limit import (
     PRICE,
     TrackingLimit,
@@ -144,6 +146,41 @@ def test_effort_is_not_paid_for_where_answers_err(share: float, paid: float) -> 
     assert plain.item() == pytest.approx(4.0, abs=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("sure", "liked"), [(0.0, 0.6), (0.5, 0.4667), (1.0, 0.0667), (2.0, 0.0)]
+)
+def test_only_what_is_surely_liked_is_paid_and_charges_stay(
+    sure: float, liked: float
+) -> None:
+    """Members say 1.0 and 0.2 of height, -1.0 and -0.2 of speed: deviations of 0.5657
+    beside means of 0.6, of which (0.5657 `sure` / 0.6)^2 is taken from the former."""
+    model = model_of(
+        {"height": 1.0, "forward_speed": -1.0}, {"height": 0.2, "forward_speed": -0.2}
+    )
+    reward = CautiousReward(model, 0.0, sure=sure)
+    rising = reward(row(speed=0.0, height=1.0), STARTS)
+    running = reward(row(speed=1.0, height=0.0), STARTS)
+    assert rising.item() == pytest.approx(liked, abs=1e-4)
+    assert running.item() == pytest.approx(-0.6, abs=1e-4)
+
+
+def test_what_is_sure_takes_the_place_of_caution_in_linear_rewards_only() -> None:
+    model = quarrel()
+    erring = replace(model.provenance, cfg=replace(FitCfg(), error_share=0.4))
+    model.provenance = erring
+    linear = CautiousReward.suited(model, 1.0, sure=2.0)
+    assert (linear.caution, linear.sure, linear.pays_effort) == (0.0, 2.0, False)
+    other = RewardModel(model.normaliser, MlpScorer(3, 25, 8), erring)
+    assert CautiousReward.suited(other, 1.0, sure=2.0).caution == 1.0
+
+
+def test_the_first_retraining_from_scratch_pays_all_and_styles_always_do() -> None:
+    scratch = resolve(Loop(run=Path("unused"), base="none"))
+    assert [scratch.sure_of(number) for number in (1, 2, 3)] == [0.0, 2.0, 2.0]
+    style = resolve(Loop(run=Path("unused"), base="task"))
+    assert [style.sure_of(number) for number in (1, 2)] == [0.0, 0.0]
+
+
 def test_a_sum_of_few_curves_is_paid_in_full() -> None:
     """However wrong the answers: its doubt is greatest about the habit wanted most."""
     linear = quarrel()
@@ -151,7 +188,9 @@ def test_a_sum_of_few_curves_is_paid_in_full() -> None:
     provenance = replace(linear.provenance, cfg=cfg)
     scorer = SparseScorer(2, len(names_seen("legs")))
     model = RewardModel(Normaliser(len(names_seen("legs"))), scorer, provenance)
-    assert CautiousReward.suited(model, 1.0).caution == 0.0
+    for sure in (0.0, 2.0):
+        reward = CautiousReward.suited(model, 1.0, sure=sure)
+        assert (reward.caution, reward.sure) == (0.0, 0.0)
 
 
 def asked_and_done(asked: float, done: float) -> torch.Tensor:
