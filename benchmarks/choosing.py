@@ -199,8 +199,8 @@ def main(options: Options) -> int:
                 f"{members} members, precision {precision:g}, caution {caution:g}, "
                 f"sure {sure:g}, {len(found)} fits: the policy chosen of {len(shown)} "
                 f"is worth {np.mean(worth):.2f}, at worst {min(worth):.2f}; "
-                f"rank correlation {np.mean([f.order for f in found]):.2f}; lead over standing "
-                f"{np.median(lead):.2f}, at worst {min(lead):.2f}"
+                f"rank correlation {np.mean([f.order for f in found]):.2f}; "
+                f"lead over standing {np.median(lead):.2f}, at worst {min(lead):.2f}"
             )
     return 0
 
