@@ -100,10 +100,10 @@ class LoopCfg:
     expect of moving more than a walk takes (`LinearCfg.quiet_logit`): what is left of
     such a reward says next to nothing of how to walk."""
     sure: float = field(default=2.0, metadata=ADDED_LATER)
-    """From the second retraining from scratch on: deviations over the ensemble that a
-    weight of a linear reward must be above 0 to pay at all, instead of caution. The
-    first needs a reward that tells walking from standing; later ones must not pay for
-    what chance made positive. 0 pays all."""
+    """Where answers do not err, from the second retraining from scratch on: deviations
+    over the ensemble that a weight of a linear reward must be above 0 to pay at all.
+    The first needs a reward that tells walking from standing; later ones must not pay
+    for what chance made positive. 0 pays all."""
     optimism: float = field(default=2.0, metadata=ADDED_LATER)
     """Where a robot from scratch stands still: deviations over the ensemble by which
     the reward of the next training is moved towards members who think less of that; 0

@@ -12,9 +12,9 @@ moves well takes more of it than what stands, and such answers cannot tell the t
 apart. A bound on the whole reward also pays less for a habit that is surely good and
 goes with others in doubt, so it prefers standing still.
 
-A linear reward may also charge in full and pay only what is surely liked. What is
-charged ends at nothing; of what is paid a policy can have more than any clip showed,
-and it finds those weights that chance made positive.
+Where they hardly err, a linear reward may charge in full and pay only what is surely
+liked. What is charged ends at nothing; of what is paid a policy can have more than any
+clip showed, and it finds those weights that chance made positive.
 
 A sum of few curves is paid in full: its members differ most about what the wanted habit
 is worth where it is strongest. Of a high step the doubt was twice the pay, and training
@@ -70,12 +70,12 @@ class CautiousReward:
     def suited(cls, model: RewardModel, most: float, *, sure: float = 0.0) -> Self:
         """Caution by how often answers err, as the fit of `model` found: none where up
         to `FEW_ERRORS` are random, `most` from `MANY_ERRORS` on. None of a sparse
-        reward, and of a linear one where it pays only what is `sure`.
+        reward. A linear one pays only what is `sure` where there is none.
         """
         if isinstance(model.scorer, SparseScorer):
             return cls(model, 0.0)
-        if sure and isinstance(model.scorer, LinearScorer):
-            return cls(model, 0.0, pays_effort=not answers_err(model), sure=sure)
+        if isinstance(model.scorer, LinearScorer) and not answers_err(model):
+            return cls(model, 0.0, sure=sure)
         share = model.provenance.cfg.error_share
         doubt = (share - FEW_ERRORS) / (MANY_ERRORS - FEW_ERRORS)
         careful = most * min(1.0, max(0.0, doubt))

@@ -164,14 +164,18 @@ def test_only_what_is_surely_liked_is_paid_and_charges_stay(
     assert running.item() == pytest.approx(-0.6, abs=1e-4)
 
 
-def test_what_is_sure_takes_the_place_of_caution_in_linear_rewards_only() -> None:
+@pytest.mark.parametrize(("share", "sure"), [(0.02, 2.0), (0.1, 2.0), (0.3, 0.0)])
+def test_who_errs_is_met_with_caution_and_who_does_not_pays_where_sure(
+    share: float, sure: float
+) -> None:
     model = quarrel()
-    erring = replace(model.provenance, cfg=replace(FitCfg(), error_share=0.4))
-    model.provenance = erring
-    linear = CautiousReward.suited(model, 1.0, sure=2.0)
-    assert (linear.caution, linear.sure, linear.pays_effort) == (0.0, 2.0, False)
-    other = RewardModel(model.normaliser, MlpScorer(3, 25, 8), erring)
-    assert CautiousReward.suited(other, 1.0, sure=2.0).caution == 1.0
+    cfg = replace(FitCfg(), error_share=share)
+    model.provenance = replace(model.provenance, cfg=cfg)
+    reward = CautiousReward.suited(model, 1.0, sure=2.0)
+    assert reward.sure == sure
+    assert (reward.caution == 0.0) == (reward.sure > 0.0) == reward.pays_effort
+    network = RewardModel(model.normaliser, MlpScorer(3, 25, 8), model.provenance)
+    assert CautiousReward.suited(network, 1.0, sure=2.0).sure == 0.0
 
 
 def test_the_first_retraining_from_scratch_pays_all_and_styles_always_do() -> None:
