@@ -16,6 +16,7 @@ from policy.ppo import IterationStats, RewardFn
 from policy.robot import Robot
 from policy.train import POLICY_NAME, SUMMARY_NAME, TrainCfg, train
 from rewardmodel.caution import CautiousReward
+from rewardmodel.model import RewardModel
 from rewardmodel.storage import load_reward
 
 from .people import People
@@ -152,7 +153,7 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
     learned = (
         standstill.reward(model, cfg)
         if standstill
-        else CautiousReward.suited(model, cfg.caution, sure=cfg.sure_of(round.number))
+        else learned_reward(cfg, round.number, model)
     )
     reward_fn = total_reward(
         learned,
@@ -178,6 +179,11 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
         watch=watched(cfg, round, dataset, reward_fn),
         standstill=standstill,
     )
+
+
+def learned_reward(cfg: LoopCfg, round: int, model: RewardModel) -> CautiousReward:
+    """What of `model` the retraining of `round`, counted from 1, is paid."""
+    return CautiousReward.suited(model, cfg.caution, sure=cfg.sure_of(round))
 
 
 def _tracking_limit(cfg: LoopCfg, round: Round) -> TrackingLimit | None:

@@ -12,6 +12,7 @@ import torch
 
 from data.features import FEATURE_DIM, column
 from gaitpref.options import Loop
+from gaitpref.retraining import learned_reward
 from gaitpref.rewards import total_reward
 from gaitpref.run_config import resolve
 from gaitpref.tracking_limit import (
@@ -179,10 +180,15 @@ def test_who_errs_is_met_with_caution_and_who_does_not_pays_where_sure(
 
 
 def test_the_first_retraining_from_scratch_pays_all_and_styles_always_do() -> None:
+    model, rounds = quarrel(), (1, 2, 3)
     scratch = resolve(Loop(run=Path("unused"), base="none"))
-    assert [scratch.sure_of(number) for number in (1, 2, 3)] == [0.0, 2.0, 2.0]
     style = resolve(Loop(run=Path("unused"), base="task"))
-    assert [style.sure_of(number) for number in (1, 2)] == [0.0, 0.0]
+    for cfg, expected in (
+        (scratch, [0.0, 2.0, 2.0]),
+        (style, [0.0, 0.0, 0.0]),
+        (replace(scratch, sure=0.0), [0.0, 0.0, 0.0]),
+    ):
+        assert [learned_reward(cfg, n, model).sure for n in rounds] == expected
 
 
 def test_a_sum_of_few_curves_is_paid_in_full() -> None:
