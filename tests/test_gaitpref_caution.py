@@ -49,6 +49,13 @@ def quarrel() -> RewardModel:
     return model_of(speed | {"height": 1.0}, speed | {"height": -1.0})
 
 
+def finding(model: RewardModel, share: float) -> RewardModel:
+    """`model`, whose fit found this share of the answers to be random."""
+    cfg = replace(FitCfg(), error_share=share)
+    model.provenance = replace(model.provenance, cfg=cfg)
+    return model
+
+
 def row(*, speed: float, height: float) -> torch.Tensor:
     """A row [1, 1, F]."""
     features = torch.zeros(1, 1, FEATURE_DIM)
@@ -123,9 +130,7 @@ def test_of_other_models_the_spread_of_a_step_is_taken_off() -> None:
 def test_caution_sets_in_where_answers_turned_out_wrong(
     share: float, caution: float
 ) -> None:
-    model = quarrel()
-    cfg = replace(FitCfg(), error_share=share)
-    model.provenance = replace(model.provenance, cfg=cfg)
+    model = finding(quarrel(), share)
     assert CautiousReward.suited(model, 1.0).caution == pytest.approx(caution)
 
 
@@ -133,9 +138,7 @@ def test_caution_sets_in_where_answers_turned_out_wrong(
 def test_effort_is_not_paid_for_where_answers_err(share: float, paid: float) -> None:
     """Both members like power and dislike torque."""
     weights = {"power": 2.0, "torque_sq": -2.0, "forward_speed": 1.0}
-    model = model_of(weights, weights)
-    cfg = replace(FitCfg(), error_share=share)
-    model.provenance = replace(model.provenance, cfg=cfg)
+    model = finding(model_of(weights, weights), share)
     working = row(speed=0.0, height=0.0)
     working[..., column("joint_torque").start] = 1.0
     working[..., column("joint_vel").start] = 3.0
@@ -169,9 +172,7 @@ def test_only_what_is_surely_liked_is_paid_and_charges_stay(
 def test_who_errs_is_met_with_caution_and_who_does_not_pays_where_sure(
     share: float, sure: float
 ) -> None:
-    model = quarrel()
-    cfg = replace(FitCfg(), error_share=share)
-    model.provenance = replace(model.provenance, cfg=cfg)
+    model = finding(quarrel(), share)
     reward = CautiousReward.suited(model, 1.0, sure=2.0)
     assert reward.sure == sure
     assert (reward.caution == 0.0) == (reward.sure > 0.0) == reward.pays_effort
@@ -180,7 +181,7 @@ def test_who_errs_is_met_with_caution_and_who_does_not_pays_where_sure(
 
 
 def test_the_first_retraining_from_scratch_pays_all_and_styles_always_do() -> None:
-    model, rounds = quarrel(), (1, 2, 3)
+    model, rounds = finding(quarrel(), 0.02), (1, 2, 3)
     scratch = resolve(Loop(run=Path("unused"), base="none"))
     style = resolve(Loop(run=Path("unused"), base="task"))
     for cfg, expected in (
