@@ -5,7 +5,7 @@ Nothing here imports torch or a simulator: `gaitpref --help` answers at once.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -21,6 +21,7 @@ from .policy_options import Record as Record
 from .policy_options import Robot as Robot
 from .policy_options import Train as Train
 from .reward_options import Answer as Answer
+from .reward_options import Erring as Erring
 from .reward_options import Explain as Explain
 from .reward_options import Fit as Fit
 from .reward_options import Pairs as Pairs
@@ -91,6 +92,8 @@ class Loop:
     file by default."""
     seed: int = 0
     """Where all chance comes from: equal seeds give equal files."""
+    erring: Erring = field(default_factory=Erring)
+    """How the simulated rater errs: what would come of answers like yours?"""
     page: Serving = Serving()
     """The page people answer on, with `--rater human`."""
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from data.errors import GaitprefError
 
-from .options import Answer
+from .options import Answer, Erring
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,23 +46,34 @@ class RaterCfg:
 
 
 def rater_cfg(options: Answer) -> RaterCfg:
-    """The rater a command line asks for.
+    """The rater that `gaitpref answer` asks for.
 
     Raises:
         GaitprefError: a setting is out of range, or belongs to the other rater.
     """
-    if options.rater == "perfect" and options.beta is not None:
+    erring = options.erring
+    if options.rater == "perfect" and erring.beta is not None:
         raise GaitprefError(
             "--beta says how unsure a rater is: it needs --rater stochastic"
         )
-    stochastic_beta = 1.0 if options.beta is None else options.beta
+    if options.rater == "stochastic" and erring.beta is None:
+        erring = replace(erring, beta=1.0)
+    return erring_rater(erring)
+
+
+def erring_rater(erring: Erring) -> RaterCfg:
+    """The rater who errs as the command line says; without a beta, never by chance.
+
+    Raises:
+        GaitprefError: a setting is out of range.
+    """
     try:
         return RaterCfg(
-            beta=stochastic_beta if options.rater == "stochastic" else math.inf,
-            gamma=options.gamma,
-            mistakes=options.mistakes,
-            skip=options.skip,
-            equal=options.equal,
+            beta=math.inf if erring.beta is None else erring.beta,
+            gamma=erring.gamma,
+            mistakes=erring.mistakes,
+            skip=erring.skip,
+            equal=erring.equal,
         )
     except ValueError as error:
         raise GaitprefError(f"--{error}") from None

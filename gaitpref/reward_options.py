@@ -52,20 +52,13 @@ class Pairs:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Answer:
-    """Let the simulated rater answer every open pair."""
+class Erring:
+    """How a simulated rater errs; as it is, never."""
 
-    dataset: Path
-    """Data set directory."""
-    criterion: str
-    """task, smooth, high_step, crouch, low_energy, trot, pace, get_up, a trot of
-    another frequency as trot@HZ, or your own as package.module:function."""
-    rater: Literal["perfect", "stochastic"] = "perfect"
-    """Takes the better clip, or is the less sure the closer the two are."""
     beta: float | None = None
-    """How sure the stochastic rater is: P(a) = sigmoid(BETA * lead), the lead in units
-    of the median lead of the pairs asked so far. 1 by default: about 30 % of the
-    answers are wrong, most of them on close pairs; with 3 about 14 %."""
+    """How sure it is of close pairs: P(a) = sigmoid(BETA * lead), the lead in units of
+    the median lead of the pairs asked so far. With 1 about 30 % of the answers are
+    wrong, most of them on close pairs; with 3 about 14 %."""
     gamma: float = 1.0
     """Myopia in (0, 1]: a step counts GAMMA times as much as the one after it."""
     mistakes: float = 0.0
@@ -75,6 +68,21 @@ class Answer:
     about."""
     equal: float = 0.0
     """"Equal" where the lead is below EQUAL times the median lead."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """Let the simulated rater answer every open pair."""
+
+    dataset: Path
+    """Data set directory."""
+    criterion: str
+    """task, smooth, high_step, crouch, low_energy, trot, pace, get_up, a trot of
+    another frequency as trot@HZ, or your own as package.module:function."""
+    rater: Literal["perfect", "stochastic"] = "perfect"
+    """Takes the better clip, or is the less sure the closer the two are, with a BETA of
+    1 by default."""
+    erring: Erring = Erring()
     answers: str | None = None
     """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
     file by default."""

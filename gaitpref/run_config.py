@@ -21,9 +21,9 @@ from rewardmodel.acquisition import StrategyName
 from rewardmodel.cfg import FitCfg, LinearCfg
 from rewardmodel.pairs import MIN_ANSWERS
 
-from .options import Loop
+from .options import Erring, Loop
 from .questions import ClipCfg
-from .rater_cfg import RaterCfg
+from .rater_cfg import RaterCfg, erring_rater
 
 CONFIG_NAME = "config.yaml"
 _LEAST_LABELS = 4
@@ -256,11 +256,7 @@ def resolve(options: Loop) -> LoopCfg:
     quick = options.preset == "quick"
     scratch = options.base == "none"
     clips = ClipCfg.of(options.clip_s)
-    if options.change_s is not None and not 0.0 < options.change_s <= LONGEST_S:
-        raise RunError(
-            f"--change-s must lie in (0, {LONGEST_S:g}] seconds, got "
-            f"{options.change_s:g}"
-        )
+    _check(options)
     recorded = RecordCfg(
         episode_s=max(RecordCfg.episode_s, 3 * clips.clip_s),
         change_s=options.change_s,
@@ -269,6 +265,7 @@ def resolve(options: Loop) -> LoopCfg:
     common = {
         "clips": clips,
         "rater": options.rater,
+        "simulated": erring_rater(options.erring),
         "criterion": options.criterion,
         "base": options.base,
         "robot": None if options.robot is None else str(options.robot),
@@ -316,6 +313,23 @@ def resolve(options: Loop) -> LoopCfg:
         fit=FitCfg(kind="sparse"),
         **common,
     )
+
+
+def _check(options: Loop) -> None:
+    """
+    Raises:
+        RunError: an option is out of range, or says something of who is not there.
+    """
+    if options.change_s is not None and not 0.0 < options.change_s <= LONGEST_S:
+        raise RunError(
+            f"--change-s must lie in (0, {LONGEST_S:g}] seconds, got "
+            f"{options.change_s:g}"
+        )
+    if options.rater == "human" and options.erring != Erring():
+        raise RunError(
+            "--beta, --gamma, --mistakes, --skip and --equal say how the simulated "
+            "rater errs: leave them out with --rater human"
+        )
 
 
 def claim(run: Path, cfg: LoopCfg) -> None:

@@ -18,7 +18,7 @@ from data.errors import GaitprefError
 from data.features import FEATURE_DIM, column
 from gaitpref.criteria import SequenceCriterion
 from gaitpref.judging import Standards, discounted_mean, judge, standards
-from gaitpref.options import Answer, Loop
+from gaitpref.options import Answer, Erring, Loop
 from gaitpref.rater import ClipScores
 from gaitpref.rater_cfg import RaterCfg, rater_cfg
 from gaitpref.run_config import claim, read_config, resolve
@@ -135,7 +135,7 @@ def test_equal_clips_and_equal_pairs() -> None:
     ("options", "message"),
     [
         ({"beta": 2.0}, "--beta .* needs --rater stochastic"),
-        ({"rater": "stochastic", "beta": 0.0}, "--beta must be positive, got 0"),
+        ({"stochastic": True, "beta": 0.0}, "--beta must be positive, got 0"),
         ({"gamma": 0.0}, r"--gamma must lie in \(0, 1\], got 0"),
         ({"mistakes": 1.5}, r"--mistakes must lie in \[0, 1\], got 1.5"),
         ({"skip": -0.1}, r"--skip must lie in \[0, 1\], got -0.1"),
@@ -143,8 +143,12 @@ def test_equal_clips_and_equal_pairs() -> None:
     ],
 )
 def test_settings_no_rater_can_have_are_refused(options: dict, message: str) -> None:
+    rater = "stochastic" if options.pop("stochastic", False) else "perfect"
+    answer = Answer(
+        dataset=Path("d"), criterion="task", rater=rater, erring=Erring(**options)
+    )
     with pytest.raises(GaitprefError, match=message):
-        rater_cfg(Answer(dataset=Path("d"), criterion="task", **options))
+        rater_cfg(answer)
 
 
 def test_a_clip_is_scored_as_part_of_its_episode() -> None:

@@ -7,7 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from gaitpref.options import Loop
+from data.errors import GaitprefError
+from gaitpref.cli import parse
+from gaitpref.options import Erring, Loop
+from gaitpref.rater_cfg import RaterCfg
 from gaitpref.run_config import LoopCfg, RunError, resolve
 
 RUN = Path("run")
@@ -108,3 +111,21 @@ def test_a_quiet_walk_is_expected_only_once_there_is_one() -> None:
     assert short.fit_of(0) == short.fit
     style = resolve(Loop(run=Path("r"), base="task"))
     assert all(style.fit_of(round) == style.fit for round in range(style.rounds))
+
+
+def test_a_simulated_rater_errs_as_the_command_line_says() -> None:
+    """Both from scratch and on a walk; by default it never does."""
+    for base in ("none", "task"):
+        asked = ["loop", "--run", "run", "--base", base]
+        plain, erring = parse(asked), parse([*asked, "--mistakes", "0.2", "--beta=3"])
+        assert isinstance(plain, Loop)
+        assert isinstance(erring, Loop)
+        assert resolve(plain).simulated == RaterCfg()
+        assert resolve(erring).simulated == RaterCfg(beta=3.0, mistakes=0.2)
+
+
+def test_errors_nobody_can_make_and_those_of_people_are_refused() -> None:
+    with pytest.raises(GaitprefError, match=r"--skip must lie in \[0, 1\], got 2"):
+        resolve(Loop(run=RUN, erring=Erring(skip=2.0)))
+    with pytest.raises(RunError, match="leave them out with --rater human"):
+        resolve(Loop(run=RUN, rater="human", erring=Erring(equal=0.1)))
