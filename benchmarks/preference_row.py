@@ -24,6 +24,7 @@ from gaitpref.loop import run_configured
 from gaitpref.rewards import criterion_context, score_of_criterion, total_reward
 from gaitpref.run_config import LoopCfg
 from gaitpref.setting import setting_of
+from gaitpref.sides import in_mirror
 from gaitpref.tracking_limit import limit_beside
 from policy.checkpoint import Policy, load_policy
 from policy.evaluate import Evaluation, rollout_features, summarise
@@ -142,8 +143,9 @@ def walking_base(places: Places) -> Path:
 
     def make(out: Path) -> None:
         robot = setting_of(None, None).robot
+        ppo = in_mirror(cfg.ppo, robot) if cfg.mirror else cfg.ppo
         train_cfg = TrainCfg(
-            steps=cfg.base_steps, env=cfg.env, ppo=cfg.ppo, seed=REFERENCE_SEED
+            steps=cfg.base_steps, env=cfg.env, ppo=ppo, seed=REFERENCE_SEED
         )
         train(out, robot, train_cfg, resume=True)
 
@@ -178,10 +180,17 @@ def _references(
 def _train_on_criterion(out: Path, cfg: LoopCfg, base: Path | None) -> None:
     setting = setting_of(base, None)
     reward_fn = None
+    ppo = in_mirror(cfg.ppo, setting.robot) if cfg.mirror else cfg.ppo
     if base is not None:
         policy, slack = load_policy(base), cfg.tracking_slack_m_s
+        rows, lengths = rollout_features(
+            policy, setting.robot, setting.env, episodes=EPISODES, seed=REFERENCE_SEED
+        )
+        score = _score(cfg, policy)
+        if cfg.mirror:
+            ppo = in_mirror(cfg.ppo, setting.robot, score, rows)
         reward_fn = total_reward(
-            _standardised(_score(cfg, policy), policy),
+            _standardised(score, rows, lengths),
             setting.robot,
             setting.env,
             known=cfg.known,
@@ -191,17 +200,13 @@ def _train_on_criterion(out: Path, cfg: LoopCfg, base: Path | None) -> None:
             if slack is None
             else limit_beside(policy, slack_m_s=slack, seed=REFERENCE_SEED),
         )
-    train_cfg = TrainCfg(
-        steps=steps_of(cfg), env=cfg.env, ppo=cfg.ppo, seed=REFERENCE_SEED
-    )
+    train_cfg = TrainCfg(steps=steps_of(cfg), env=cfg.env, ppo=ppo, seed=REFERENCE_SEED)
     train(out, setting.robot, train_cfg, reward_fn=reward_fn, init=base, resume=True)
 
 
-def _standardised(score: RewardFn, base: Policy) -> RewardFn:
-    """`score` scaled as a learned reward is: unit deviation on what the base does."""
-    features, lengths = rollout_features(
-        base, base.robot(), base.info.env, episodes=EPISODES, seed=REFERENCE_SEED
-    )
+def _standardised(score: RewardFn, features: Tensor, lengths: Tensor) -> RewardFn:
+    """`score` scaled as a learned reward is: unit deviation on what the base does in
+    episodes [T, N, F] of `lengths` [N]."""
     steps = torch.arange(len(features))[:, None]
     scores = score(features, (steps == 0).expand(features.shape[:2]))
     std, mean = torch.std_mean(scores[steps < lengths])

@@ -9,6 +9,9 @@ import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import torch
+from torch import Tensor
+
 from data.dataset import Dataset
 from data.files import replace_directory, write_atomically
 from policy.checkpoint import holding_home, load_policy
@@ -17,6 +20,8 @@ from policy.robot import Robot
 from policy.train import POLICY_NAME, SUMMARY_NAME, TrainCfg, train
 from rewardmodel.caution import CautiousReward
 from rewardmodel.model import RewardModel
+from rewardmodel.rising import RisingReward
+from rewardmodel.sparse import SparseScorer
 from rewardmodel.storage import load_reward
 
 from .people import People
@@ -25,9 +30,15 @@ from .rewards import total_reward
 from .rounds import STANDSTILL_NAME, Round, approved, place_of, seed_of
 from .run_config import LoopCfg
 from .side_by_side import labels_kept
+from .sides import in_mirror
 from .standstill import Standstill, standstill_before
 from .tracking_limit import TrackingLimit, limit_beside
 from .watch import WatchedReward, deserves_training, watched
+
+LearnedReward = CautiousReward | RisingReward
+
+_EPISODES_LOOKED_AT = 32
+"""Of a round, to see whether a reward tells left from right."""
 
 
 class Interrupted(KeyboardInterrupt):
@@ -147,8 +158,13 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
         seed=seed_of(cfg, round.number, 1),
     )
     if round.number == 0:
+        if cfg.mirror:
+            train_cfg = replace(train_cfg, ppo=in_mirror(cfg.ppo, robot))
         return _Plan(cfg=train_cfg)
     model = load_reward(round.before.reward)
+    if cfg.mirror:
+        seen = rows_of_round(round.before, dataset)
+        train_cfg = replace(train_cfg, ppo=in_mirror(cfg.ppo, robot, model, seen))
     standstill = standstill_before(cfg, round)
     learned = (
         standstill.reward(model, cfg)
@@ -181,8 +197,20 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
     )
 
 
-def learned_reward(cfg: LoopCfg, round: int, model: RewardModel) -> CautiousReward:
+def rows_of_round(round: Round, dataset: Dataset) -> Tensor:
+    """Rows [T, N, F] of some episodes of a finished round, as long as the shortest."""
+    names = json.loads(round.recorded.read_text())
+    some = names[:: max(1, len(names) // _EPISODES_LOOKED_AT)]
+    rows = [torch.tensor(dataset.features(name)) for name in some]
+    shortest = min(len(each) for each in rows)
+    return torch.stack([each[:shortest] for each in rows], dim=1)
+
+
+def learned_reward(cfg: LoopCfg, round: int, model: RewardModel) -> LearnedReward:
     """What of `model` the retraining of `round`, counted from 1, is paid."""
+    asks = round < cfg.rounds
+    if cfg.beyond and asks and isinstance(model.scorer, SparseScorer):
+        return RisingReward(model, cfg.beyond)
     return CautiousReward.suited(model, cfg.caution, sure=cfg.sure_of(round))
 
 

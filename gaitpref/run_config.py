@@ -108,6 +108,14 @@ class LoopCfg:
     """Where a robot from scratch stands still: deviations over the ensemble by which
     the reward of the next training is moved towards members who think less of that; 0
     is cautious then too."""
+    beyond: float = field(default=0.5, metadata=ADDED_LATER)
+    """Share of the judged range of a habit by which the curve of a style that still
+    rises at its end goes on, in all retrainings but the last: what is found there is
+    asked about."""
+    mirror: bool = field(default=True, metadata=ADDED_LATER)
+    """Let policies learn from every step as its mirror image too, where both sides of
+    the robot are the same and what is learned does not tell left from right: a leg
+    that is held up, as in no walk anybody wants, is a habit PPO does not unlearn."""
     tracking_slack_m_s: float | None = field(default=0.02, metadata=ADDED_LATER)
     """Where the task is kept: how much worse than the base commands may be followed
     before the learned reward counts less and errors cost; None lets a style cost the

@@ -4,7 +4,7 @@ A quadruped that is the same on both sides moves in the mirror as the mirrored r
 does: every step it takes tells of a second one. Mittal et al. 2024, "Symmetry
 Considerations for Learning Task Symmetric Robot Policies", augment minibatches so.
 
-Shapes: 48 numbers of an observation, 12 joints of an action.
+Shapes: 48 numbers of an observation, 12 joints of an action, F feature columns.
 """
 
 from __future__ import annotations
@@ -16,14 +16,18 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from data.features import FEATURES
+
 from .robot import Robot
 from .robots.hints import RobotError
 
 _SWAPPED = np.array([3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8])
 """Joint of the other side for every joint; legs are FR, FL, RR, RL."""
 _TOLERANCE_RAD = 1e-3
+_OTHER_FOOT = np.array([1, 0, 3, 2])
 _VECTOR, _AXIAL = (1.0, -1.0, 1.0), (-1.0, 1.0, -1.0)
 """Signs of x forward, y left, z up of a velocity, and of a turning rate."""
+_COMMAND = (1.0, -1.0, -1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +42,10 @@ class Mirror:
     """[12]"""
     joint_sign: Tensor
     """[12]"""
+    row_idx: Tensor
+    """[F] where each column of a feature row comes from."""
+    row_sign: Tensor
+    """[F]"""
 
     def obs(self, obs: Tensor) -> Tensor:
         """Observations [..., 48] of the mirrored robot."""
@@ -46,6 +54,10 @@ class Mirror:
     def action(self, action: Tensor) -> Tensor:
         """Actions [..., 12] of the mirrored robot."""
         return action[..., self.joint_idx] * self.joint_sign
+
+    def rows(self, features: Tensor) -> Tensor:
+        """Feature rows [..., F] of the mirrored robot."""
+        return features[..., self.row_idx] * self.row_sign
 
 
 def mirror_of(robot: Robot) -> Mirror:
@@ -67,14 +79,49 @@ def mirror_of(robot: Robot) -> Mirror:
         )
     joints = [_SWAPPED + 9 + 12 * part for part in range(3)]
     idx = np.concatenate([np.arange(9), *joints, np.arange(45, 48)])
-    command = (1.0, -1.0, -1.0)
-    obs_sign = np.concatenate([_VECTOR, _AXIAL, _VECTOR, *[signs] * 3, command])
+    obs_sign = np.concatenate([_VECTOR, _AXIAL, _VECTOR, *[signs] * 3, _COMMAND])
+    row_idx, row_sign = _rows(signs)
     return Mirror(
         obs_idx=torch.from_numpy(idx),
         obs_sign=torch.from_numpy(obs_sign).float(),
         joint_idx=torch.from_numpy(_SWAPPED),
         joint_sign=torch.from_numpy(signs).float(),
+        row_idx=torch.from_numpy(row_idx),
+        row_sign=torch.from_numpy(row_sign).float(),
     )
+
+
+def has_mirror(robot: Robot) -> bool:
+    """Whether both sides of a robot are the same."""
+    try:
+        mirror_of(robot)
+    except RobotError:
+        return False
+    return True
+
+
+def _rows(joint_signs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where the columns [F] of a mirrored feature row come from, and their signs."""
+    signs = {
+        "base_lin_vel_b": _VECTOR,
+        "base_ang_vel_b": _AXIAL,
+        "gravity_b": _VECTOR,
+        "command": _COMMAND,
+    }
+    idx, sign, start = [], [], 0
+    for feature in FEATURES:
+        width = feature.width
+        own, factor = np.arange(width), np.ones(width)
+        if width == len(_SWAPPED):
+            own, factor = _SWAPPED, joint_signs
+        elif width == len(_OTHER_FOOT):
+            own = _OTHER_FOOT
+        elif feature.name in signs:
+            factor = np.array(signs[feature.name])
+        idx.append(start + own)
+        sign.append(factor)
+        start += width
+    return np.concatenate(idx), np.concatenate(sign)
 
 
 def _axes_b(robot: Robot) -> np.ndarray:

@@ -104,8 +104,18 @@ class SparseScorer(nn.Module):
         scored: Tensor | None = None,
     ) -> Tensor:
         """[..., T, G] what has a curve, for standardised sequences [..., T, D]: 0 and 1
-        are the ends of what was judged, and nothing goes beyond. Of squares it is the
-        root, as nearly all of a gait would lie at the low end of its curve."""
+        are the ends of what was judged, and nothing goes beyond."""
+        return self.places(steps, starts, scored=scored).clamp(0, 1)
+
+    def places(
+        self,
+        steps: Tensor,
+        starts: Tensor | None = None,
+        *,
+        scored: Tensor | None = None,
+    ) -> Tensor:
+        """The same, and how far beyond what was judged. Of squares it is the root, as
+        nearly all of a gait would lie at the low end of its curve."""
         rate = stride_rate(steps, starts, scored=scored)
         rate = (rate - self.rate_mean) / self.rate_std
         return self._on_range(torch.cat([steps, rate[..., None]], dim=-1))
@@ -113,7 +123,7 @@ class SparseScorer(nn.Module):
     @property
     def average(self) -> Tensor:
         """[G] the same of a step that is average in everything."""
-        return self._on_range(torch.zeros_like(self.judged[0]))
+        return self._on_range(torch.zeros_like(self.judged[0])).clamp(0, 1)
 
     def forward(
         self,
@@ -136,8 +146,12 @@ class SparseScorer(nn.Module):
     def along(self, shares: Tensor) -> Tensor:
         """What each curve adds to the raw reward, [M, K, G], at `shares` [K, G] of the
         judged range."""
+        return self.at(self._laid_out(shares.clamp(0, 1)))
+
+    def at(self, seen: Tensor) -> Tensor:
+        """The same at places [K, G] as `seen` gives them."""
         weights = self.weights.unflatten(1, (-1, _WEIGHTS))
-        parts = curves(self._laid_out(shares)).unflatten(1, (-1, _WEIGHTS))
+        parts = curves(seen).unflatten(1, (-1, _WEIGHTS))
         return (parts * weights[:, None]).sum(dim=-1)
 
     def _on_range(self, standardised: Tensor) -> Tensor:
@@ -145,12 +159,12 @@ class SparseScorer(nn.Module):
         return self._laid_out((standardised - low) / (high - low).clamp_min(1e-6))
 
     def _laid_out(self, shares: Tensor) -> Tensor:
-        shares = shares.clamp(0, 1)
-        return torch.where(self.quadratic, _root(shares), shares)
+        return torch.where(self.quadratic, _root(shares.clamp_min(0)), shares)
 
 
 def _root(shares: Tensor) -> Tensor:
-    """Of shares in [0, 1], on [0, 1], and no steeper at 0 than a gradient bears."""
+    """Of shares from 0 on; 1 stays 1, and it is no steeper at 0 than a gradient
+    bears."""
     low, high = _ROOT_FROM**0.5, (1 + _ROOT_FROM) ** 0.5
     return ((shares + _ROOT_FROM).sqrt() - low) / (high - low)
 

@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 import torch
 
+from data.features import FEATURE_DIM, column
 from policy.checkpoint import load_policy
 from policy.config import EnvCfg
 from policy.env import QuadrupedEnv
-from policy.mirror import Mirror, mirror_of
+from policy.mirror import Mirror, has_mirror, mirror_of
 from policy.ppo import PpoCfg
 from policy.robot import Robot, RobotError, load_robot
 from policy.train import TrainCfg, train
@@ -33,6 +34,8 @@ def test_what_is_mirrored_twice_is_what_it_was(mirror: Mirror) -> None:
     obs, action = torch.randn(5, 48), torch.randn(5, 12)
     assert torch.equal(mirror.obs(mirror.obs(obs)), obs)
     assert torch.equal(mirror.action(mirror.action(action)), action)
+    rows = torch.randn(5, FEATURE_DIM)
+    assert torch.equal(mirror.rows(mirror.rows(rows)), rows)
     assert not torch.equal(mirror.obs(obs), obs)
 
 
@@ -57,22 +60,41 @@ def test_physics_in_the_mirror_are_those_of_the_mirrored_robot(
 ) -> None:
     action = torch.randn(1, 12, generator=torch.Generator().manual_seed(0))
 
-    def difference(second: torch.Tensor) -> float:
+    def differences(second: torch.Tensor) -> tuple[float, float]:
         env = _mirrored_pair(robot, mirror)
+        rows = torch.zeros(2, FEATURE_DIM)
         for _ in range(3):
-            env.step(torch.cat([action, second]))
+            *_, extras = env.step(torch.cat([action, second]))
+            rows = extras["features"]
         obs = env.get_observations()["policy"]
-        return float((mirror.obs(obs[0]) - obs[1]).abs().max())
+        return (
+            float((mirror.obs(obs[0]) - obs[1]).abs().max()),
+            float((mirror.rows(rows[0]) - rows[1]).abs().max()),
+        )
 
-    assert difference(mirror.action(action)) < 0.2
-    assert difference(action) > 5.0
+    assert max(differences(mirror.action(action))) < 0.2
+    assert min(differences(action)) > 5.0
+
+
+def test_a_mirrored_row_exchanges_feet_and_keeps_what_has_no_side(
+    mirror: Mirror,
+) -> None:
+    row = torch.arange(float(FEATURE_DIM))
+    image = mirror.rows(row)
+    feet = row[column("foot_air_time")]
+    assert torch.equal(image[column("foot_air_time")], feet[[1, 0, 3, 2]])
+    for name in ("base_height", "fallen"):
+        assert torch.equal(image[column(name)], row[column(name)])
 
 
 def test_a_robot_whose_sides_differ_is_refused(robot: Robot) -> None:
     home = robot.home_joint_pos.copy()
     home[1] += 0.1
+    lopsided = replace(robot, home_joint_pos=home)
     with pytest.raises(RobotError, match=r"0\.100 rad\): train without the mirror"):
-        mirror_of(replace(robot, home_joint_pos=home))
+        mirror_of(lopsided)
+    assert has_mirror(robot)
+    assert not has_mirror(lopsided)
 
 
 def test_a_policy_that_learns_in_the_mirror_is_the_same_on_both_sides(
