@@ -99,6 +99,9 @@ class LoopCfg:
     """Where answers err, what the rewards of the last two retrainings from scratch
     expect of moving more than a walk takes (`LinearCfg.quiet_logit`): what is left of
     such a reward says next to nothing of how to walk."""
+    hurry: float = field(default=1.0, metadata=ADDED_LATER)
+    """What the same rewards expect of short, hurried steps (`LinearCfg.hurry`), whether
+    answers err or not."""
     sure: float = field(default=2.0, metadata=ADDED_LATER)
     """Where answers do not err, from the second retraining from scratch on: deviations
     over the ensemble that a weight of a linear reward must be above 0 to pay at all.
@@ -198,8 +201,9 @@ class LoopCfg:
         """The reward model fitted in `round`, counted from 0."""
         if self.keeps_task or round < max(1, self.rounds - 2):
             return self.fit
-        linear = replace(self.fit.linear, quiet_logit=self.quiet_logit)
-        return replace(self.fit, linear=linear)
+        linear = self.fit.linear
+        expected = replace(linear, quiet_logit=self.quiet_logit, hurry=self.hurry)
+        return replace(self.fit, linear=expected)
 
     def sure_of(self, round: int) -> float:
         """Deviations from which on the retraining of `round`, counted from 1, pays."""

@@ -31,6 +31,10 @@ class LinearCfg:
     quiet_logit: float = field(default=0.0, metadata=ADDED_LATER)
     """The same of each habit of moving more than a walk takes, where answers err. A
     reward that expects it before there is a walk prefers standing."""
+    hurry: float = field(default=0.0, metadata=ADDED_LATER)
+    """How much short, hurried steps are expected to be disliked, whether answers err or
+    not, in deviations of the prior: as much as opinions are strong. One that expects it
+    before there is a walk prefers standing."""
     told_most: bool = field(default=False, metadata=ADDED_LATER)
     """Where answers err, whether opinions about doing what the robot is told are
     expected to be twice as strong as others, for or against it, and of one piece, those

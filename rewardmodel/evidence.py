@@ -91,7 +91,7 @@ def _tried(pairs: TrainingPairs, cfg: FitCfg) -> Tried:
     """The evidence of standardised `pairs` for all that is tried."""
     inputs, spread = scaled_differences(pairs)
     # Whether answers err is asked of all that is expected of raters who do not.
-    plain = replace(cfg.linear, told_most=False, quiet_logit=0.0)
+    plain = replace(cfg.linear, told_most=False, quiet_logit=0.0, hurry=0.0)
     mean = expected_weights(pairs, spread, plain)
     return {
         (share, precision): evidence(

@@ -18,6 +18,7 @@ from .descriptors import (
     DESCRIPTOR_NAMES,
     EFFORT,
     FEET,
+    HURRIED,
     QUIET,
     TOLD,
     UNSTEADY,
@@ -110,6 +111,7 @@ def expected_weights(pairs: TrainingPairs, spread: Tensor, cfg: LinearCfg) -> Te
     if (pairs.target == 0.5).all():
         return torch.zeros_like(spread)
     disliked = cfg.unsteady_logit * named(UNSTEADY) + cfg.quiet_logit * named(QUIET)
+    disliked = disliked + cfg.hurry / cfg.prior_precision**0.5 * named(HURRIED)
     seen = (spread / _USUAL_SPREAD).clamp_max(1) * (spread > MIN_SPREAD)
     return -disliked * seen
 
@@ -128,6 +130,9 @@ def prior_factor(cfg: LinearCfg) -> Tensor:
     strength = torch.ones(len(DESCRIPTOR_NAMES), dtype=torch.float64)
     for names, times in _STRENGTHS:
         strength[named(names)] = times
+    if cfg.hurry:
+        # Who likes what is expected to be disliked has to be heard.
+        strength[named(HURRIED)] = 1.0
     told = named(TOLD).double()
     alike = _ALIKE * torch.outer(told, told)
     own = torch.diag(1 - alike.diagonal())

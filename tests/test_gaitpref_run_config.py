@@ -107,6 +107,8 @@ def test_a_quiet_walk_is_expected_only_once_there_is_one() -> None:
     scratch = resolve(Loop(run=Path("r"), base="none", preset="quick"))
     found = [scratch.fit_of(round).linear.quiet_logit for round in range(4)]
     assert found == [0.0, 0.0, 0.2, 0.2]
+    hurried = [scratch.fit_of(round).linear.hurry for round in range(4)]
+    assert hurried == [0.0, 0.0, 1.0, 1.0]
     short = replace(scratch, rounds=1)
     assert short.fit_of(0) == short.fit
     style = resolve(Loop(run=Path("r"), base="task"))
