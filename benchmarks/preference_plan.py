@@ -53,6 +53,8 @@ METHODS: dict[str, Callable[[LoopCfg], LoopCfg]] = {
         name: lambda cfg, name=name: replace(cfg, fit=replace(cfg.fit, kind=name))
         for name in ("linear", "sparse", "gp", "mlp", "auto")
     },
+    "no-hurry": lambda cfg: replace(cfg, hurry=0.0),
+    "not-beyond": lambda cfg: replace(cfg, beyond=0.0),
     "no-mirror": lambda cfg: replace(cfg, mirror=False),
     "no-caution": lambda cfg: replace(cfg, caution=0.0),
     "unjudged": lambda cfg: replace(cfg, approval_labels=0, last_labels=0),

@@ -34,6 +34,7 @@ from rewardmodel.linear import LinearScorer
 from rewardmodel.mlp import MlpScorer
 from rewardmodel.model import RewardModel
 from rewardmodel.normaliser import Normaliser
+from rewardmodel.rising import RisingReward
 from rewardmodel.sparse import SparseScorer
 from rewardmodel.storage import load_reward, save_reward
 
@@ -189,16 +190,34 @@ def test_the_first_retraining_from_scratch_pays_all_and_styles_always_do() -> No
         (style, [0.0, 0.0, 0.0]),
         (replace(scratch, sure=0.0), [0.0, 0.0, 0.0]),
     ):
-        assert [learned_reward(cfg, n, model).sure for n in rounds] == expected
+        paid = [learned_reward(cfg, n, model) for n in rounds]
+        assert [r.sure for r in paid if isinstance(r, CautiousReward)] == expected
+
+
+def curves_of(model: RewardModel, cfg: FitCfg) -> RewardModel:
+    """A sum of curves without an opinion, of the same provenance."""
+    provenance = replace(model.provenance, cfg=cfg)
+    scorer = SparseScorer(2, len(names_seen("legs")))
+    return RewardModel(Normaliser(len(names_seen("legs"))), scorer, provenance)
+
+
+def test_curves_go_on_while_somebody_is_asked_afterwards() -> None:
+    """In all retrainings of a style but the last."""
+    model = curves_of(quarrel(), FitCfg(kind="sparse"))
+    cfg = resolve(Loop(run=Path("unused"), preset="quick"))
+    found = [learned_reward(cfg, round, model) for round in (1, 2, 3)]
+    assert [type(reward) for reward in found] == [
+        RisingReward,
+        RisingReward,
+        CautiousReward,
+    ]
+    plain = learned_reward(replace(cfg, beyond=0.0), 1, model)
+    assert isinstance(plain, CautiousReward)
 
 
 def test_a_sum_of_few_curves_is_paid_in_full() -> None:
     """However wrong the answers: its doubt is greatest about the habit wanted most."""
-    linear = quarrel()
-    cfg = FitCfg(kind="sparse", error_share=0.4)
-    provenance = replace(linear.provenance, cfg=cfg)
-    scorer = SparseScorer(2, len(names_seen("legs")))
-    model = RewardModel(Normaliser(len(names_seen("legs"))), scorer, provenance)
+    model = curves_of(quarrel(), FitCfg(kind="sparse", error_share=0.4))
     for sure in (0.0, 2.0):
         reward = CautiousReward.suited(model, 1.0, sure=sure)
         assert (reward.caution, reward.sure) == (0.0, 0.0)

@@ -26,6 +26,7 @@ from rewardmodel.clips import pad_clips
 from rewardmodel.curves import learned_curves
 from rewardmodel.descriptors import describe, names_seen
 from rewardmodel.explain import explain
+from rewardmodel.rising import RisingReward, rises
 from rewardmodel.sparse import SparseScorer, find, stride_rate
 from rewardmodel.training import training_pairs
 
@@ -264,19 +265,52 @@ def test_explanations_name_the_habit() -> None:
     )
 
 
+def heights(*heights_m: float) -> tuple[Tensor, Tensor]:
+    """Rows [T, 1, F] of one robot carried so high, each the first of an episode."""
+    rows = torch.from_numpy(stepping(np.random.default_rng(3)))[:1]
+    rows = rows.repeat(len(heights_m), 1)
+    rows[:, column("base_height")] = torch.tensor(heights_m)[:, None]
+    return rows[:, None], torch.ones(len(heights_m), 1, dtype=torch.bool)
+
+
 def test_nothing_is_paid_for_going_further_than_was_judged(tmp_path: Path) -> None:
     """Lower is better in all clips, from 0.2 m on: no answer says that 0.1 m is."""
     pairs = asked(lambda rows: -mean_of("height", rows), 60, seed=0)
     fitted, _ = fit_reward(pairs, SPARSE, seed=0, measured=False)
     save_reward(fitted, tmp_path / "reward")
-    rows = torch.from_numpy(stepping(np.random.default_rng(3)))[:1].repeat(4, 1)
-    rows[:, column("base_height")] = torch.tensor([[0.35], [0.25], [0.18], [0.1]])
-    rows = rows[:, None]
-    starts = torch.ones(4, 1, dtype=torch.bool)
+    rows, starts = heights(0.35, 0.25, 0.18, 0.1)
     for model in (fitted, load_reward(tmp_path / "reward")):
         high, low, lowest, beyond = model(rows, starts)[:, 0].tolist()
         assert high < low < lowest
         assert lowest == pytest.approx(beyond, abs=1e-5)
+
+
+def test_where_somebody_is_asked_afterwards_a_rising_curve_goes_on() -> None:
+    """Judged were 0.2 to 0.4 m, and lower was better: half of that range more."""
+    pairs = asked(lambda rows: -mean_of("height", rows), 60, seed=0)
+    model, _ = fit_reward(pairs, SPARSE, seed=0, measured=False)
+    reward = RisingReward(model, 0.5)
+    rows, starts = heights(0.35, 0.25, 0.5)
+    # The robot goes beyond what was judged in something else, alike in all rows.
+    more = reward(rows, starts) - model(rows, starts)
+    assert torch.allclose(more, more[:1], atol=1e-5)
+    rows, starts = heights(0.2, 0.15, 0.11, 0.08, 0.05)
+    paid = reward(rows, starts)[:, 0].tolist()
+    assert paid[0] < paid[1] < paid[2]
+    assert paid[3] == pytest.approx(paid[4], abs=1e-5)
+    assert torch.equal(reward.spread(rows, starts), model.spread(rows, starts))
+    assert reward.history_steps == model.history_steps
+
+
+def test_a_curve_that_falls_at_its_end_does_not_go_on() -> None:
+    """Best at 0.3 m: beyond what was judged, either way, nothing more is paid."""
+    model, _ = fit_reward(asked(best_height, 90, seed=0), SPARSE, seed=0)
+    scorer = model.scorer
+    assert isinstance(scorer, SparseScorer)
+    index = SEEN.index("height")
+    above, below = rises(scorer)
+    assert above[index] == 0
+    assert below[index] == 0
 
 
 def test_a_clip_without_feet_still_has_a_reward() -> None:
