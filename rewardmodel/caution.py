@@ -5,12 +5,12 @@ disagree, the answers do not say what a motion is worth; paying less there takes
 gain out of leaving what was judged (lower confidence bound; for learned rewards Coste
 et al. 2023, "Reward Model Ensembles Help Mitigate Overoptimization").
 
-Where answers err, a linear reward is careful habit by habit: each weight is moved by
-some deviations of its own over the members towards what was expected of it before any
-answer (soft thresholding, Donoho and Johnstone 1994), and effort is not paid for: what
-moves well takes more of it than what stands, and such answers cannot tell the two
-apart. A bound on the whole reward also pays less for a habit that is surely good and
-goes with others in doubt, so it prefers standing still.
+Where answers err, a linear reward is careful habit by habit: each weight is moved
+towards what was expected of it before any answer, all the way where it lies within some
+deviations of that over the members, and by less the surer it is, and effort is not paid
+for: what moves well takes more of it than what stands, and such answers cannot tell the
+two apart. A bound on the whole reward also pays less for a habit that is surely good
+and goes with others in doubt, so it prefers standing still.
 
 Where they hardly err, a linear reward may charge in full and pay only what is surely
 liked. What is charged ends at nothing; of what is paid a policy can have more than any
@@ -114,12 +114,21 @@ def careful_weights(scorer: LinearScorer, caution: float) -> Tensor:
     """
     found = scorer.weights.mean(dim=0) - scorer.expected
     doubt = caution * scorer.weights.std(dim=0)
-    return scorer.expected + found.sign() * (found.abs() - doubt).clamp_min(0.0)
+    return scorer.expected + found * sureness(found, doubt)
 
 
 def surely_paid(weights: Tensor, doubt: Tensor) -> Tensor:
     """`weights` [D], those above 0 lowered: to 0 up to their `doubt` [D], and by less
-    the surer they are (non-negative garrote, Breiman 1995, "Better Subset Regression
-    Using the Nonnegative Garrote")."""
+    the surer they are."""
+    return torch.where(weights > 0, weights * sureness(weights, doubt), weights)
+
+
+def sureness(weights: Tensor, doubt: Tensor) -> Tensor:
+    """Share [D] of `weights` [D] that their `doubt` [D] leaves: none up to it, and
+    nearly all of what is far beyond it (non-negative garrote, Breiman 1995, "Better
+    Subset Regression Using the Nonnegative Garrote").
+
+    Taking the doubt itself off, as soft thresholding does, also lowers what is sure.
+    """
     kept = 1 - (doubt / weights.abs().clamp_min(1e-12)).square()
-    return torch.where(weights > 0, weights * kept.clamp_min(0.0), weights)
+    return kept.clamp_min(0.0)

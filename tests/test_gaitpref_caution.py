@@ -75,11 +75,12 @@ def test_what_the_members_agree_on_is_paid_in_full() -> None:
 def test_a_habit_in_doubt_is_paid_less_and_a_sure_one_is_not() -> None:
     """Members say 1.0 and 0.2 of height: 0.6, whose deviation is 0.5657.
 
-    Beyond that the weight is nothing, and does not change its sign.
+    Of it (0.5657 `caution` / 0.6)^2 is taken; up to its doubt it is nothing, and it
+    does not change its sign.
     """
     speed = {"forward_speed": 1.0}
     model = model_of(speed | {"height": 1.0}, speed | {"height": 0.2})
-    for caution, height in ((0.0, 0.6), (0.5, 0.3172), (1.0, 0.0343), (1.5, 0.0)):
+    for caution, height in ((0.0, 0.6), (0.5, 0.4667), (1.0, 0.0667), (1.5, 0.0)):
         reward = CautiousReward(model, caution)
         rising = reward(row(speed=0.0, height=1.0), STARTS)
         running = reward(row(speed=1.0, height=0.0), STARTS)
@@ -89,12 +90,13 @@ def test_a_habit_in_doubt_is_paid_less_and_a_sure_one_is_not() -> None:
 
 def test_a_habit_in_doubt_is_paid_as_was_expected() -> None:
     """Members say 0.5 and -0.5 of height and nothing of speed; -0.75 and 0 were
-    expected: height is 0.75 above that, less a deviation of 0.7071."""
+    expected: height is 0.75 above that, of which (0.7071 `caution` / 0.75)^2 is
+    taken."""
     model = model_of({"height": 0.5}, {"height": -0.5})
     risen = row(speed=0.0, height=1.0)
     assert isinstance(model.scorer, LinearScorer)
     model.scorer.expected[DESCRIPTOR_NAMES.index("height")] = -0.75
-    for caution, height in ((0.0, 0.0), (0.5, -0.3536), (1.0, -0.7071), (2.0, -0.75)):
+    for caution, height in ((0.0, 0.0), (0.5, -0.1667), (1.0, -0.6667), (2.0, -0.75)):
         paid = CautiousReward(model, caution)(risen, STARTS)
         assert paid.item() == pytest.approx(height, abs=1e-4)
 
