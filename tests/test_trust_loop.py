@@ -49,12 +49,14 @@ def test_answers_that_do_not_agree_train_nothing(
     """Answers at random: the loop says so, lets the robot stand, and asks again;
     `gaitpref trust` says the same.
 
-    They are two hundred: of a hundred the right ones are often many enough to agree.
+    They are two hundred, most of them asked at first: of a hundred the right ones are
+    often many enough to agree.
     """
     cfg = replace(
         small_cfg(),
         base_steps=0,
         labels=200,
+        first_share=0.74,
         record=RecordCfg(episodes=90, episode_s=2.0),
         simulated=RaterCfg(mistakes=0.5),
     )
