@@ -31,9 +31,13 @@ TASKS = {
     "lean": "benchmarks.strangers:lean",
     "bound": "benchmarks.strangers:bound",
     "front_feet": "benchmarks.strangers:front_feet_high",
+    "published_walk": "benchmarks.strangers:published_walk",
+    "brisk_walk": "benchmarks.strangers:brisk_walk",
 }
-"""The hidden criterion of each task. `walk` and `get_up` start from scratch, without a
-task reward, the latter lying; the others are styles on top of a walking base."""
+"""The hidden criterion of each task."""
+FROM_SCRATCH = ("walk", "get_up", "published_walk", "brisk_walk")
+"""Tasks without a task reward; `get_up` starts lying. The others are styles on top of a
+walking base."""
 HELD_BACK = ("pace",)
 """Tasks nobody looks at until everything is chosen; run where they are named."""
 RATERS = {
@@ -86,7 +90,7 @@ class Cell:
     @property
     def from_scratch(self) -> bool:
         """Whether no task reward is kept."""
-        return self.task in ("walk", "get_up")
+        return self.task in FROM_SCRATCH
 
 
 _BUDGETS = (
@@ -100,6 +104,7 @@ _BUDGETS = (
     *((task, 150, "perfect", 3) for task in ("carried_foot", "nose_up")),
     ("get_up", 100, "perfect", 3),
     *((task, 60, "perfect", 3) for task in ("lean", "bound", "front_feet")),
+    *((task, 100, "perfect", 3) for task in ("published_walk", "brisk_walk")),
 )
 """Task, answers, rater and number of seeds."""
 
