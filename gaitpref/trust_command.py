@@ -97,6 +97,11 @@ def _lines(
         f"by opinion      {foreseen.opinion or '-'}",
         f"newest round    {foreseen.newest or '-'}",
     ]
+    if foreseen.by_chance is not None:
+        lines.append(
+            f"by chance       {foreseen.by_chance:.0%} of random answers are explained "
+            f"as well"
+        )
     lines += [f"  command {k:<15}{v}" for k, v in foreseen.by_command.items()]
     lines += [f"  round   {k:<15}{v}" for k, v in foreseen.by_round.items()]
     before, after = foreseen.uncalibrated, foreseen.calibrated

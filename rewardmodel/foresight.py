@@ -9,13 +9,14 @@ Shapes: B answers.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
 from .calibration import Calibration, calibration, fit_temperature
 from .cfg import FitCfg
+from .chance import explained_by_chance
 from .evidence import FEW_ERRORS
 from .held_out import fold_of, held_out_leads, leads_without
 from .model import RewardModel
@@ -23,6 +24,10 @@ from .pairs import AnsweredPairs
 from .reliability import with_reliability
 from .report import wilson_interval
 from .training import TrainingPairs, training_pairs
+
+LEAST_SHARE = 0.6
+"""Answers that must be foreseen, however sure it is that some are: a reward that misses
+two in five is followed to where it is wrong."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +45,11 @@ class Accuracy:
     def says_nothing(self) -> bool:
         """Whether guessing would do as well, as far as one can tell."""
         return self.interval[0] <= 0.5
+
+    @property
+    def too_low(self) -> bool:
+        """Whether a reward that foresees no more is not to be followed."""
+        return self.says_nothing or self.share < LEAST_SHARE
 
     def __str__(self) -> str:
         low, high = self.interval
@@ -60,6 +70,10 @@ class Foreseen:
     opinion: Accuracy | None
     """The same, each answer counted by the size of its lead; `answers` is how many of
     one size would say as much (Kish 1965, "Survey Sampling")."""
+    by_chance: float | None
+    """Share of random answers that the model explains as well as these, see
+    `explained_by_chance`; None unless it is a sum of curves with too low an
+    accuracy."""
     erring: bool
     """Whether more answers are taken to be wrong than can be overlooked."""
     newest: Accuracy | None
@@ -120,13 +134,16 @@ def foresee(model: RewardModel, pairs: AnsweredPairs, *, seed: int) -> Foreseen:
     if unseen.any():
         fresh = pairs.subset(unseen)
         lead[unseen] = model.leads(fresh.left, fresh.right).mean(dim=0)
-    return _summary(
+    found = _summary(
         pairs.subset(asked) if asked.any() else None,
         lead[asked],
         int(unseen.sum()),
         newest=_newest(described, torch.tensor(pairs.rounds), cfg, seed),
         cfg=cfg,
     )
+    if cfg.kind == "sparse" and found.accuracy and found.accuracy.too_low:
+        return replace(found, by_chance=explained_by_chance(described, cfg, seed=seed))
+    return found
 
 
 def _newest(
@@ -165,6 +182,7 @@ def _summary(
         unseen=unseen,
         accuracy=accuracy_of(lead, target),
         opinion=opinion_of(lead, target),
+        by_chance=None,
         erring=cfg.kind == "linear" and cfg.error_share > FEW_ERRORS,
         newest=newest,
         by_command=_apart(commands, lead, target),

@@ -246,6 +246,17 @@ def scaled_curves(scorer: SparseScorer, pairs: TrainingPairs) -> tuple[Tensor, T
     return difference / units, units
 
 
+def standardised_curves(pairs: TrainingPairs) -> tuple[Tensor, TrainingPairs]:
+    """What `scaled_curves` gives for raw `pairs`, and these standardised by their own
+    steps."""
+    normaliser = Normaliser(pairs.steps.shape[-1]).fit(pairs.scored_steps)
+    standardised = pairs.transformed(normaliser)
+    scorer = SparseScorer(1, pairs.steps.shape[-1])
+    scorer.look_at(standardised)
+    inputs, _ = scaled_curves(scorer, standardised)
+    return inputs, standardised
+
+
 def relevant(
     inputs: Tensor, pairs: TrainingPairs, counts: Tensor, cfg: FitCfg
 ) -> tuple[Tensor, Tensor]:
@@ -294,12 +305,7 @@ def find(pairs: TrainingPairs, cfg: FitCfg) -> FitCfg:
     say it tell the raters' errors from their own. Among so many curves of single legs
     some always fit a few answers, so the evidence for them has to be overwhelming.
     """
-    seen = pairs.seen_by(cfg)
-    normaliser = Normaliser(seen.steps.shape[-1]).fit(seen.scored_steps)
-    standardised = seen.transformed(normaliser)
-    scorer = SparseScorer(1, seen.steps.shape[-1])
-    scorer.look_at(standardised)
-    inputs, _ = scaled_curves(scorer, standardised)
+    inputs, standardised = standardised_curves(pairs.seen_by(cfg))
     tried: dict[tuple[SparseCfg, float], float] = {}
     for sparse in _open_settings(cfg.sparse):
         price = _SINGLES_PRICE if sparse.single_legs else 0.0

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from .foresight import Accuracy, Foreseen
+from .foresight import LEAST_SHARE, Accuracy, Foreseen
 from .model import RewardModel
 from .pairs import AnsweredPairs
 from .support import Drift, support_of
@@ -18,12 +18,12 @@ from .support import Drift, support_of
 ENOUGH = 40
 """Answers from which "no better than chance" is a finding: a reward that foresees three
 of four answers is then cleared nine times of ten."""
-LEAST_SHARE = 0.6
-"""Answers that must be foreseen, however sure it is that some are: a reward that misses
-two in five is followed to where it is wrong."""
 LEAST_OPINION = 0.68
 """The same share with each answer counted by how sure the model was of it: the closest
 questions are asked first, and those it gets wrong may not matter."""
+MOST_BY_CHANCE = 0.1
+"""Share of random answers explained as well as the given ones, up to which these are
+believed to mean something: a style keeps its walk even if they do not."""
 ENOUGH_NEWEST = 10
 """As `ENOUGH`, for the answers of the newest round alone, where the share itself must
 not exceed one half."""
@@ -94,7 +94,7 @@ def alarms(
             f"the answers do not agree with one another, or with anything this model "
             f"can see: held-out accuracy {foreseen.accuracy} is "
             f"{_too_low(foreseen.accuracy)}, and counting answers by how sure it is "
-            f"helps little: {foreseen.opinion or 'it never is'}"
+            f"helps little: {foreseen.opinion or 'it never is'}{_as_well(foreseen)}"
         )
     newest = foreseen.newest if foreseen else None
     if newest and return_rose and _no_better(newest):
@@ -115,12 +115,14 @@ def alarms(
 def disagree(foreseen: Foreseen) -> bool:
     """Whether enough answers were held out to say that they taught too little: it is
     wrong too often, and also where it is sure. Where answers are known to err only the
-    latter counts."""
+    latter counts; where it explains them better than it would explain random ones,
+    neither does."""
     accuracy, opinion = foreseen.accuracy, foreseen.opinion
     if accuracy is None or accuracy.answers < ENOUGH:
         return False
-    wrong_too_often = accuracy.says_nothing or accuracy.share < LEAST_SHARE
-    if not (wrong_too_often or foreseen.erring):
+    if not (accuracy.too_low or foreseen.erring):
+        return False
+    if foreseen.by_chance is not None and foreseen.by_chance <= MOST_BY_CHANCE:
         return False
     return opinion is None or opinion.says_nothing or opinion.share < LEAST_OPINION
 
@@ -131,6 +133,12 @@ def _too_low(accuracy: Accuracy | None) -> str:
     if accuracy.share < LEAST_SHARE:
         return f"below {LEAST_SHARE:g}"
     return "low, whatever errors are expected"
+
+
+def _as_well(foreseen: Foreseen) -> str:
+    if foreseen.by_chance is None:
+        return ""
+    return f"; {foreseen.by_chance:.0%} of random answers are explained as well"
 
 
 def _no_better(newest: Accuracy) -> bool:

@@ -22,6 +22,7 @@ from rewardmodel import (
     load_reward,
     save_reward,
 )
+from rewardmodel.chance import explained_by_chance
 from rewardmodel.clips import pad_clips
 from rewardmodel.curves import learned_curves
 from rewardmodel.descriptors import describe, names_seen
@@ -29,6 +30,7 @@ from rewardmodel.explain import explain
 from rewardmodel.rising import RisingReward, rises
 from rewardmodel.sparse import SparseScorer, find, stride_rate
 from rewardmodel.training import training_pairs
+from rewardmodel.trust import MOST_BY_CHANCE
 
 from .test_rewardmodel_fit import accuracy, answered, gait
 
@@ -129,6 +131,22 @@ def test_random_answers_are_not_foreseen() -> None:
     _, report = fit_reward(asked(one_foot, 60, seed=0, flipped=0.5), SPARSE, seed=0)
     assert report.held_out_accuracy is not None
     assert report.held_out_accuracy < 0.6
+
+
+def test_random_answers_are_told_from_those_that_mean_something() -> None:
+    """By how well curves explain them, of the former in some draws by chance."""
+    by_chance = {
+        (flipped, seed): explained_by_chance(
+            training_pairs(asked(apart, 40, seed=seed, flipped=flipped), SPARSE),
+            SPARSE,
+            seed=0,
+            draws=19,
+        )
+        for flipped in (0.1, 0.5)
+        for seed in range(4)
+    }
+    assert all(by_chance[0.1, seed] <= MOST_BY_CHANCE for seed in range(4))
+    assert sum(by_chance[0.5, seed] <= MOST_BY_CHANCE for seed in range(4)) <= 1
 
 
 def test_it_tells_the_errors_of_raters_from_its_own() -> None:

@@ -111,6 +111,35 @@ def test_answers_disagree_only_where_it_is_wrong_and_sure(sure_is_right: bool) -
     assert all("do not agree" in reason for reason in reasons)
 
 
+@pytest.mark.parametrize("by_chance", [None, 0.5, 0.025])
+def test_answers_better_explained_than_chance_do_agree(by_chance: float | None) -> None:
+    """Though none of them is foreseen: the closest are asked."""
+    coin = accuracy_of(torch.ones(50), (torch.arange(50) % 2).float())
+    pairs = answered(60, seed=0)
+    model, _ = fit_reward(pairs, FitCfg(kind="linear"), seed=0)
+    foreseen = replace(
+        foresee(model, pairs, seed=0), accuracy=coin, opinion=coin, by_chance=by_chance
+    )
+    reasons = alarms(foreseen, None)
+    assert bool(reasons) == (by_chance != 0.025)
+    told = any("50% of random answers are explained" in reason for reason in reasons)
+    assert told == (by_chance == 0.5)
+
+
+@pytest.mark.parametrize("curved", [True, False])
+def test_only_curves_are_held_against_chance(curved: bool) -> None:
+    """And only where held-out answers say too little of them."""
+    random = answered(60, seed=0, flipped=0.5)
+    kind = "sparse" if curved else "linear"
+    model, _ = fit_reward(random, FitCfg(kind=kind), seed=0)
+    foreseen = foresee(model, random, seed=0)
+    assert foreseen.accuracy is not None
+    assert foreseen.accuracy.too_low
+    assert (foreseen.by_chance is not None) == curved
+    # Which share it is, is a matter of chance here.
+    assert foreseen.by_chance is None or 0.0 < foreseen.by_chance <= 1.0
+
+
 @pytest.mark.parametrize("erring", [True, False])
 def test_where_answers_err_the_sure_ones_decide(erring: bool) -> None:
     """Two thirds are foreseen, of the sure ones as of the others: enough, if they

@@ -1,0 +1,56 @@
+"""Whether answers say anything: how well chance would explain them.
+
+The questions of a loop are asked where a reward is in doubt, so that it foresees hardly
+more of their held-out answers than chance does, however much it has learned from all of
+them. What it has learned shows in how well it explains them, beside how well it
+explains as many answers that mean nothing (a permutation test: Ojala and Garriga 2010,
+"Permutation Tests for Studying Classifier Performance", test 1).
+
+Shapes: B pairs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from .cfg import FitCfg
+from .evidence import FEW_ERRORS, erring, evidence
+from .sparse import relevant, standardised_curves
+from .training import TrainingPairs
+
+DRAWS = 39
+"""Of random answers: a share of a fortieth can be told from none."""
+
+
+def explained_by_chance(
+    pairs: TrainingPairs, cfg: FitCfg, *, seed: int, draws: int = DRAWS
+) -> float:
+    """Share, above 0, of answers turned round at random that a sum of curves explains
+    at least as well as the answers of described `pairs`.
+
+    Explained by curves of no single leg, with few answers taken to be wrong: that is
+    where answers that mean something are farthest from chance.
+    """
+    seen = pairs.seen_by(cfg)
+    inputs, standardised = standardised_curves(seen)
+    plain = replace(cfg.sparse, single_legs=False, lines_apart=False)
+    settings = replace(cfg, sparse=plain)
+    own = erring(standardised, settings, FEW_ERRORS)
+    found = _explained(inputs, own, settings)
+    generator = torch.Generator().manual_seed(seed)
+    as_well = 1
+    for _ in range(draws):
+        turned = torch.rand(len(own), generator=generator) < 0.5
+        random = torch.where(turned, 1 - own.target, own.target)
+        as_well += _explained(inputs, replace(own, target=random), settings) >= found
+    return as_well / (draws + 1)
+
+
+def _explained(inputs: Tensor, pairs: TrainingPairs, cfg: FitCfg) -> float:
+    """Logarithm of the evidence for the curves that matter to the answers."""
+    counts = inputs.new_ones(1, len(pairs))
+    theta, variance = relevant(inputs, pairs, counts, cfg)
+    return evidence(inputs, pairs, cfg, 1 / variance[0], start=theta)
