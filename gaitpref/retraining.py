@@ -208,8 +208,8 @@ def rows_of_round(round: Round, dataset: Dataset) -> Tensor:
 
 def learned_reward(cfg: LoopCfg, round: int, model: RewardModel) -> LearnedReward:
     """What of `model` the retraining of `round`, counted from 1, is paid."""
-    asks = round < cfg.rounds
-    if cfg.beyond and asks and isinstance(model.scorer, SparseScorer):
+    judged = round < cfg.rounds or cfg.last_labels > 0
+    if cfg.beyond and judged and isinstance(model.scorer, SparseScorer):
         return RisingReward(model, cfg.beyond)
     return CautiousReward.suited(model, cfg.caution, sure=cfg.sure_of(round))
 

@@ -143,10 +143,10 @@ def test_random_answers_are_told_from_those_that_mean_something() -> None:
             draws=19,
         )
         for flipped in (0.1, 0.5)
-        for seed in range(4)
+        for seed in range(3)
     }
-    assert all(by_chance[0.1, seed] <= MOST_BY_CHANCE for seed in range(4))
-    assert sum(by_chance[0.5, seed] <= MOST_BY_CHANCE for seed in range(4)) <= 1
+    assert all(by_chance[0.1, seed] <= MOST_BY_CHANCE for seed in range(3))
+    assert sum(by_chance[0.5, seed] <= MOST_BY_CHANCE for seed in range(3)) <= 1
 
 
 def test_it_tells_the_errors_of_raters_from_its_own() -> None:

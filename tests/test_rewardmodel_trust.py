@@ -129,7 +129,7 @@ def test_answers_better_explained_than_chance_do_agree(by_chance: float | None) 
 @pytest.mark.parametrize("curved", [True, False])
 def test_only_curves_are_held_against_chance(curved: bool) -> None:
     """And only where held-out answers say too little of them."""
-    random = answered(60, seed=0, flipped=0.5)
+    random = answered(40, seed=0, flipped=0.5)
     kind = "sparse" if curved else "linear"
     model, _ = fit_reward(random, FitCfg(kind=kind), seed=0)
     foreseen = foresee(model, random, seed=0)
