@@ -4,8 +4,8 @@ What a lab wants of its robot is hardly ever among the styles that ship. Unlike
 `benchmarks.wishes` these are within what some descriptor sees; which one, no part of
 the loop is told.
 
-The walks are from scratch; the hand-written walking reward that the benchmark's `walk`
-hides rewards neither short swings nor what Rudin et al. leave out.
+The two walks are learned from scratch. One is published, the other pays for the short
+steps that the loop expects to be disliked.
 
 Shapes: F feature columns.
 """

@@ -79,8 +79,9 @@ def policy_stage(
             asks = round.number < cfg.rounds
             before = ", so it asks before it trains on" if asks else ""
             console.print(f"[bold red]ALARM[/] {told}{before}")
-    judged = round.number == cfg.rounds and labels_kept(cfg, round, dataset)
-    replace_directory(partial, round.candidate if judged else round.policy.parent)
+    last = round.number == cfg.rounds
+    awaits = last and _is_judged(cfg, round, dataset)
+    replace_directory(partial, round.candidate if awaits else round.policy.parent)
 
 
 def _train(
@@ -169,7 +170,9 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
     learned = (
         standstill.reward(model, cfg)
         if standstill
-        else learned_reward(cfg, round.number, model)
+        else learned_reward(
+            cfg, round.number, model, judged=_is_judged(cfg, round, dataset)
+        )
     )
     reward_fn = total_reward(
         learned,
@@ -206,9 +209,22 @@ def rows_of_round(round: Round, dataset: Dataset) -> Tensor:
     return torch.stack([each[:shortest] for each in rows], dim=1)
 
 
-def learned_reward(cfg: LoopCfg, round: int, model: RewardModel) -> LearnedReward:
-    """What of `model` the retraining of `round`, counted from 1, is paid."""
-    judged = round < cfg.rounds or cfg.last_labels > 0
+def _is_judged(cfg: LoopCfg, round: Round, dataset: Dataset) -> bool:
+    """Whether answers follow the training of `round`."""
+    return round.number < cfg.rounds or labels_kept(cfg, round, dataset) > 0
+
+
+def learned_reward(
+    cfg: LoopCfg, round: int, model: RewardModel, *, judged: bool
+) -> LearnedReward:
+    """What of `model` the retraining of `round`, counted from 1, is paid.
+
+    Args:
+        cfg: The loop.
+        round: Which retraining.
+        model: The reward fitted before it.
+        judged: Whether somebody is asked about what becomes of it.
+    """
     if cfg.beyond and judged and isinstance(model.scorer, SparseScorer):
         return RisingReward(model, cfg.beyond)
     return CautiousReward.suited(model, cfg.caution, sure=cfg.sure_of(round))

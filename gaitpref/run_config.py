@@ -114,7 +114,7 @@ class LoopCfg:
     beyond: float = field(default=0.5, metadata=ADDED_LATER)
     """Share of the judged range of a habit by which the curve of a style that still
     rises at its end goes on, wherever somebody is asked about what is found there: in
-    the last retraining only with `last_labels`."""
+    the last retraining only where answers are kept for it."""
     mirror: bool = field(default=True, metadata=ADDED_LATER)
     """Let policies learn from every step as its mirror image too, where both sides of
     the robot are the same and what is learned does not tell left from right: a leg

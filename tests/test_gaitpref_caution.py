@@ -192,7 +192,7 @@ def test_the_first_retraining_from_scratch_pays_all_and_styles_always_do() -> No
         (style, [0.0, 0.0, 0.0]),
         (replace(scratch, sure=0.0), [0.0, 0.0, 0.0]),
     ):
-        paid = [learned_reward(cfg, n, model) for n in rounds]
+        paid = [learned_reward(cfg, n, model, judged=True) for n in rounds]
         assert [r.sure for r in paid if isinstance(r, CautiousReward)] == expected
 
 
@@ -203,17 +203,17 @@ def curves_of(model: RewardModel, cfg: FitCfg) -> RewardModel:
     return RewardModel(Normaliser(len(names_seen("legs"))), scorer, provenance)
 
 
-def test_curves_go_on_while_somebody_is_asked_afterwards() -> None:
-    """In all retrainings of a style but the last."""
+def test_curves_go_on_where_somebody_is_asked_afterwards() -> None:
+    """In any retraining of a style, and not where nobody is."""
     model = curves_of(quarrel(), FitCfg(kind="sparse"))
     cfg = resolve(Loop(run=Path("unused"), preset="quick"))
-    found = [learned_reward(cfg, round, model) for round in (1, 2, 3)]
-    assert [type(reward) for reward in found] == [
-        RisingReward,
-        RisingReward,
-        CautiousReward,
-    ]
-    plain = learned_reward(replace(cfg, beyond=0.0), 1, model)
+    for round in (1, cfg.rounds):
+        found = [
+            type(learned_reward(cfg, round, model, judged=judged))
+            for judged in (True, False)
+        ]
+        assert found == [RisingReward, CautiousReward]
+    plain = learned_reward(replace(cfg, beyond=0.0), 1, model, judged=True)
     assert isinstance(plain, CautiousReward)
 
 
