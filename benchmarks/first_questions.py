@@ -23,13 +23,14 @@ from torch import Tensor
 from data.dataset import Dataset
 from gaitpref.asking import questions_stage
 from gaitpref.criteria import load_criterion
+from gaitpref.loop_cfg import LoopCfg
 from gaitpref.options import Loop
 from gaitpref.people import People
+from gaitpref.presets import resolve
 from gaitpref.rater_cfg import RaterCfg
 from gaitpref.retraining import policy_stage
 from gaitpref.rewards import criterion_context, total_reward
 from gaitpref.rounds import Round
-from gaitpref.run_config import LoopCfg, resolve
 from gaitpref.stages import fit_stage, record_stage
 from policy.checkpoint import Policy, load_policy
 from policy.evaluate import evaluate_actor

@@ -19,9 +19,10 @@ import tyro
 
 from data.dataset import Dataset
 from gaitpref.criteria import load_criterion
+from gaitpref.loop_cfg import LoopCfg
 from gaitpref.progress import console
 from gaitpref.rewards import criterion_context
-from gaitpref.run_config import LoopCfg, read_config
+from gaitpref.run_config import read_config
 from policy.checkpoint import load_policy
 from rewardmodel.cfg import Kind
 from rewardmodel.fit import fit_reward

@@ -19,8 +19,8 @@ import tyro
 
 from gaitpref.loop import run_configured
 from gaitpref.options import Loop
+from gaitpref.presets import resolve
 from gaitpref.rewards import score_of_criterion
-from gaitpref.run_config import resolve
 from policy.checkpoint import Policy, load_policy
 from policy.evaluate import Evaluation, evaluate_actor
 from policy.reward import task_reward_for, task_score

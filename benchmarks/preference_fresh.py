@@ -16,9 +16,9 @@ from torch import Tensor
 
 from data.dataset import Dataset
 from gaitpref.criteria import Criterion
+from gaitpref.loop_cfg import LoopCfg
 from gaitpref.questions import clips_of
 from gaitpref.rater import ClipScores
-from gaitpref.run_config import LoopCfg
 from rewardmodel import RewardModel, Uniform, choose_pairs
 from rewardmodel.calibration import calibration
 from rewardmodel.clips import ClipBatch, pad_clips

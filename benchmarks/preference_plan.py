@@ -9,9 +9,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from gaitpref.loop_cfg import LoopCfg
 from gaitpref.options import Loop
+from gaitpref.presets import resolve
 from gaitpref.rater_cfg import RaterCfg
-from gaitpref.run_config import LoopCfg, resolve
 from policy.config import getup_env
 from policy.ppo import PpoCfg
 from policy.record import RecordCfg

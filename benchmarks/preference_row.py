@@ -21,8 +21,8 @@ from torch import Tensor
 from data.files import write_atomically
 from gaitpref.criteria import Criterion, SequenceCriterion, load_criterion
 from gaitpref.loop import run_configured
+from gaitpref.loop_cfg import LoopCfg
 from gaitpref.rewards import criterion_context, score_of_criterion, total_reward
-from gaitpref.run_config import LoopCfg
 from gaitpref.setting import setting_of
 from gaitpref.sides import in_mirror
 from gaitpref.tracking_limit import limit_beside

@@ -133,7 +133,7 @@ def _against_answers(axis: Axes, task: str, rows: Sequence[Row]) -> None:
     for level, style in ((1.0, "-"), (0.0, ":")):
         axis.axhline(level, color="0.6", linewidth=0.8, linestyle=style)
     axis.set(title=task, xlabel="answers", ylabel="fraction of the true reward")
-    axis.legend(fontsize=7)
+    axis.legend(fontsize=7, loc="lower left")
 
 
 def _one_line_each(axis: Axes, rows: Sequence[Row]) -> None:

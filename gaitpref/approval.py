@@ -13,10 +13,10 @@ from policy.train import POLICY_NAME
 
 from .asking import Patience, answered
 from .criteria import Criterion
+from .loop_cfg import LoopCfg
 from .people import People
 from .progress import console
 from .rounds import Round, approved
-from .run_config import LoopCfg
 from .side_by_side import (
     both_policies,
     first_erred,

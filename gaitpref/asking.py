@@ -24,12 +24,12 @@ from rewardmodel.trust import disagree
 
 from .criteria import Criterion
 from .fit_summary import what_remains
+from .loop_cfg import LoopCfg
 from .people import People
 from .progress import console, counting_bar
 from .questions import ask, with_known_answer
 from .rater import answer_pairs
 from .rounds import Round, place_of, seed_of
-from .run_config import LoopCfg
 from .side_by_side import STRATEGY, both_policies, labels_kept, pairs_of_both
 
 RATER_ID = "simulated"

@@ -17,15 +17,17 @@ from .approval import approval_stage, verdict_stage
 from .asking import questions_stage
 from .criteria import load_criterion
 from .extras import require
+from .loop_cfg import LoopCfg, RunError
 from .opening import address
 from .options import Loop
 from .people import People
+from .presets import resolve
 from .progress import console
 from .report import PAGE_NAME, write_report
 from .retraining import policy_stage
 from .rewards import criterion_context
 from .rounds import Round
-from .run_config import LoopCfg, RunError, claim, resolve
+from .run_config import claim
 from .setting import Setting, setting_of
 from .side_by_side import show_stage
 from .stages import fit_stage, record_stage, report_stage

@@ -14,6 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from data.files import write_atomically
 
+from .loop_cfg import LoopCfg, RunError
 from .pictures import BLUE, GREY, plain_axes, svg_of
 from .report_trust import (
     alarm_section,
@@ -22,7 +23,7 @@ from .report_trust import (
     standstill_section,
     trust_cells,
 )
-from .run_config import LoopCfg, RunError, read_config
+from .run_config import read_config
 
 PAGE_NAME = Path("report") / "index.html"
 """The page, from the directory of the run."""

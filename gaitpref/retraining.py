@@ -24,11 +24,11 @@ from rewardmodel.rising import RisingReward
 from rewardmodel.sparse import SparseScorer
 from rewardmodel.storage import load_reward
 
+from .loop_cfg import LoopCfg
 from .people import People
 from .progress import console, training_bar
 from .rewards import total_reward
 from .rounds import STANDSTILL_NAME, Round, approved, place_of, seed_of
-from .run_config import LoopCfg
 from .side_by_side import labels_kept
 from .sides import in_mirror
 from .standstill import Standstill, standstill_before

@@ -10,7 +10,7 @@ import numpy as np
 
 from policy.train import POLICY_NAME
 
-from .run_config import LoopCfg
+from .loop_cfg import LoopCfg
 
 STANDSTILL_NAME = "standstill.json"
 

@@ -27,10 +27,10 @@ from rewardmodel.caution import answers_err
 from rewardmodel.evidence import ERROR_SHARES
 from rewardmodel.storage import load_reward
 
+from .loop_cfg import LoopCfg
 from .people import People
 from .questions import clips_of
 from .rounds import Round, approved, place_of, seed_of
-from .run_config import LoopCfg
 
 STRATEGY = "approval"
 _EPISODES = 10

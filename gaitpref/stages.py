@@ -24,11 +24,11 @@ from rewardmodel.storage import load_reward, save_reward
 
 from .criteria import Criterion
 from .fit_summary import fit_summary
+from .loop_cfg import LoopCfg
 from .people import People
 from .progress import console, counting_bar
 from .rewards import score_of_criterion
 from .rounds import Round, approved, place_of, seed_of
-from .run_config import LoopCfg
 from .watch import trust_of_round
 
 

@@ -24,8 +24,8 @@ from policy.evaluate import rollout_features
 from rewardmodel.model import RewardModel
 from rewardmodel.optimism import OptimisticReward
 
+from .loop_cfg import LoopCfg
 from .rounds import STANDSTILL_NAME, Round, approved, seed_of
-from .run_config import LoopCfg
 from .side_by_side import first_erred
 
 STILL = 0.2

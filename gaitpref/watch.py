@@ -23,8 +23,8 @@ from rewardmodel.storage import load_reward
 from rewardmodel.support import Drift, Support, support_of
 from rewardmodel.trust import alarms, disagree, left_for_pay, reach, spelled
 
+from .loop_cfg import LoopCfg
 from .rounds import Round, seed_of
-from .run_config import LoopCfg
 from .trust_command import alarm_json, as_json
 
 WATCH_NAME = "watch.json"

@@ -15,8 +15,9 @@ import torch
 import tyro
 
 from gaitpref.loop import page_of_loop, run_configured
+from gaitpref.loop_cfg import LoopCfg
 from gaitpref.options import Loop, Serving
-from gaitpref.run_config import LoopCfg, resolve
+from gaitpref.presets import resolve
 from policy.ppo import PpoCfg
 from policy.record import RecordCfg
 

@@ -15,9 +15,9 @@ import torch
 from data.dataset import Dataset
 from gaitpref.approval import ODDS_TO_STAY
 from gaitpref.loop import run_configured
+from gaitpref.loop_cfg import LoopCfg
 from gaitpref.rater_cfg import RaterCfg
 from gaitpref.rounds import Round, seed_of
-from gaitpref.run_config import LoopCfg
 from gaitpref.side_by_side import STRATEGY, Verdict, verdict_of
 from gaitpref.stages import began_with
 from policy.checkpoint import holding_home, load_policy, read_plain

@@ -12,9 +12,9 @@ import torch
 
 from data.features import FEATURE_DIM, column
 from gaitpref.options import Loop
+from gaitpref.presets import resolve
 from gaitpref.retraining import learned_reward
 from gaitpref.rewards import total_reward
-from gaitpref.run_config import resolve
 from gaitpref.tracking_limit import (
     PRICE,
     TrackingLimit,

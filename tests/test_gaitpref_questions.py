@@ -19,9 +19,9 @@ from data.errors import GaitprefError
 from data.features import column
 from gaitpref.cli import main
 from gaitpref.options import Loop
+from gaitpref.presets import resolve
 from gaitpref.questions import ClipCfg, ask, with_known_answer
 from gaitpref.rounds import Round
-from gaitpref.run_config import resolve
 from gaitpref.side_by_side import pairs_of_both
 from labeling_ui.controls import command_words
 from labeling_ui.motion import MotionCache

@@ -19,9 +19,10 @@ from data.features import FEATURE_DIM, column
 from gaitpref.criteria import SequenceCriterion
 from gaitpref.judging import Standards, discounted_mean, judge, standards
 from gaitpref.options import Answer, Erring, Loop
+from gaitpref.presets import resolve
 from gaitpref.rater import ClipScores
 from gaitpref.rater_cfg import RaterCfg, rater_cfg
-from gaitpref.run_config import claim, read_config, resolve
+from gaitpref.run_config import claim, read_config
 
 COUNT = 4000
 

@@ -9,9 +9,10 @@ import pytest
 
 from data.errors import GaitprefError
 from gaitpref.cli import parse
+from gaitpref.loop_cfg import LoopCfg, RunError
 from gaitpref.options import Erring, Loop
+from gaitpref.presets import resolve
 from gaitpref.rater_cfg import RaterCfg
-from gaitpref.run_config import LoopCfg, RunError, resolve
 
 RUN = Path("run")
 

@@ -18,8 +18,8 @@ from data.answers import AnswerStore
 from data.dataset import Dataset
 from data.files import sha256_file
 from gaitpref.loop import run_configured, run_loop
+from gaitpref.loop_cfg import RunError
 from gaitpref.options import Loop
-from gaitpref.run_config import RunError
 from policy.checkpoint import load_policy
 from policy.config import getup_env
 

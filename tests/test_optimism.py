@@ -13,10 +13,10 @@ import torch
 from data.dataset import Dataset
 from data.features import FEATURE_DIM, column
 from gaitpref.loop import run_configured
+from gaitpref.loop_cfg import LoopCfg
 from gaitpref.people import People
 from gaitpref.retraining import policy_stage
 from gaitpref.rounds import Round
-from gaitpref.run_config import LoopCfg
 from gaitpref.side_by_side import STRATEGY
 from gaitpref.standstill import seen_standing, standstill_before
 from policy.checkpoint import load_policy
