@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.stumble import share_found
+from benchmarks.moments import share_found
 from data.dataset import Dataset
 from data.features import column
 from gaitpref.cli import main
@@ -148,7 +148,7 @@ def test_a_stumble_is_the_worst_moment(criterion: Criterion, tmp_path: Path) -> 
     chance (0.18), though robots that shake and move at random stumble all the time.
 
     Over three policies, of which one shakes in a way that says little. In walks of
-    finished runs it is found in nine of ten: `python -m benchmarks.stumble`.
+    finished runs it is found in nine of ten: `python -m benchmarks.moments`.
     """
     found: list[float] = []
     for seed in range(3):

@@ -1,7 +1,8 @@
-"""Does the reward of a finished run point at a stumble?
+"""Does the reward of a finished run point at the right moments?
 
-`python -m benchmarks.stumble --run RUN [RUN ...]` plants one in walks of the newest
-policy that nobody was asked about, and looks where the last reward is lowest.
+`python -m benchmarks.moments --run RUN [RUN ...]` takes clips that nobody was asked
+about: the last reward should rank their steps as the criterion does, and be lowest
+where a stumble is planted in walks of the newest policy.
 
 Shapes: T steps, F feature columns.
 """
@@ -19,7 +20,11 @@ import tyro
 
 from data.dataset import Dataset
 from data.features import column
+from gaitpref.criteria import load_criterion
+from gaitpref.rewards import criterion_context, score_of_criterion
 from gaitpref.run_config import read_config
+from policy.checkpoint import load_policy
+from policy.reward_ppo import RewardFn
 from rewardmodel.explain import explain
 from rewardmodel.model import RewardModel
 from rewardmodel.storage import load_reward
@@ -34,7 +39,8 @@ _FIRST, _STEPS = 60, 60
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Share of walks in which the planted stumble is the worst moment."""
+    """How reward and criterion rank the steps of a clip, and the share of walks in
+    which a planted stumble is the worst moment."""
 
     run: tuple[Path, ...]
     """Finished runs of `gaitpref loop`."""
@@ -66,7 +72,20 @@ def share_found(
     return found / len(clips)
 
 
-def unasked_walks(run: Path, model: RewardModel, round: int) -> list[np.ndarray]:
+def rank_correlation(
+    model: RewardModel, score: RewardFn, clip: np.ndarray
+) -> float | None:
+    """Spearman's, of the reward and the score of the steps of `clip` [T, F]; None where
+    the score is the same throughout."""
+    starts = (torch.arange(len(clip)) == 0)[:, None]
+    scores = score(torch.tensor(clip)[:, None], starts)[:, 0].numpy()
+    if np.ptp(scores) == 0:
+        return None
+    ranks = [np.argsort(np.argsort(v)) for v in (explain(model, clip).reward, scores)]
+    return float(np.corrcoef(np.stack(ranks))[0, 1])
+
+
+def unasked(run: Path, model: RewardModel, round: int) -> list[np.ndarray]:
     """Clips [T, F] of a round's episodes that no answer is about, without falls."""
     dataset = Dataset.open(run / "dataset")
     names = json.loads((run / f"rounds/{round:02d}/episodes.json").read_text())
@@ -79,11 +98,21 @@ def unasked_walks(run: Path, model: RewardModel, round: int) -> list[np.ndarray]
 def main(options: Options) -> int:
     torch.set_num_threads(1)
     for run in options.run:
-        last = read_config(run).rounds - 1
+        cfg = read_config(run)
+        last = cfg.rounds - 1
         model = load_reward(run / f"rounds/{last:02d}/reward")
-        clips = unasked_walks(run, model, last)
-        share = share_found(model, clips, np.random.default_rng(options.seed))
-        print(f"{run.name}: {share:.2f} of {len(clips)} walks")
+        policy = load_policy(run / f"rounds/{last:02d}/policy/policy.pt")
+        context = criterion_context(policy.robot(), policy.info.env)
+        score = score_of_criterion(load_criterion(cfg.criterion, context))
+        by_round = [unasked(run, model, round) for round in range(cfg.rounds)]
+        found = [rank_correlation(model, score, c) for clips in by_round for c in clips]
+        ranked = [each for each in found if each is not None]
+        share = share_found(model, by_round[-1], np.random.default_rng(options.seed))
+        print(
+            f"{run.name}: rank correlation {np.median(ranked):.2f} (median of "
+            f"{len(ranked)} clips), stumble found in {share:.2f} of "
+            f"{len(by_round[-1])} walks"
+        )
     return 0
 
 
