@@ -81,8 +81,9 @@ def rank_correlation(
     scores = score(torch.tensor(clip)[:, None], starts)[:, 0].numpy()
     if np.ptp(scores) == 0:
         return None
-    ranks = [np.argsort(np.argsort(v)) for v in (explain(model, clip).reward, scores)]
-    return float(np.corrcoef(np.stack(ranks))[0, 1])
+    paid = np.argsort(np.argsort(explain(model, clip).reward))
+    scored = np.argsort(np.argsort(scores))
+    return float(np.corrcoef(paid, scored)[0, 1])
 
 
 def unasked(run: Path, model: RewardModel, round: int) -> list[np.ndarray]:
