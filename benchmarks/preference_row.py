@@ -22,13 +22,18 @@ from data.files import write_atomically
 from gaitpref.criteria import Criterion, SequenceCriterion, load_criterion
 from gaitpref.loop import run_configured
 from gaitpref.loop_cfg import LoopCfg
-from gaitpref.rewards import criterion_context, score_of_criterion, total_reward
+from gaitpref.rewards import (
+    TotalReward,
+    criterion_context,
+    score_of_criterion,
+    total_reward,
+)
 from gaitpref.setting import setting_of
 from gaitpref.sides import in_mirror
 from gaitpref.tracking_limit import limit_beside
 from policy.checkpoint import Policy, load_policy
 from policy.evaluate import Evaluation, rollout_features, summarise
-from policy.ppo import RewardFn
+from policy.ppo import PpoCfg, RewardFn
 from policy.rollout import Actor, hold_home
 from policy.train import TrainCfg, train
 
@@ -179,29 +184,41 @@ def _references(
 
 def _train_on_criterion(out: Path, cfg: LoopCfg, base: Path | None) -> None:
     setting = setting_of(base, None)
-    reward_fn = None
     ppo = in_mirror(cfg.ppo, setting.robot) if cfg.mirror else cfg.ppo
+    reward_fn = None
     if base is not None:
-        policy, slack = load_policy(base), cfg.tracking_slack_m_s
-        rows, lengths = rollout_features(
-            policy, setting.robot, setting.env, episodes=EPISODES, seed=REFERENCE_SEED
-        )
-        score = _score(cfg, policy)
-        if cfg.mirror:
-            ppo = in_mirror(cfg.ppo, setting.robot, score, rows)
-        reward_fn = total_reward(
-            _standardised(score, rows, lengths),
-            setting.robot,
-            setting.env,
-            known=cfg.known,
-            weight=cfg.learned_weight,
-            keep_task=True,
-            tracking_limit=None
-            if slack is None
-            else limit_beside(policy, slack_m_s=slack, seed=REFERENCE_SEED),
-        )
+        ppo, reward_fn = _beside_the_task(cfg, base, ppo)
+    elif cfg.criterion != "task":
+        context = criterion_context(setting.robot, cfg.env)
+        score = score_of_criterion(load_criterion(cfg.criterion, context))
+        reward_fn = total_reward(score, setting.robot, cfg.env, known=cfg.known)
     train_cfg = TrainCfg(steps=steps_of(cfg), env=cfg.env, ppo=ppo, seed=REFERENCE_SEED)
     train(out, setting.robot, train_cfg, reward_fn=reward_fn, init=base, resume=True)
+
+
+def _beside_the_task(
+    cfg: LoopCfg, base: Path, ppo: PpoCfg
+) -> tuple[PpoCfg, TotalReward]:
+    """PPO and reward where the criterion counts beside the walking reward, as a learned
+    style does."""
+    setting, policy = setting_of(base, None), load_policy(base)
+    rows, lengths = rollout_features(
+        policy, setting.robot, setting.env, episodes=EPISODES, seed=REFERENCE_SEED
+    )
+    score, slack = _score(cfg, policy), cfg.tracking_slack_m_s
+    if cfg.mirror:
+        ppo = in_mirror(cfg.ppo, setting.robot, score, rows)
+    return ppo, total_reward(
+        _standardised(score, rows, lengths),
+        setting.robot,
+        setting.env,
+        known=cfg.known,
+        weight=cfg.learned_weight,
+        keep_task=True,
+        tracking_limit=None
+        if slack is None
+        else limit_beside(policy, slack_m_s=slack, seed=REFERENCE_SEED),
+    )
 
 
 def _standardised(score: RewardFn, features: Tensor, lengths: Tensor) -> RewardFn:
