@@ -193,7 +193,15 @@ def _train_on_criterion(out: Path, cfg: LoopCfg, base: Path | None) -> None:
         score = score_of_criterion(load_criterion(cfg.criterion, context))
         reward_fn = total_reward(score, setting.robot, cfg.env, known=cfg.known)
     train_cfg = TrainCfg(steps=steps_of(cfg), env=cfg.env, ppo=ppo, seed=REFERENCE_SEED)
-    train(out, setting.robot, train_cfg, reward_fn=reward_fn, init=base, resume=True)
+    train(
+        out,
+        setting.robot,
+        train_cfg,
+        reward_fn=reward_fn,
+        reward_name=cfg.criterion,
+        init=base,
+        resume=True,
+    )
 
 
 def _beside_the_task(

@@ -95,12 +95,13 @@ def test_preferences(tmp_path: Path) -> None:
     work, results = tmp_path / "work", tmp_path / "results"
     figures = tmp_path / "rows.json"
     command = [sys.executable, "-m", "benchmarks.preferences", "--quick"]
-    command += ["--tasks", "walk", "nose_up", "--seeds", "1", "--keep-runs"]
+    command += ["--tasks", "walk", "brisk_walk", "nose_up", "--seeds", "1"]
+    command += ["--keep-runs"]
     command += ["--work", str(work), "--results", str(results)]
     command += ["--docs", str(tmp_path), "--json", str(figures)]
     subprocess.run(command, check=True)
     rows = json.loads(figures.read_text())["rows"]
-    assert {row["task"] for row in rows} == {"walk", "nose_up"}
+    assert {row["task"] for row in rows} == {"walk", "brisk_walk", "nose_up"}
     for row in rows:
         assert row["seeds"] == 1
         for name in ("fraction_median", "fraction_min", "minutes"):
@@ -109,6 +110,13 @@ def test_preferences(tmp_path: Path) -> None:
     page = (tmp_path / "benchmarks.md").read_text()
     assert "| nose_up | 150 | perfect | default | 1 |" in page
     assert (tmp_path / "images/preferences.svg").stat().st_size > 1000
+    # From one start with one seed, they differ in what they were trained on.
+    walk, brisk = (
+        load_policy(next(work.glob(f"true-{task}-*/policy.pt")))
+        for task in ("walk", "brisk_walk")
+    )
+    obs = torch.linspace(-1, 1, 48)[None]
+    assert not torch.equal(walk(obs), brisk(obs))
 
     # A row that is there is not run again, and one that is not, is.
     finished = {path: path.stat().st_mtime_ns for path in results.glob("*.json")}
