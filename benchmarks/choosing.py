@@ -37,6 +37,8 @@ from rewardmodel.cfg import FitCfg, LinearCfg
 from rewardmodel.fit import fit_reward
 from rewardmodel.pairs import AnsweredPairs, load_pairs
 
+from .harness import spearman
+
 _EPISODES = 16
 _EVERY = 5
 """Steps of an episode between two that a reward is asked about."""
@@ -154,10 +156,9 @@ def judged(reward: CautiousReward, shown: list[Shown]) -> Judged:
     value = torch.tensor([policy.value for policy in shown])
     # Where nothing is better than the home pose, that is the best there is.
     good = value >= value.max().clamp_max(_GOOD)
-    ranks = torch.stack([paid, value]).argsort().argsort().double()
     return Judged(
         worth=float(value[paid.argmax()]),
-        order=float(torch.corrcoef(ranks)[0, 1]),
+        order=spearman(paid, value),
         lead=float((paid[good].mean() - paid[0]) / paid.std()),
     )
 

@@ -29,6 +29,8 @@ from rewardmodel.explain import explain
 from rewardmodel.model import RewardModel
 from rewardmodel.storage import load_reward
 
+from .harness import spearman
+
 STUMBLE_STEPS = 3
 NEAR_STEPS = 5
 """A minimum so near to the middle of the stumble has found it."""
@@ -81,9 +83,7 @@ def rank_correlation(
     scores = score(torch.tensor(clip)[:, None], starts)[:, 0].numpy()
     if np.ptp(scores) == 0:
         return None
-    paid = np.argsort(np.argsort(explain(model, clip).reward))
-    scored = np.argsort(np.argsort(scores))
-    return float(np.corrcoef(paid, scored)[0, 1])
+    return spearman(explain(model, clip).reward, scores)
 
 
 def unasked(run: Path, model: RewardModel, round: int) -> list[np.ndarray]:

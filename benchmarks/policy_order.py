@@ -12,7 +12,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -22,6 +21,8 @@ from gaitpref.run_config import read_config
 from policy.checkpoint import load_policy
 from policy.evaluate import rollout_features
 from policy.ppo import RewardFn
+
+from .harness import spearman
 
 _EPISODES = 8
 
@@ -84,6 +85,6 @@ def rank_correlation(walks: Sequence[Walk], reward: RewardFn) -> float:
     NaN for fewer than two."""
     if len(walks) < 2:
         return float("nan")
-    paid = np.argsort(np.argsort([walk.paid(reward) for walk in walks]))
-    scored = np.argsort(np.argsort([walk.score for walk in walks]))
-    return float(np.corrcoef(paid, scored)[0, 1])
+    return spearman(
+        [walk.paid(reward) for walk in walks], [walk.score for walk in walks]
+    )

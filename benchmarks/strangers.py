@@ -45,7 +45,7 @@ def front_feet_high(features: Tensor) -> Tensor:
 
 
 def published_walk(features: Tensor) -> Tensor:
-    """The walk of Rudin et al. 2021, *Learning to Walk in Minutes*, table 4.
+    """A walk as legged_gym, the code of Rudin et al. 2021, pays it by default.
 
     As far as rows tell: without joint accelerations and collisions, with air time paid
     while it lasts. Height, pose, slip, tilt and how high feet are lifted are all one.

@@ -79,9 +79,8 @@ def policy_stage(
             asks = round.number < cfg.rounds
             before = ", so it asks before it trains on" if asks else ""
             console.print(f"[bold red]ALARM[/] {told}{before}")
-    last = round.number == cfg.rounds
-    awaits = last and _is_judged(cfg, round, dataset)
-    replace_directory(partial, round.candidate if awaits else round.policy.parent)
+    judged = round.number == cfg.rounds and labels_kept(cfg, round, dataset)
+    replace_directory(partial, round.candidate if judged else round.policy.parent)
 
 
 def _train(

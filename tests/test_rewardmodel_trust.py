@@ -136,8 +136,6 @@ def test_only_curves_are_held_against_chance(curved: bool) -> None:
     assert foreseen.accuracy is not None
     assert foreseen.accuracy.too_low
     assert (foreseen.by_chance is not None) == curved
-    # Which share it is, is a matter of chance here.
-    assert foreseen.by_chance is None or 0.0 < foreseen.by_chance <= 1.0
 
 
 @pytest.mark.parametrize("erring", [True, False])
