@@ -23,7 +23,7 @@ Figure = float | int | str | bool | None
 
 def spearman(one: ArrayLike, other: ArrayLike) -> float:
     """Rank correlation of values, hardly any of them equal."""
-    first, second = (np.argsort(np.argsort(values)) for values in (one, other))
+    first, second = (np.argsort(np.argsort(np.asarray(v))) for v in (one, other))
     return float(np.corrcoef(first, second)[0, 1])
 
 
