@@ -25,6 +25,7 @@ from gaitpref.rewards import criterion_context, score_of_criterion
 from gaitpref.run_config import read_config
 from policy.checkpoint import load_policy
 from policy.reward_ppo import RewardFn
+from rewardmodel.clips import pad_clips
 from rewardmodel.explain import explain
 from rewardmodel.model import RewardModel
 from rewardmodel.storage import load_reward
@@ -69,7 +70,7 @@ def share_found(
     found = 0
     for clip in clips:
         step = int(rng.integers(5, len(clip) - 10))
-        lowest = int(explain(model, stumble(clip, step)).reward.argmin())
+        lowest = int(explain(model, pad_clips([stumble(clip, step)])).reward.argmin())
         found += abs(lowest - (step + STUMBLE_STEPS // 2)) <= NEAR_STEPS
     return found / len(clips)
 
@@ -83,7 +84,7 @@ def rank_correlation(
     scores = score(torch.tensor(clip)[:, None], starts)[:, 0].numpy()
     if np.ptp(scores) == 0:
         return None
-    return spearman(explain(model, clip).reward, scores)
+    return spearman(explain(model, pad_clips([clip])).reward, scores)
 
 
 def unasked(run: Path, model: RewardModel, round: int) -> list[np.ndarray]:

@@ -21,7 +21,7 @@ from gaitpref.questions import clips_of
 from gaitpref.rater import ClipScores
 from rewardmodel import RewardModel, Uniform, choose_pairs
 from rewardmodel.calibration import calibration
-from rewardmodel.clips import ClipBatch, pad_clips
+from rewardmodel.clips import ClipBatch, read_clips
 from rewardmodel.foresight import accuracy_of
 from rewardmodel.storage import load_reward
 
@@ -61,7 +61,7 @@ def fresh_pairs(run: Path, cfg: LoopCfg, criterion: Criterion) -> FreshPairs:
     scores = ClipScores(dataset.features, criterion)
     better = [scores(pair.a).mean() - scores(pair.b).mean() for pair in pairs]
     left, right = (
-        pad_clips([dataset.clip_features(clip) for clip in clips])
+        read_clips(clips, dataset.clip_features)
         for clips in zip(*((pair.a, pair.b) for pair in pairs), strict=True)
     )
     target = (torch.tensor(np.array(better)).sign() + 1) / 2

@@ -14,7 +14,7 @@ from data.clips import Clip
 from data.dataset import Dataset, EpisodeEntry
 from data.errors import GaitprefError
 from data.files import write_atomically
-from rewardmodel.clips import mean_over, pad_clips
+from rewardmodel.clips import fill_clips, mean_over, read_clips, with_past
 from rewardmodel.curves import Curve, learned_curves
 from rewardmodel.explain import Explanation, explain
 from rewardmodel.model import RewardModel
@@ -51,9 +51,9 @@ def run(command: options.Explain) -> int:
         chosen = extremes(model, dataset, command.count)
     told = []
     for name, found in chosen:
-        rows = dataset.clip_features(found.clip)
         entry = dataset.entry(found.clip.rollout)
-        shown = explain(model, rows, method=command.method)
+        seen = read_clips([found.clip], dataset.clip_features)
+        shown = explain(model, seen, method=command.method)
         picture = command.out / f"{name}.svg"
         save_picture(clip_picture(shown, entry, found.clip, found.reward), picture)
         told.append(clip_json(name, found, entry, shown))
@@ -107,7 +107,7 @@ def ranked(model: RewardModel, dataset: Dataset, clips: list[Clip]) -> list[Rank
     """What the reward makes of each clip, in the order the files are read."""
     found: list[Ranked] = []
     rows: list[tuple[int, np.ndarray]] = []
-    for item in dataset.each_clip_features(clips):
+    for item in dataset.each_clip_features([with_past(clip) for clip in clips]):
         rows.append(item)
         if len(rows) == _BATCH:
             found += _scored(model, clips, rows)
@@ -118,7 +118,8 @@ def ranked(model: RewardModel, dataset: Dataset, clips: list[Clip]) -> list[Rank
 def _scored(
     model: RewardModel, clips: list[Clip], rows: list[tuple[int, np.ndarray]]
 ) -> list[Ranked]:
-    batch = pad_clips([features for _, features in rows])
+    steps = [clips[position].steps for position, _ in rows]
+    batch = fill_clips(steps, enumerate(features for _, features in rows))
     rewards, _ = model.clip_rewards(batch)
     price = model.provenance.cfg.fall_logit / model.reward_std
     values = mean_over(rewards, batch.scored) - price * batch.fell.float()

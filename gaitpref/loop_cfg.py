@@ -42,12 +42,24 @@ class ExplorationCfg:
     """At the start of the last round."""
     final: float = 0.1
     """The most at its end: a gait that only noise sets going is no gait."""
+    every_round: bool = field(default=False, metadata=ADDED_LATER)
+    """Whether it comes down to that in every round. Feet that noise makes chatter have
+    the rate of steps that is paid for, and without it they have not."""
+
+    @classmethod
+    def steady(cls, std: float) -> ExplorationCfg:
+        """The same in every round, and gone at its end: for a walk that is there."""
+        return cls(early=std, late=std, last=std, every_round=True)
 
     def std(self, round: int, rounds: int) -> float:
         """Noise for the training of `round`, counted from 1."""
         if round >= rounds:
             return self.last
         return self.early if round <= 0.6 * rounds else self.late
+
+    def final_std(self, round: int, rounds: int) -> float | None:
+        """The most at the end of the training of `round`; None: as much as there is."""
+        return self.final if self.every_round or round >= rounds else None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from policy.record import LONGEST_S, RecordCfg
 from policy.variation import VariationCfg
-from rewardmodel.cfg import FitCfg, LinearCfg
+from rewardmodel.cfg import FitCfg, LinearCfg, SparseCfg
 
 from .loop_cfg import ExplorationCfg, LoopCfg, RunError
 from .options import Erring, Loop
@@ -67,13 +67,14 @@ def resolve(options: Loop) -> LoopCfg:
         last_round_steps=600_000 if quick else 1_200_000,
         learned_weight=3.0,
         last_labels=5,
-        exploration=None,
+        exploration=ExplorationCfg.steady(0.3),
         record=recorded,
         most_first_share=0.75,
         first_agreement=0.8,
-        # A wish about a walk that is there is about few things; of robots that tumble,
-        # everything is to be learned at once.
-        fit=FitCfg(kind="sparse"),
+        # A wish about a walk that is there is about few things, and not about following
+        # commands, which the task pays for; of robots that tumble, everything is to be
+        # learned at once.
+        fit=FitCfg(kind="sparse", sparse=SparseCfg(told=False)),
         **common,
     )
 

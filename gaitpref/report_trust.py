@@ -8,6 +8,7 @@ from typing import Any
 
 from data.dataset import Dataset
 from data.errors import GaitprefError
+from rewardmodel.clips import read_clips
 from rewardmodel.curves import learned_curves
 from rewardmodel.explain import explain
 from rewardmodel.storage import load_reward
@@ -93,9 +94,9 @@ def clips_section(run: Path, rounds: list[dict[str, Any]]) -> str:
         return f"<p>No clips are shown: {html.escape(str(error))}</p>"
     figures = []
     for name, shown in found:
-        rows = dataset.clip_features(shown.clip)
+        seen = read_clips([shown.clip], dataset.clip_features)
         picture = clip_picture(
-            explain(model, rows, method="auto"),
+            explain(model, seen, method="auto"),
             dataset.entry(shown.clip.rollout),
             shown.clip,
             shown.reward,

@@ -183,11 +183,11 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
         tracking_limit=_tracking_limit(cfg, round),
     )
     if cfg.exploration is not None:
-        last = round.number == cfg.rounds
+        place = (round.number, cfg.rounds)
         train_cfg = replace(
             train_cfg,
-            exploration_std=cfg.exploration.std(round.number, cfg.rounds),
-            final_std=cfg.exploration.final if last else None,
+            exploration_std=cfg.exploration.std(*place),
+            final_std=cfg.exploration.final_std(*place),
         )
     return _Plan(
         cfg=train_cfg,

@@ -161,9 +161,13 @@ class SparseCfg:
     single_legs: bool | None = None
     """Whether one leg or one side may matter more than another; None: where the answers
     speak for it (`rewardmodel.sparse.find`)."""
-    lines_apart: bool | None = None
+    lines_apart: bool = False
     """Whether a straight line and the bends on it are picked apart, so that a line is
-    one weight, sooner known than six; None: as the answers speak for it."""
+    one weight, sooner known than six. Among twice as many parts more fit by chance."""
+    told: bool = field(default=True, metadata=ADDED_LATER)
+    """Whether doing what the robot is told may matter: how fast it goes and turns, and
+    by how much too fast or slow. Where a task pays for that, a policy cannot change it,
+    and what such a curve says is chance, or stands for a habit that goes with speed."""
 
     def __post_init__(self) -> None:
         _require_members(self.num_members)
@@ -173,7 +177,7 @@ class SparseCfg:
     @property
     def is_open(self) -> bool:
         """Whether the answers are still to say something of these settings."""
-        return self.single_legs is None or self.lines_apart is None
+        return self.single_legs is None
 
 
 @dataclass(frozen=True, kw_only=True)

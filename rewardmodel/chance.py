@@ -39,7 +39,7 @@ def explained_by_chance(
     some = torch.arange(len(pairs)) % -(-len(pairs) // PLENTY) == 0
     seen = pairs.subset(some).seen_by(cfg)
     inputs, standardised = standardised_curves(seen)
-    plain = replace(cfg.sparse, single_legs=False, lines_apart=False)
+    plain = replace(cfg.sparse, single_legs=False)
     settings = replace(cfg, sparse=plain)
     own = erring(standardised, settings, FEW_ERRORS)
     found = _explained(inputs, own, settings)

@@ -4,14 +4,18 @@ The return of a clip is the *mean* over its steps, not the sum: clips of unequal
 are then comparable, and a long clip is not better for being long. The row of a fall is
 left out, because the fall itself has a fixed price.
 
-Shapes: B clips, T steps of the longest, F features, M ensemble members.
+A policy is paid for its rate of steps over the last second, and the second before a
+short clip is most of that. So the lift-offs before a clip go with it.
+
+Shapes: B clips, T steps of the longest, L steps looked back, F features, M ensemble
+members.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import InitVar, dataclass
+from dataclasses import InitVar, dataclass, replace
 
 import numpy as np
 import torch
@@ -23,7 +27,10 @@ from data.features import FEATURE_DIM, column, columns
 ClipRows = Callable[[Clip], np.ndarray]
 """Gives the feature rows [steps, F] of a clip; `Dataset.clip_features` is one."""
 
+PAST_STEPS = 50
+"""Steps looked back over: 1 s at 50 Hz."""
 _FALLEN = column("fallen").start
+_CONTACT = column("foot_contact")
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +44,10 @@ class ClipBatch:
     """[B, T, F] float32."""
     valid: Tensor
     """[B, T] bool: steps that the clip has."""
+    lift_offs_before: Tensor | None = None
+    """[B, L] feet that left the ground at each of the steps up to the clip's first,
+    that one included; NaN where the episode had not begun. None where nobody knows what
+    came before."""
     checked: InitVar[bool] = False
     """These are rows of a batch that was looked at already."""
 
@@ -52,6 +63,12 @@ class ClipBatch:
                 f"valid must be {list(self.features.shape[:2])}, "
                 f"got {list(self.valid.shape)}"
             )
+        before = self.lift_offs_before
+        if before is not None and before.shape != (len(self.valid), PAST_STEPS):
+            raise ValueError(
+                f"lift_offs_before must be {[len(self.valid), PAST_STEPS]}, "
+                f"got {list(before.shape)}"
+            )
         # One pass without a mask as large as the features; NaN is passed on by both.
         if not all(torch.isfinite(v) for v in self.features.aminmax()):
             _require_missing_as_a_whole(self.features, self.valid)
@@ -59,9 +76,15 @@ class ClipBatch:
     def __len__(self) -> int:
         return len(self.features)
 
-    def part(self, rows: slice) -> ClipBatch:
+    def part(self, rows: slice | list[int]) -> ClipBatch:
         """Some of the clips, padded as before."""
-        return ClipBatch(self.features[rows], self.valid[rows], checked=True)
+        before = self.lift_offs_before
+        return ClipBatch(
+            self.features[rows],
+            self.valid[rows],
+            None if before is None else before[rows],
+            checked=True,
+        )
 
     @property
     def fallen(self) -> Tensor:
@@ -96,12 +119,30 @@ def _require_missing_as_a_whole(features: Tensor, valid: Tensor) -> None:
 
 
 def pad_clips(rows: Sequence[np.ndarray]) -> ClipBatch:
-    """Clips given as feature rows [steps, F] each, padded to the longest.
+    """Clips given as feature rows [steps, F] each, padded to the longest; nobody knows
+    what came before.
 
     Raises:
         ValueError: there is no clip, or one is empty or not finite.
     """
-    return fill_clips([len(clip) for clip in rows], enumerate(rows))
+    filled = fill_clips([len(clip) for clip in rows], enumerate(rows))
+    return replace(filled, lift_offs_before=None, checked=True)
+
+
+def read_clips(clips: Sequence[Clip], clip_rows: ClipRows) -> ClipBatch:
+    """`clips`, padded to the longest, and what came before each.
+
+    Raises:
+        ValueError: there is no clip, or one is not finite.
+    """
+    rows = (clip_rows(with_past(clip)) for clip in clips)
+    return fill_clips([clip.steps for clip in clips], enumerate(rows))
+
+
+def with_past(clip: Clip) -> Clip:
+    """A clip with the steps before it that `fill_clips` looks at."""
+    past = min(clip.start, PAST_STEPS)
+    return Clip(clip.rollout, clip.start - past, clip.steps + past)
 
 
 def fill_clips(
@@ -111,7 +152,8 @@ def fill_clips(
 
     Args:
         steps: Number of steps of each clip.
-        rows: Position of a clip in `steps` and its feature rows [steps, F].
+        rows: Position of a clip in `steps` and its feature rows [steps, F], behind
+            those of the steps before it, `PAST_STEPS` or as many as there are.
 
     Raises:
         ValueError: there is no clip, or one is empty or not finite.
@@ -120,15 +162,32 @@ def fill_clips(
         raise ValueError("a batch needs at least one clip, and each clip a step")
     # Filled in place: the rows of many clips would not fit into memory twice.
     features = np.zeros((len(steps), max(steps), FEATURE_DIM), dtype=np.float32)
+    before = np.full((len(steps), PAST_STEPS), np.nan, dtype=np.float32)
     finite = True
     for position, clip in rows:
+        past = len(clip) - steps[position]
         own = features[position, : steps[position]]
-        own[:] = clip
+        own[:] = clip[past:]
+        before[position] = _lift_offs(clip[: past + 1])
         # While it is in the cache: looking at all clips once more takes longer.
         finite &= math.isfinite(np.vdot(own, own))
     lengths = torch.tensor(steps)
     valid = torch.arange(features.shape[1]) < lengths[:, None]
-    return ClipBatch(torch.from_numpy(features), valid, checked=finite)
+    return ClipBatch(
+        torch.from_numpy(features), valid, torch.from_numpy(before), checked=finite
+    )
+
+
+def _lift_offs(rows: np.ndarray) -> np.ndarray:
+    """[L] feet that left the ground at each of the last steps of `rows` [K, F], NaN
+    where there is none; at the first step of an episode none did."""
+    down = rows[-PAST_STEPS - 1 :, _CONTACT] > 0.5
+    lifted = (down[:-1] & ~down[1:]).sum(axis=1)
+    if len(down) <= PAST_STEPS:
+        lifted = np.concatenate([[0], lifted])
+    found = np.full(PAST_STEPS, np.nan, dtype=np.float32)
+    found[PAST_STEPS - len(lifted) :] = lifted
+    return found
 
 
 def mean_over(values: Tensor, counted: Tensor) -> Tensor:

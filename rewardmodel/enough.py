@@ -27,6 +27,8 @@ FORESEEN = 0.6
 _FEW = 0.1
 """Share of the members that does not make an order open."""
 _MAX_PAIRS = 250
+_LEAST_STD = 1e-6
+"""Deviation of what a member was taught about clips, in logits, that is any."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,13 +55,15 @@ def remaining(model: RewardModel, pairs: AnsweredPairs) -> Remaining:
     returns = torch.cat(
         [model.clip_returns(newest.left), model.clip_returns(newest.right)], dim=1
     )
+    fell = torch.cat([newest.left.fell, newest.right.fell]).float()
+    learned = returns + model.provenance.cfg.fall_logit * fell
     left, right = torch.triu_indices(returns.shape[1], returns.shape[1], 1)
     # Half where a member has no opinion: an order nobody knows is open.
     lead = returns[:, left] - returns[:, right]
     preferred = (0.5 + 0.5 * lead.sign()).mean(dim=0)  # [K]
     minority = torch.minimum(preferred, 1 - preferred)
     return Remaining(
-        agreement=_rank_correlation(returns),
+        agreement=_rank_correlation(returns, learned.std(dim=1) > _LEAST_STD),
         open_share=float((minority > _FEW).float().mean()),
     )
 
@@ -75,13 +79,14 @@ def enough(left: Remaining, report: FitReport) -> bool:
     return left.settled and foreseen and report.held_out_pairs >= MIN_HELD_OUT
 
 
-def _rank_correlation(returns: Tensor) -> float:
+def _rank_correlation(returns: Tensor, taught: Tensor) -> float:
     """Mean over pairs of members of the correlation of ranks of returns [M, C]; 0 with
-    a member to whom all are equal."""
+    a member who was not `taught` [M] (bool) anything: the price of a fall is no
+    opinion."""
     # Equal returns share a rank, or their order in memory would be an opinion.
     ranks = torch.stack(
         [(own[:, None] - own).sign().sum(dim=1) for own in returns]
     ).double()
-    correlation = torch.corrcoef(ranks).nan_to_num(0.0)
+    correlation = torch.corrcoef(ranks).nan_to_num(0.0) * taught * taught[:, None]
     first, second = torch.triu_indices(len(returns), len(returns), 1)
     return float(correlation[first, second].mean())

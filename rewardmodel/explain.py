@@ -20,7 +20,7 @@ from torch import Tensor
 
 from data.features import LEGS
 
-from .clips import pad_clips
+from .clips import ClipBatch
 from .errors import RewardError
 from .legs import CONTACTS, SINGLE, TOGETHER
 from .linear import LinearScorer
@@ -99,17 +99,19 @@ def group_of(name: str) -> str:
 
 
 def explain(
-    model: RewardModel, rows: np.ndarray, *, method: Method = "auto"
+    model: RewardModel, clip: ClipBatch, *, method: Method = "auto"
 ) -> Explanation:
-    """Share the reward of consecutive feature rows [K, F] of one episode.
+    """Share the reward of the steps of one clip.
 
-    They are seen as the fit saw clips; what nobody measured counts as average.
+    It is seen as the fit saw clips; what nobody measured counts as average.
 
     Raises:
+        ValueError: the batch holds more than one clip.
         RewardError: `exact` was asked of a model that is not linear, `gradients` of
             one that looks back, or without captum.
     """
-    clip = pad_clips([rows])
+    if len(clip) != 1:
+        raise ValueError(f"one clip is explained at a time, got {len(clip)}")
     reward, spread = model.clip_rewards(clip)
     steps = fill_missing(model.standardised(clip.features[0]))  # [K, D]
     chosen = _chosen(model, method)
@@ -124,7 +126,11 @@ def explain(
     members = [[group_of(n) == group for n in model.names] for group in groups]
     if chosen == "occlusion":
         by_group = torch.stack(
-            [_occluded(model, steps, torch.tensor(own)) for own in members], dim=1
+            [
+                _occluded(model, steps, torch.tensor(own), clip.lift_offs_before)
+                for own in members
+            ],
+            dim=1,
         )
     else:
         by_group = torch.stack([shares[:, own].sum(dim=1) for own in members], dim=1)
@@ -172,7 +178,9 @@ def _average(model: RewardModel, num_descriptors: int) -> float:
     return float(_reward(model, torch.zeros(1, num_descriptors)))
 
 
-def _occluded(model: RewardModel, steps: Tensor, hidden: Tensor) -> Tensor:
+def _occluded(
+    model: RewardModel, steps: Tensor, hidden: Tensor, before: Tensor | None
+) -> Tensor:
     """Loss of reward [K] where the descriptors `hidden` [D] are average ones, and with
     the contacts the stride rate."""
     scorer = model.scorer
@@ -181,7 +189,7 @@ def _occluded(model: RewardModel, steps: Tensor, hidden: Tensor) -> Tensor:
     names = {item.name for item in CONTACTS}
     contacts = torch.tensor([name in names for name in model.names])
     rate = (hidden & contacts).any().reshape(1)
-    seen = scorer.seen(steps)
+    seen = scorer.seen(steps, before=None if before is None else before[0])
     without = torch.where(torch.cat([hidden, rate]), scorer.average, seen)
     paid, left = scorer.paid(seen), scorer.paid(without)
     return model.reward_of(paid) - model.reward_of(left)

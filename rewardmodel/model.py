@@ -61,22 +61,26 @@ def make_scorer(cfg: FitCfg) -> Scorer:
     raise ValueError(f"`{cfg.kind}` is no model: a fit says which one it chose")
 
 
-def of_clips(scorer: Scorer, steps: Tensor, scored: Tensor) -> Tensor:
+def of_clips(
+    scorer: Scorer, steps: Tensor, scored: Tensor, before: Tensor | None
+) -> Tensor:
     """Raw rewards [M, ..., T] of clips, standardised [..., T, D], whatever is padded.
 
     Args:
         scorer: Which model.
         steps: The clips.
         scored: [..., T] bool, steps that count; padding lies behind them.
+        before: [..., L] lift-offs before them, where somebody knows.
     """
     if isinstance(scorer, SparseScorer):
-        return scorer(steps, scored=scored)
+        return scorer(steps, scored=scored, before=before)
     return scorer(steps)
 
 
 def leads_of_pairs(scorer: Scorer, pairs: TrainingPairs) -> Tensor:
     """Logit [M, B], by member, that left clips of standardised `pairs` are better."""
-    return pairs.leads(lambda steps: of_clips(scorer, steps, pairs.scored))
+    before = pairs.lift_offs_before
+    return pairs.leads(lambda steps: of_clips(scorer, steps, pairs.scored, before))
 
 
 @dataclass(frozen=True)
@@ -128,7 +132,9 @@ class RewardModel(nn.Module):
         A model without any opinion gives reward 0 rather than magnified noise.
         """
         if self.history_steps:
-            rewards = of_clips(self.scorer, pairs.steps, pairs.scored)[:, pairs.scored]
+            rewards = of_clips(
+                self.scorer, pairs.steps, pairs.scored, pairs.lift_offs_before
+            )[:, pairs.scored]
         else:
             rewards = self.scorer(pairs.scored_steps)
         std, mean = torch.std_mean(rewards.mean(dim=0), correction=0)
@@ -199,6 +205,8 @@ class RewardModel(nn.Module):
     def _clip_members(self, clips: ClipBatch) -> Tensor:
         """Raw reward [M, B, T], where the model lives, of clips on the CPU; descriptors
         a clip lacks are at their mean."""
-        features = clips.features.to(self.reward_mean.device)
-        steps = fill_missing(self.standardised(features))
-        return of_clips(self.scorer, steps, clips.scored.to(steps.device))
+        device, before = self.reward_mean.device, clips.lift_offs_before
+        steps = fill_missing(self.standardised(clips.features.to(device)))
+        if before is not None:
+            before = before.to(device)
+        return of_clips(self.scorer, steps, clips.scored.to(device), before)

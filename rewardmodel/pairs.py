@@ -18,7 +18,7 @@ from data.answers import Answer, AnswerStore, Pair
 from data.clips import Clip
 from data.dataset import Dataset
 
-from .clips import ClipBatch, fill_clips
+from .clips import ClipBatch, fill_clips, with_past
 from .errors import RewardError
 
 MIN_ANSWERS = 8
@@ -73,8 +73,8 @@ class AnsweredPairs:
         rows = chosen.nonzero()[:, 0].tolist()
         return replace(
             self,
-            left=ClipBatch(self.left.features[rows], self.left.valid[rows]),
-            right=ClipBatch(self.right.features[rows], self.right.valid[rows]),
+            left=self.left.part(rows),
+            right=self.right.part(rows),
             target=self.target[rows],
             episodes=tuple(self.episodes[row] for row in rows),
             raters=tuple(self.raters[row] for row in rows),
@@ -190,12 +190,13 @@ def _owners(datasets: Sequence[Dataset]) -> Callable[[str], Dataset]:
 def _rows(
     clips: Sequence[Clip], owner: Callable[[str], Dataset]
 ) -> Iterator[tuple[int, np.ndarray]]:
-    """Position and feature rows of every clip, so that each episode is read once."""
+    """Position of every clip, and feature rows of it and of what came before, so that
+    each episode is read once."""
     by_owner: dict[Dataset, list[int]] = defaultdict(list)
     for position, clip in enumerate(clips):
         by_owner[owner(clip.rollout)].append(position)
     for dataset, positions in by_owner.items():
-        own = [clips[position] for position in positions]
+        own = [with_past(clips[position]) for position in positions]
         for index, rows in dataset.each_clip_features(own):
             yield positions[index], rows
 

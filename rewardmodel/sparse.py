@@ -20,10 +20,11 @@ from dataclasses import replace
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from .cfg import FitCfg, SparseCfg
-from .clips import mean_over
-from .descriptors import names_seen, quadratic_seen
+from .clips import PAST_STEPS, mean_over
+from .descriptors import TOLD, names_seen, quadratic_seen
 from .evidence import ERROR_SHARES, erring, evidence, expected_share
 from .history import since_start
 from .legs import CONTACTS, SINGLE
@@ -35,9 +36,12 @@ _CENTRES = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Of the bumps a curve is made of besides a straight line, on the judged range, each as
 wide as they are apart."""
 _WEIGHTS = 1 + len(_CENTRES)
-_RATE_STEPS, _LEAST_STEPS = 50, 20
-"""Steps over which lift-offs are counted, 1 s at 50 Hz, and the fewest a count is
-divided by: early in an episode one lift-off is no rate."""
+_LEAST_STEPS = 20
+"""The fewest steps a count of lift-offs is divided by: early in an episode one is no
+rate."""
+_RATES = (0.5, 1.75)
+"""Range of the stride rate, in its median: a foot that chatters on the ground has many
+times the rate of a walk, and on a range up to there all walks are alike."""
 _RANGE_QUANTILE = 0.01
 """Judged steps left out at either end of the range of a descriptor. Beyond it a curve
 is flat: from a crouch nobody was shown, no answer says whether it is too low."""
@@ -55,6 +59,13 @@ _SINGLE = tuple(
     for index, name in enumerate(names_seen("legs"))
     if name in {item.name for item in (*CONTACTS, *SINGLE)}
 )
+_TOLD = tuple(
+    index
+    for index, name in enumerate(names_seen("legs"))
+    if name in (*TOLD, "forward_speed", "leftward_speed", "yaw_rate")
+    or name.startswith("foot_speed")
+)
+"""What a command says. Over a stride the feet go as fast as the robot does."""
 _SINGLES_PRICE = 10.0
 """Logarithm of the odds against single legs before any answer: fits of wishes about all
 legs alike gained up to 8, of one about one foot 21 from 73 answers."""
@@ -65,7 +76,7 @@ _AT_ONCE = 64
 class SparseScorer(nn.Module):
     """Weights of all members over the curves of all descriptors."""
 
-    history_steps = _RATE_STEPS
+    history_steps = PAST_STEPS
 
     def __init__(self, num_members: int, num_descriptors: int) -> None:
         super().__init__()
@@ -86,11 +97,14 @@ class SparseScorer(nn.Module):
 
     def look_at(self, pairs: TrainingPairs) -> None:
         """Take from `pairs` what standardises the stride rate, and what was judged."""
-        rate = stride_rate(pairs.steps, scored=pairs.scored)[pairs.scored]
+        rate = stride_rate(
+            pairs.steps, scored=pairs.scored, before=pairs.lift_offs_before
+        )[pairs.scored]
         std, mean = torch.std_mean(rate, correction=0)
         self.rate_mean.copy_(mean)
         self.rate_std.copy_(std if std > 1e-6 else torch.ones(()))
-        rate = (rate - self.rate_mean) / self.rate_std
+        low, high = (share * rate.median() for share in _RATES)
+        rate = (rate.clamp(low, high) - self.rate_mean) / self.rate_std
         seen = torch.cat([pairs.scored_steps, rate[:, None]], dim=-1).sort(dim=0).values
         last = len(seen) - 1
         ends = [round(share * last) for share in (_RANGE_QUANTILE, 1 - _RANGE_QUANTILE)]
@@ -102,10 +116,11 @@ class SparseScorer(nn.Module):
         starts: Tensor | None = None,
         *,
         scored: Tensor | None = None,
+        before: Tensor | None = None,
     ) -> Tensor:
         """[..., T, G] what has a curve, for standardised sequences [..., T, D]: 0 and 1
         are the ends of what was judged, and nothing goes beyond."""
-        return self.places(steps, starts, scored=scored).clamp(0, 1)
+        return self.places(steps, starts, scored=scored, before=before).clamp(0, 1)
 
     def places(
         self,
@@ -113,10 +128,11 @@ class SparseScorer(nn.Module):
         starts: Tensor | None = None,
         *,
         scored: Tensor | None = None,
+        before: Tensor | None = None,
     ) -> Tensor:
         """The same, and how far beyond what was judged. Of squares it is the root, as
         nearly all of a gait would lie at the low end of its curve."""
-        rate = stride_rate(steps, starts, scored=scored)
+        rate = stride_rate(steps, starts, scored=scored, before=before)
         rate = (rate - self.rate_mean) / self.rate_std
         return self._on_range(torch.cat([steps, rate[..., None]], dim=-1))
 
@@ -131,10 +147,11 @@ class SparseScorer(nn.Module):
         starts: Tensor | None = None,
         *,
         scored: Tensor | None = None,
+        before: Tensor | None = None,
     ) -> Tensor:
         """Raw rewards [M, ..., T] of standardised sequences [..., T, D], as in
         `stride_rate`."""
-        return self.paid(self.seen(steps, starts, scored=scored))
+        return self.paid(self.seen(steps, starts, scored=scored, before=before))
 
     def paid(self, seen: Tensor) -> Tensor:
         """Raw rewards [M, ..., T] for what `seen` gives, [..., T, G]."""
@@ -178,7 +195,11 @@ def curves(seen: Tensor) -> Tensor:
 
 
 def stride_rate(
-    steps: Tensor, starts: Tensor | None = None, *, scored: Tensor | None = None
+    steps: Tensor,
+    starts: Tensor | None = None,
+    *,
+    scored: Tensor | None = None,
+    before: Tensor | None = None,
 ) -> Tensor:
     """[..., T] strides per step of standardised `steps` [..., T, D], over the last
     second of the episode at hand: lift-offs of all feet, by four.
@@ -189,28 +210,42 @@ def stride_rate(
             the middle of a walk.
         scored: [..., T] bool, steps of the clips that count, padding behind them;
             None where all do.
+        before: [..., L] lift-offs before the clips, as of `ClipBatch`; None where
+            nobody knows them.
     """
     down = steps[..., list(_CONTACTS)]
-    lifted = torch.zeros_like(down)
     # However standardised, a contact takes two values, some deviations apart.
-    lifted[..., 1:, :] = (down[..., :-1, :] - down[..., 1:, :] > 0.5).float()
+    lifted = (down[..., :-1, :] - down[..., 1:, :] > 0.5).float().sum(dim=-1)
+    if before is not None:
+        begun = before.isfinite()
+        lifted = torch.cat([torch.where(begun, before, 0.0), lifted], dim=-1)
+        first = torch.zeros_like(lifted, dtype=torch.bool)
+        first[..., : begun.shape[-1]] = begun & (begun.cumsum(dim=-1) == 1)
+        return _over_the_last_second(lifted, first)[..., begun.shape[-1] - 1 :]
+    lifted = functional.pad(lifted, (1, 0))
     if starts is not None:
-        lifted = lifted.masked_fill(starts[..., None], 0.0)
-    counted = torch.nn.functional.pad(lifted.sum(dim=-1).cumsum(dim=-1), (1, 0))
-    time = torch.arange(steps.shape[-2], device=steps.device)
-    first = (time - _RATE_STEPS + 1).clamp_min(0).expand(lifted.shape[:-1])
-    if starts is not None:
-        first = torch.maximum(first, since_start(starts))
-    strides = (counted[..., 1:] - counted.gather(-1, first)) / 4
-    rate = strides / (time - first + 1).clamp_min(_LEAST_STEPS)
-    if starts is None and rate.shape[-1] >= _RATE_STEPS:
+        return _over_the_last_second(lifted.masked_fill(starts, 0.0), starts)
+    rate = _over_the_last_second(lifted, None)
+    if rate.shape[-1] >= PAST_STEPS:
         # Its first whole second tells the rate of all before it; few steps would not.
-        last = _RATE_STEPS - 1
+        last = PAST_STEPS - 1
         early, whole = rate[..., :last], rate[..., last, None]
         if scored is not None:
             whole = torch.where(scored[..., last, None], whole, early)
         rate[..., :last] = whole
     return rate
+
+
+def _over_the_last_second(lifted: Tensor, starts: Tensor | None) -> Tensor:
+    """[..., T] strides per step of lift-offs [..., T], of which none is looked at that
+    lies before the newest of `starts` [..., T]."""
+    counted = functional.pad(lifted.cumsum(dim=-1), (1, 0))
+    time = torch.arange(lifted.shape[-1], device=lifted.device)
+    first = (time - PAST_STEPS + 1).clamp_min(0).expand(lifted.shape)
+    if starts is not None:
+        first = torch.maximum(first, since_start(starts))
+    strides = (counted[..., 1:] - counted.gather(-1, first)) / 4
+    return strides / (time - first + 1).clamp_min(_LEAST_STEPS)
 
 
 def fit_sparse(
@@ -235,7 +270,8 @@ def scaled_curves(scorer: SparseScorer, pairs: TrainingPairs) -> tuple[Tensor, T
     parts = []
     for chosen in torch.arange(len(pairs)).split(_AT_ONCE):
         part = pairs.subset(chosen)
-        values = curves(scorer.seen(part.steps, scored=part.scored)).mT
+        seen = scorer.seen(part.steps, scored=part.scored, before=part.lift_offs_before)
+        values = curves(seen).mT
         left, right = mean_over(values, part.scored[..., None, :])
         parts.append((left - right).double())
     difference = torch.cat(parts)
@@ -278,6 +314,8 @@ def relevant(
     kept = torch.arange(total)
     if not own.single_legs:
         kept = kept[~torch.isin(kept // _WEIGHTS, torch.tensor(_SINGLE))]
+    if not own.told:
+        kept = kept[~torch.isin(kept // _WEIGHTS, torch.tensor(_TOLD))]
     variance[:, kept] = 1.0
     for _ in range(own.num_updates):
         seen, precision = inputs[:, kept], 1 / variance[:, kept]
@@ -299,7 +337,7 @@ def relevant(
 
 def find(pairs: TrainingPairs, cfg: FitCfg) -> FitCfg:
     """`cfg` with what described `pairs` speak for put in, done adapting: the share of
-    random answers, whether single legs matter, and how curves are picked.
+    random answers, and whether single legs matter.
 
     To weights that cannot say what was wanted, all answers look random; curves that can
     say it tell the raters' errors from their own. Among so many curves of single legs
@@ -321,8 +359,7 @@ def find(pairs: TrainingPairs, cfg: FitCfg) -> FitCfg:
 
 
 def _open_settings(cfg: SparseCfg) -> Iterator[SparseCfg]:
-    """`cfg` with everything it leaves open put in, in every way."""
+    """`cfg` with what it leaves open put in, in every way."""
     both = (False, True)
     for singles in both if cfg.single_legs is None else (cfg.single_legs,):
-        for apart in both if cfg.lines_apart is None else (cfg.lines_apart,):
-            yield replace(cfg, single_legs=singles, lines_apart=apart)
+        yield replace(cfg, single_legs=singles)

@@ -1,6 +1,7 @@
 """What a model is fitted to: both clips of every pair, described step by step.
 
-Shapes: M ensemble members, B pairs, T steps, D descriptors, K steps that count.
+Shapes: M ensemble members, B pairs, T steps, L steps looked back, D descriptors,
+K steps that count.
 """
 
 from __future__ import annotations
@@ -35,6 +36,8 @@ class TrainingPairs:
     """[B] probability that the left clip is better."""
     errors: Errors
     """How reliable each answer is."""
+    lift_offs_before: Tensor | None = None
+    """[2, B, L] as of `ClipBatch`."""
 
     def __len__(self) -> int:
         return len(self.target)
@@ -47,18 +50,29 @@ class TrainingPairs:
             fall_lead=self.fall_lead[chosen],
             target=self.target[chosen],
             errors=self.errors.part(chosen),
+            lift_offs_before=(
+                None
+                if self.lift_offs_before is None
+                else self.lift_offs_before[:, chosen]
+            ),
         )
 
     def joined(self, others: TrainingPairs) -> TrainingPairs:
         """These pairs with `others` behind them, padded to one length."""
         num_steps = max(self.steps.shape[2], others.steps.shape[2])
         ours, theirs = self._padded(num_steps), others._padded(num_steps)
+        before = (ours.lift_offs_before, theirs.lift_offs_before)
         return TrainingPairs(
             steps=torch.cat([ours.steps, theirs.steps], dim=1),
             scored=torch.cat([ours.scored, theirs.scored], dim=1),
             fall_lead=torch.cat([ours.fall_lead, theirs.fall_lead]),
             target=torch.cat([ours.target, theirs.target]),
             errors=ours.errors.joined(theirs.errors),
+            lift_offs_before=(
+                None
+                if before[0] is None or before[1] is None
+                else torch.cat([before[0], before[1]], dim=1)
+            ),
         )
 
     def _padded(self, num_steps: int) -> TrainingPairs:
@@ -112,6 +126,7 @@ def training_pairs(pairs: AnsweredPairs, cfg: FitCfg) -> TrainingPairs:
     if steps.isnan().any():
         missing = steps.isnan().any(dim=2).any(dim=0)
         steps.masked_fill_(missing[:, None], torch.nan)
+    before = (pairs.left.lift_offs_before, pairs.right.lift_offs_before)
     return TrainingPairs(
         steps=steps,
         scored=torch.stack([pairs.left.scored, pairs.right.scored]),
@@ -119,6 +134,11 @@ def training_pairs(pairs: AnsweredPairs, cfg: FitCfg) -> TrainingPairs:
         target=pairs.target,
         errors=Errors.alike(
             cfg.error_share, len(pairs), tie_threshold=cfg.tie_threshold
+        ),
+        lift_offs_before=(
+            None
+            if before[0] is None or before[1] is None
+            else torch.stack([before[0], before[1]])
         ),
     )
 

@@ -24,6 +24,7 @@ from policy.robot import load_robot
 from policy.train import TrainCfg, train
 from rewardmodel import FitCfg, RewardModel, fit_reward, load_pairs, save_reward
 from rewardmodel.cfg import MlpCfg
+from rewardmodel.clips import pad_clips
 from rewardmodel.explain import explain
 
 HELD_OUT_SEED = 99
@@ -106,7 +107,7 @@ def held_out(
 
 
 def rewards(model: RewardModel, clips: list[np.ndarray]) -> list[np.ndarray]:
-    return [explain(model, clip).reward for clip in clips]
+    return [explain(model, pad_clips([clip])).reward for clip in clips]
 
 
 def rank_correlation(one: np.ndarray, other: np.ndarray) -> float:
@@ -166,7 +167,7 @@ def test_shares_add_up(judged: Dataset, held_out: list[np.ndarray]) -> None:
     and nearly so by integrated gradients of a network."""
     pairs = load_pairs([judged])
     linear, _ = fit_reward(pairs, FitCfg(), seed=0)
-    shown = explain(linear, held_out[0])
+    shown = explain(linear, pad_clips([held_out[0]]))
     assert shown.method == "exact"
     total = shown.shares.sum(axis=1) + shown.average
     assert np.allclose(total, shown.reward, atol=1e-4)
@@ -174,7 +175,7 @@ def test_shares_add_up(judged: Dataset, held_out: list[np.ndarray]) -> None:
     pytest.importorskip("captum")
     cfg = FitCfg(kind="mlp", folds=2, mlp=MlpCfg(num_updates=30))
     network, _ = fit_reward(pairs, cfg, seed=0)
-    shown = explain(network, held_out[0])
+    shown = explain(network, pad_clips([held_out[0]]))
     assert shown.method == "gradients"
     total = shown.shares.sum(axis=1) + shown.average
     assert np.allclose(total, shown.reward, atol=0.05)
@@ -184,8 +185,8 @@ def test_methods_agree_where_the_model_is_linear(
     model: RewardModel, held_out: list[np.ndarray]
 ) -> None:
     """Hiding a group of a linear model takes away exactly its share."""
-    exact = explain(model, held_out[0]).shares
-    occluded = explain(model, held_out[0], method="occlusion").shares
+    exact = explain(model, pad_clips([held_out[0]])).shares
+    occluded = explain(model, pad_clips([held_out[0]]), method="occlusion").shares
     assert np.allclose(exact, occluded, atol=1e-4)
 
 

@@ -8,6 +8,7 @@ from typing import Literal
 import pytest
 import torch
 
+from data.features import column
 from rewardmodel import FitCfg, fit_reward
 
 from .test_rewardmodel_fit import answered
@@ -44,6 +45,19 @@ def test_who_calls_all_clips_equal_has_told_nothing(
     assert report.agreement == 0.0
     assert report.open_share == 1.0
     assert not report.enough
+
+
+def test_that_falls_cost_all_members_the_same_is_no_agreement() -> None:
+    """A clip that ends in a fall is worse than any, and all others are equal."""
+    pairs = answered(40, seed=1)
+    features = pairs.left.features.clone()
+    features[::3, -1, column("fallen")] = 1.0
+    fallen = replace(pairs.left, features=features, checked=True)
+    target = torch.where(fallen.fell, 0.0, 0.5)
+    some_fall = replace(pairs, left=fallen, target=target)
+    model, report = fit_reward(some_fall, FitCfg(kind="sparse"), seed=0)
+    assert (model.clip_returns(fallen).std(dim=1) > 0.1).all()
+    assert report.agreement == 0.0
 
 
 def test_who_has_no_lead_is_right_half_of_the_time() -> None:

@@ -687,7 +687,7 @@ def test_what_nobody_measured_is_explained_as_average() -> None:
     for clips in (pairs.left, pairs.right):
         clips.features[::3, :, column("joint_torque")] = torch.nan
     model, _ = fit_reward(pairs, FitCfg(), seed=0, measured=False)
-    found = explain(model, pairs.left.features[0].numpy())
+    found = explain(model, pad_clips([pairs.left.features[0].numpy()]))
     for told in (found.reward, found.spread, found.shares):
         assert np.isfinite(told).all()
     assert np.isfinite(judged_spread(model, pairs))

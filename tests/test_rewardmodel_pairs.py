@@ -14,6 +14,7 @@ from data.dataset import Dataset, EpisodeEntry
 from data.episode import Episode, EpisodeMeta
 from data.features import FEATURE_DIM, column
 from rewardmodel import RewardError, load_pairs
+from rewardmodel.clips import PAST_STEPS
 
 
 def episode(seed: int, steps: int, *, falls: bool = False) -> Episode:
@@ -95,6 +96,26 @@ def test_answers_become_padded_tensors(tmp_path: Path) -> None:
     assert pairs.commands.tolist() == [[0.5, 0.0, 0.25]] * 2
     assert pairs.raters == ("ada", "ada")
     assert pairs.num_without_target == 2
+
+
+def test_what_came_before_a_clip_goes_with_it(tmp_path: Path) -> None:
+    """A foot that lifts off at step 3, and one at step 60."""
+    rows = episode(1, 80).features.copy()
+    rows[:, column("foot_contact")] = 1.0
+    rows[3:, column("foot_contact").start] = 0.0
+    rows[60:, column("foot_contact").start + 1] = 0.0
+    walk = replace(episode(1, 80), features=rows)
+    data, (one, two) = dataset(tmp_path, walk, episode(2, 80))
+    answer(data, pair(Clip(one.sha256, 5, 10), Clip(two.sha256, 0, 8)), "a")
+    answer(data, pair(Clip(one.sha256, 60, 10), Clip(two.sha256, 5, 10)), "a")
+    pairs = load_pairs([data], at_least=2)
+    order = pairs.right.valid.sum(dim=1).argsort()  # the clip of 8 steps first
+    assert pairs.left.lift_offs_before is not None
+    early, late = pairs.left.lift_offs_before[order]
+    # The first step of the episode is the sixth from the end: before it nobody knows.
+    assert early[:-6].isnan().all()
+    assert early[-6:].tolist() == [0, 0, 0, 1, 0, 0]
+    assert late.tolist() == [0.0] * (PAST_STEPS - 1) + [1.0]
 
 
 def test_a_pair_asked_again_counts_once_and_a_known_answer_never(

@@ -131,11 +131,11 @@ def test_it_comes_back_from_disk_and_refuses_other_names(
 
 def test_habits_are_shared_by_occlusion(model: RewardModel) -> None:
     rows = rollout(30)[:, 0].numpy()
-    shown = explain(model, rows)
+    shown = explain(model, pad_clips([rows]))
     assert shown.method == "occlusion"
     assert np.isfinite(shown.shares).all()
     with pytest.raises(RewardError, match="--method occlusion"):
-        explain(model, rows, method="gradients")
+        explain(model, pad_clips([rows]), method="gradients")
 
 
 @pytest.mark.slow

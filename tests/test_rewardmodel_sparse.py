@@ -13,6 +13,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from data.clips import Clip
 from data.features import FEATURE_DIM, LEGS, column
 from rewardmodel import (
     AnsweredPairs,
@@ -23,9 +24,9 @@ from rewardmodel import (
     save_reward,
 )
 from rewardmodel.chance import explained_by_chance
-from rewardmodel.clips import pad_clips
+from rewardmodel.clips import pad_clips, read_clips
 from rewardmodel.curves import learned_curves
-from rewardmodel.descriptors import describe, names_seen
+from rewardmodel.descriptors import TOLD, describe, names_seen
 from rewardmodel.explain import explain
 from rewardmodel.rising import RisingReward, rises
 from rewardmodel.sparse import SparseScorer, find, stride_rate
@@ -156,10 +157,10 @@ def test_it_tells_the_errors_of_raters_from_its_own() -> None:
             training_pairs(asked(one_foot, 100, seed=0, flipped=flipped), SPARSE),
             SPARSE,
         ).error_share
-        for flipped in (0.0, 0.3)
+        for flipped in (0.0, 0.2)
     }
     assert share[0.0] <= 0.1
-    assert share[0.3] >= 0.3
+    assert share[0.2] >= 0.3
     linear, _ = fit_reward(asked(apart, 100, seed=0), FitCfg(), seed=0, measured=False)
     cfg = linear.provenance.cfg
     # To weights that cannot say it answers look wrong.
@@ -259,6 +260,58 @@ def test_a_clip_begins_in_the_middle_of_a_walk() -> None:
     assert torch.allclose(shortest, clip[49])
 
 
+@pytest.mark.parametrize("start", [0, 30, 50, 110])
+def test_a_clip_with_its_past_is_paid_as_the_episode_is(start: int) -> None:
+    """Step by step, also where the episode has not lasted a second yet."""
+    model, _ = fit_reward(asked(best_rate, 120, seed=0), SPARSE, seed=0, measured=False)
+    rng = np.random.default_rng(5)
+    walk = np.concatenate([stepping(rng) for _ in range(4)])
+    assert "stride_rate" in curves_kept(model)
+    whole, _ = model.episode_rewards(torch.from_numpy(walk))
+    clip = Clip("walk", start, 40)
+    paid, _ = model.clip_rewards(read_clips([clip], lambda clip: walk[clip.rows]))
+    assert torch.allclose(paid[0], whole[clip.rows], atol=1e-5)
+    alone, _ = model.clip_rewards(pad_clips([walk[clip.rows]]))
+    same = torch.allclose(alone[0], whole[clip.rows], atol=1e-2)
+    assert same == (start == 0)
+
+
+def test_feet_that_chatter_hide_no_walk() -> None:
+    """One clip in ten has 12 strides a second, the others 1.5 to 4, of which 2.75 are
+    best."""
+
+    def chattering(pairs: AnsweredPairs) -> AnsweredPairs:
+        features = pairs.left.features.clone()
+        often = torch.arange(STEPS) % 4 < 2
+        features[::5, :, column("foot_contact")] = often[:, None].float()
+        left = replace(pairs.left, features=features, checked=True)
+        better = best_rate(features) > best_rate(pairs.right.features)
+        return replace(pairs, left=left, target=better.float())
+
+    pairs = chattering(asked(best_rate, 120, seed=0))
+    model, _ = fit_reward(pairs, SPARSE, seed=0, measured=False)
+    assert accuracy(model, asked(best_rate, 300, seed=99)) > 0.8
+
+
+def test_what_the_task_pays_for_can_be_left_to_it() -> None:
+    """Of following commands nothing is learned; of what else was wanted, as before."""
+
+    def told(rows: Tensor) -> Tensor:
+        return -mean_of("yaw_rate_error", rows)
+
+    style = replace(SPARSE, sparse=replace(SPARSE.sparse, told=False))
+    pairs = asked(told, 60, seed=0)
+    minded, _ = fit_reward(pairs, SPARSE, seed=0, measured=False)
+    left, _ = fit_reward(pairs, style, seed=0, measured=False)
+    assert curves_kept(minded) & set(TOLD)
+    assert not curves_kept(left) & {*TOLD, "forward_speed", "yaw_rate"}
+    both = [
+        fit_reward(asked(apart, 60, seed=0), cfg, seed=0, measured=False)[0]
+        for cfg in (SPARSE, style)
+    ]
+    assert all("side_support" in curves_kept(model) for model in both)
+
+
 def test_its_curves_say_what_is_best() -> None:
     """In metres, over what was judged; a Gaussian process has none to draw."""
     pairs = asked(best_height, 120, seed=0)
@@ -275,7 +328,7 @@ def test_its_curves_say_what_is_best() -> None:
 
 def test_explanations_name_the_habit() -> None:
     model, _ = fit_reward(asked(one_foot, 60, seed=0), SPARSE, seed=0, measured=False)
-    found = explain(model, stepping(np.random.default_rng(3)))
+    found = explain(model, pad_clips([stepping(np.random.default_rng(3))]))
     largest = np.abs(found.shares).mean(axis=0).argmax()
     assert found.groups[largest] == "feet"
     assert np.allclose(
@@ -304,15 +357,15 @@ def test_nothing_is_paid_for_going_further_than_was_judged(tmp_path: Path) -> No
 
 
 def test_where_somebody_is_asked_afterwards_a_rising_curve_goes_on() -> None:
-    """Judged were 0.2 to 0.4 m, and lower was better: half of that range more."""
-    pairs = asked(lambda rows: -mean_of("height", rows), 60, seed=0)
+    """Judged were 0.2 to 0.4 m, and higher was better: half of that range more."""
+    pairs = asked(lambda rows: mean_of("height", rows), 60, seed=0)
     model, _ = fit_reward(pairs, SPARSE, seed=0, measured=False)
     reward = RisingReward(model, 0.5)
-    rows, starts = heights(0.35, 0.25, 0.5)
+    rows, starts = heights(0.35, 0.25, 0.1)
     # The robot goes beyond what was judged in something else, alike in all rows.
     more = reward(rows, starts) - model(rows, starts)
     assert torch.allclose(more, more[:1], atol=1e-5)
-    rows, starts = heights(0.2, 0.15, 0.11, 0.08, 0.05)
+    rows, starts = heights(0.4, 0.43, 0.46, 0.52, 0.55)
     paid = reward(rows, starts)[:, 0].tolist()
     assert paid[0] < paid[1] < paid[2]
     assert paid[3] == pytest.approx(paid[4], abs=1e-5)
@@ -358,7 +411,7 @@ def test_an_explained_clip_is_worth_what_it_was_to_the_fit() -> None:
     begin at a step that is average in everything, its rate of strides too."""
     model, _ = fit_reward(asked(best_rate, 120, seed=0), SPARSE, seed=0, measured=False)
     rows = stepping(np.random.default_rng(3))
-    found = explain(model, rows)
+    found = explain(model, pad_clips([rows]))
     rewards, spread = model.clip_rewards(pad_clips([rows]))
     assert np.allclose(found.reward, rewards[0], atol=1e-5)
     assert np.allclose(found.spread, spread[0], atol=1e-5)

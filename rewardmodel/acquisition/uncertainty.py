@@ -15,7 +15,7 @@ from torch import Tensor
 
 from data.clips import Clip
 from data.features import column
-from rewardmodel.clips import ClipRows, pad_clips
+from rewardmodel.clips import ClipBatch, ClipRows, read_clips
 from rewardmodel.likelihood import answer_log_probabilities
 from rewardmodel.model import RewardModel
 
@@ -94,9 +94,9 @@ class Improvement:
     def __call__(
         self, clips: Sequence[Clip], candidates: np.ndarray, rng: np.random.Generator
     ) -> np.ndarray:
-        rows, pairs = _used(self.clip_rows, clips, candidates)
-        returns = self.model.clip_returns(pad_clips(rows))  # [M, C]
-        asked_for = np.stack([own[0, column("command")] for own in rows])
+        used, pairs = _used(self.clip_rows, clips, candidates)
+        returns = self.model.clip_returns(used)  # [M, C]
+        asked_for = used.features[:, 0, column("command")].numpy()
         _, groups = np.unique(asked_for, axis=0, return_inverse=True)
         worth = np.zeros(len(candidates))
         for group in np.unique(groups):
@@ -117,20 +117,19 @@ def leads_of(
     candidates: np.ndarray,
 ) -> Tensor:
     """Logit [M, K], by member, that the left clip of each candidate is better."""
-    rows, pairs = _used(clip_rows, clips, candidates)
-    returns = model.clip_returns(pad_clips(rows))  # [M, C]
+    used, pairs = _used(clip_rows, clips, candidates)
+    returns = model.clip_returns(used)  # [M, C]
     left, right = pairs.T
     return returns[:, left] - returns[:, right]
 
 
 def _used(
     clip_rows: ClipRows, clips: Sequence[Clip], candidates: np.ndarray
-) -> tuple[list[np.ndarray], np.ndarray]:
-    """Feature rows of the clips some candidate has, and candidates [K, 2] that index
-    these."""
+) -> tuple[ClipBatch, np.ndarray]:
+    """The clips some candidate has, and candidates [K, 2] that index these."""
     used, positions = np.unique(candidates, return_inverse=True)
-    rows = [clip_rows(clips[index]) for index in used]
-    return rows, positions.reshape(candidates.shape)
+    batch = read_clips([clips[index] for index in used], clip_rows)
+    return batch, positions.reshape(candidates.shape)
 
 
 def _answers(model: RewardModel, leads: Tensor) -> Tensor:
