@@ -16,7 +16,7 @@ from .criteria import Criterion
 from .loop_cfg import LoopCfg
 from .people import People
 from .progress import console
-from .rounds import Round, approved
+from .rounds import Round, began_from
 from .side_by_side import (
     both_policies,
     first_erred,
@@ -63,7 +63,7 @@ def approval_stage(
     partial = round.root / "policy.partial"
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir()
-    write_atomically(partial / POLICY_NAME, approved(round.before).read_bytes())
+    write_atomically(partial / POLICY_NAME, began_from(round).read_bytes())
     replace_directory(partial, round.policy.parent)
 
 

@@ -120,6 +120,9 @@ class LoopCfg:
     """Share of the judged range of a habit by which the curve of a style that still
     rises at its end goes on, wherever somebody is asked about what is found there: in
     the last retraining only where answers are kept for it."""
+    from_best: bool = field(default=True, metadata=ADDED_LATER)
+    """Whether the training of a style goes on from the policy so far that the newest
+    reward likes best, instead of from the last."""
     mirror: bool = field(default=True, metadata=ADDED_LATER)
     """Let policies learn from every step as its mirror image too, where both sides of
     the robot are the same and what is learned does not tell left from right: a leg

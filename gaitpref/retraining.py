@@ -24,11 +24,19 @@ from rewardmodel.rising import RisingReward
 from rewardmodel.sparse import SparseScorer
 from rewardmodel.storage import load_reward
 
+from .going_on import choose_start
 from .loop_cfg import LoopCfg
 from .people import People
 from .progress import console, training_bar
 from .rewards import total_reward
-from .rounds import STANDSTILL_NAME, Round, approved, place_of, seed_of
+from .rounds import (
+    STANDSTILL_NAME,
+    Round,
+    approved,
+    began_from,
+    place_of,
+    seed_of,
+)
 from .side_by_side import labels_kept
 from .sides import in_mirror
 from .standstill import Standstill, standstill_before
@@ -162,6 +170,7 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
             train_cfg = replace(train_cfg, ppo=in_mirror(cfg.ppo, robot))
         return _Plan(cfg=train_cfg)
     model = load_reward(round.before.reward)
+    choose_start(cfg, round, model)
     if cfg.mirror:
         seen = rows_of_round(round.before, dataset)
         train_cfg = replace(train_cfg, ppo=in_mirror(cfg.ppo, robot, model, seen))
@@ -193,7 +202,7 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
         cfg=train_cfg,
         reward_fn=reward_fn,
         reward_name=f"the reward learned in round {round.number - 1}",
-        init=approved(round.before),
+        init=began_from(round),
         watch=watched(cfg, round, dataset, reward_fn),
         standstill=standstill,
     )

@@ -66,6 +66,11 @@ class Round:
         return self.root / "episodes.json"
 
     @property
+    def began(self) -> Path:
+        """Names the round whose policy the training of this one began from."""
+        return self.root / "began.json"
+
+    @property
     def before(self) -> Round:
         return Round(self.run, self.number - 1)
 
@@ -81,6 +86,13 @@ def approved(round: Round) -> Path:
             break
         round = round.before
     return round.policy
+
+
+def began_from(round: Round) -> Path:
+    """The policy that the training of `round` began from."""
+    if round.began.exists():
+        return Round(round.run, json.loads(round.began.read_text())["round"]).policy
+    return approved(round.before)
 
 
 def seed_of(cfg: LoopCfg, *purpose: int) -> int:

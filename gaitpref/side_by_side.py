@@ -30,7 +30,7 @@ from rewardmodel.storage import load_reward
 from .loop_cfg import LoopCfg
 from .people import People
 from .questions import clips_of
-from .rounds import Round, approved, place_of, seed_of
+from .rounds import Round, began_from, place_of, seed_of
 
 STRATEGY = "approval"
 _EPISODES = 10
@@ -102,7 +102,7 @@ def both_policies(
     file = round.candidate / POLICY_NAME if last else round.policy
     if not file.exists():
         return None
-    new, old = load_policy(file), load_policy(approved(round.before))
+    new, old = load_policy(file), load_policy(began_from(round))
     return None if new.sha256 == old.sha256 else (new, old)
 
 

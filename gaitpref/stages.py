@@ -28,7 +28,7 @@ from .loop_cfg import LoopCfg
 from .people import People
 from .progress import console, counting_bar
 from .rewards import score_of_criterion
-from .rounds import Round, approved, place_of, seed_of
+from .rounds import Round, began_from, place_of, seed_of
 from .watch import trust_of_round
 
 
@@ -66,7 +66,7 @@ def fit_stage(cfg: LoopCfg, round: Round, dataset: Dataset, people: People) -> N
 
 def began_with(cfg: LoopCfg, round: Round) -> float:
     """Return, under the reward a round trained on, of the policy it began from."""
-    began = approved(round.before)
+    began = began_from(round)
     if began == round.before.policy:
         return json.loads(round.before.report.read_text())["learned_return_next"]
     return evaluate(

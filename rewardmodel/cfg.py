@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import ClassVar, Literal
 
 from data.plain import ADDED_LATER
 
@@ -151,19 +151,14 @@ class GpCfg:
 class SparseCfg:
     """A sum of curves of single descriptors, of which the answers pick few."""
 
+    REMOVED: ClassVar = ("sparsity", "num_updates", "lines_apart")
+    """Settings that older files have: of how curves were picked before."""
+
     num_members: int = 8
     """Models fitted to resampled answers."""
-    sparsity: float = 0.2
-    """Shape of the inverse gamma prior on the variance of a line or bend, for each of
-    its weights: larger means fewer curves."""
-    num_updates: int = 30
-    """Times the variances are found anew."""
     single_legs: bool | None = None
     """Whether one leg or one side may matter more than another; None: where the answers
     speak for it (`rewardmodel.sparse.find`)."""
-    lines_apart: bool = False
-    """Whether a straight line and the bends on it are picked apart, so that a line is
-    one weight, sooner known than six. Among twice as many parts more fit by chance."""
     told: bool = field(default=True, metadata=ADDED_LATER)
     """Whether doing what the robot is told may matter: how fast it goes and turns, and
     by how much too fast or slow. Where a task pays for that, a policy cannot change it,
@@ -171,8 +166,6 @@ class SparseCfg:
 
     def __post_init__(self) -> None:
         _require_members(self.num_members)
-        if self.sparsity < 0.0:
-            raise ValueError(f"sparsity must not be negative, got {self.sparsity}")
 
     @property
     def is_open(self) -> bool:

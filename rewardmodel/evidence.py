@@ -23,6 +23,7 @@ from .linear import (
     hessian_factor,
     posterior_modes,
     scaled_differences,
+    weighed,
 )
 from .normaliser import Normaliser
 from .training import TrainingPairs
@@ -163,19 +164,34 @@ def evidence(
     theta = posterior_modes(
         inputs, pairs, counts, cfg, precision=precision, mean=mean, start=start
     )
-    leads = theta @ inputs.mT + pairs.fall_lead.double()
+    return float(log_evidence(inputs, pairs, counts, cfg, precision, theta, mean=mean))
+
+
+def log_evidence(
+    inputs: Tensor,
+    pairs: TrainingPairs,
+    counts: Tensor,
+    cfg: FitCfg,
+    precision: Tensor | float,
+    theta: Tensor,
+    *,
+    mean: Tensor | float = 0.0,
+) -> Tensor:
+    """The same [M], of the answers every member sees, around modes `theta` [M, D]; the
+    arguments are those of `posterior_modes`."""
+    leads = weighed(inputs, theta) + pairs.fall_lead.double()
     _, curvature = log_likelihood_derivatives(
         leads,
         pairs.target.double(),
         tie_threshold=cfg.tie_threshold,
         error_share=pairs.errors,
     )
-    factor = hessian_factor(inputs, -counts * curvature, precision)[0]
-    fitted = pairs.log_likelihood(leads, cfg).sum()
-    prior = precision + inputs.new_zeros(inputs.shape[1])
-    held_back = (prior * (theta - mean).square()).sum() / 2
-    free = 2 * factor.diagonal().log().sum() - prior.log().sum()
-    return float(fitted - held_back - free / 2)
+    factor = hessian_factor(inputs, -counts * curvature, precision)
+    fitted = (counts * pairs.log_likelihood(leads, cfg)).sum(dim=-1)
+    prior = precision + torch.zeros_like(theta)
+    held_back = (prior * (theta - mean).square()).sum(dim=-1) / 2
+    free = 2 * factor.diagonal(dim1=-2, dim2=-1).log().sum(dim=-1)
+    return fitted - held_back - (free - prior.log().sum(dim=-1)) / 2
 
 
 def erring(pairs: TrainingPairs, cfg: FitCfg, share: float) -> TrainingPairs:

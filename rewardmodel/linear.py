@@ -161,6 +161,7 @@ def posterior_modes(
     precision: Tensor | float,
     mean: Tensor | float = 0.0,
     start: Tensor | None = None,
+    max_updates: int = _MAX_UPDATES,
 ) -> Tensor:
     """Weights theta [M, D] at a mode of the posterior, by damped Newton steps from mu.
 
@@ -170,34 +171,37 @@ def posterior_modes(
     one.
 
     Args:
-        inputs: [B, D] float64 scaled differences of the clips.
+        inputs: [B, D] float64 scaled differences of the clips, or [M, B, D], where
+            members look at other things.
         pairs: Their answers and falls.
         counts: [M, B] float64, how often a member sees an answer.
         cfg: The likelihood of an answer.
         precision: Of the Gaussian prior on each weight, [M, D] or one for all.
         mean: Of the same, [D] or one for all.
         start: [M, D] where to start instead.
+        max_updates: Newton steps at most.
     """
     target, offset = pairs.target.double(), pairs.fall_lead.double()
     sizes = torch.tensor(_STEP_SIZES, dtype=inputs.dtype)[:, None, None]
-    theta = inputs.new_zeros(len(counts), inputs.shape[1]) + mean
+    theta = inputs.new_zeros(len(counts), inputs.shape[-1]) + mean
     if start is not None:
         theta = start
 
-    for _ in range(_MAX_UPDATES):
+    for _ in range(max_updates):
         slope, curvature = log_likelihood_derivatives(
-            theta @ inputs.mT + offset,
+            weighed(inputs, theta) + offset,
             target,
             tie_threshold=cfg.tie_threshold,
             error_share=pairs.errors,
         )
-        uphill = (counts * slope) @ inputs - precision * (theta - mean)
+        pull = weighed(inputs.mT, counts * slope)
+        uphill = pull - precision * (theta - mean)
         if uphill.abs().max() < _TOLERANCE:
             break
         factor = hessian_factor(inputs, -counts * curvature, precision)
         step = torch.cholesky_solve(uphill[..., None], factor)[..., 0]
         tried = theta + sizes * step  # [S, M, D]
-        likelihood = pairs.log_likelihood(tried @ inputs.mT + offset, cfg)
+        likelihood = pairs.log_likelihood(weighed(inputs, tried) + offset, cfg)
         off = (precision * (tried - mean).square()).sum(-1)
         height = (counts * likelihood).sum(-1) - off / 2
         best = height.argmax(dim=0)
@@ -207,26 +211,11 @@ def posterior_modes(
     return theta
 
 
-def posterior_variances(
-    inputs: Tensor,
-    pairs: TrainingPairs,
-    counts: Tensor,
-    cfg: FitCfg,
-    precision: Tensor | float,
-    theta: Tensor,
-) -> Tensor:
-    """Variances [M, D] of the weights around a mode, as Laplace's approximation has it.
-
-    The arguments are those of `posterior_modes`, and the modes [M, D] it found.
-    """
-    _, curvature = log_likelihood_derivatives(
-        theta @ inputs.mT + pairs.fall_lead.double(),
-        pairs.target.double(),
-        tie_threshold=cfg.tie_threshold,
-        error_share=pairs.errors,
-    )
-    factor = hessian_factor(inputs, -counts * curvature, precision)
-    return torch.cholesky_inverse(factor).diagonal(dim1=-2, dim2=-1)
+def weighed(inputs: Tensor, theta: Tensor) -> Tensor:
+    """Sums [..., M, B] of inputs, [B, D] or [M, B, D], by weights [..., M, D]."""
+    if inputs.ndim == 2:
+        return theta @ inputs.mT
+    return torch.einsum("...md,mbd->...mb", theta, inputs)
 
 
 def hessian_factor(inputs: Tensor, bends: Tensor, precision: Tensor | float) -> Tensor:
@@ -234,11 +223,11 @@ def hessian_factor(inputs: Tensor, bends: Tensor, precision: Tensor | float) -> 
     where it is not.
 
     Args:
-        inputs: [B, D] scaled differences of the clips.
+        inputs: [B, D] or [M, B, D] scaled differences of the clips.
         bends: [M, B] second derivatives of the negated log-likelihood.
         precision: Of the prior, [M, D] or one for all.
     """
-    prior = torch.diag_embed(precision + inputs.new_zeros(inputs.shape[1]))
+    prior = torch.diag_embed(precision + inputs.new_zeros(inputs.shape[-1]))
     exact = (bends[..., None] * inputs).mT @ inputs + prior
     factor, failures = torch.linalg.cholesky_ex(exact)
     if not failures.any():

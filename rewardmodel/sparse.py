@@ -2,12 +2,9 @@
 
 A wish about a walk that is there already is about one or two habits, and hardly ever a
 straight line: a trunk carried *so* low, one foot held *so* high. The reward of a step
-is a sum of smooth curves, one of each descriptor, and the weights of a curve share a
-variance that is found from the answers (automatic relevance determination, MacKay 1994,
-"Bayesian methods for backpropagation networks"; expectation maximisation as in Tipping
-2001, "Sparse Bayesian learning", eq. 48, with an inverse gamma prior on each variance).
-What the answers do not speak of ends at next to nothing, however many descriptors there
-are, so this model sees the legs one by one and the stride rate too.
+is a sum of smooth curves, one of each descriptor, of which each member takes those its
+answers speak for (`rewardmodel.forward`). All others are nothing, however many
+descriptors there are, so this model sees the legs one by one and the stride rate too.
 
 Shapes: M ensemble members, B pairs, T steps, D descriptors, G curves (D and the stride
 rate's), W weights of a curve, P = G W.
@@ -26,9 +23,10 @@ from .cfg import FitCfg, SparseCfg
 from .clips import PAST_STEPS, mean_over
 from .descriptors import TOLD, names_seen, quadratic_seen
 from .evidence import ERROR_SHARES, erring, evidence, expected_share
+from .forward import chosen_curves
 from .history import since_start
 from .legs import CONTACTS, SINGLE
-from .linear import MIN_SPREAD, posterior_modes, posterior_variances
+from .linear import MIN_SPREAD
 from .normaliser import Normaliser
 from .training import TrainingPairs, bootstrap_counts
 
@@ -47,8 +45,6 @@ _RANGE_QUANTILE = 0.01
 is flat: from a crouch nobody was shown, no answer says whether it is too low."""
 _ROOT_FROM = 0.01
 """Added to a share of the judged range before its root is taken."""
-_FLOOR, _PRUNED = 1e-4, 1e-2
-"""The least variance of a curve's weights, and the one at which it is left out."""
 _CONTACTS = tuple(
     index
     for index, name in enumerate(names_seen("legs"))
@@ -302,37 +298,15 @@ def relevant(
         inputs: [B, P] float64 scaled differences of the clips' curves.
         pairs: Their answers and falls.
         counts: [M, B] float64, how often a member sees an answer.
-        cfg: The likelihood of an answer, and how much a curve has to say to stay.
+        cfg: The likelihood of an answer, and which curves may matter.
     """
-    own, total = cfg.sparse, inputs.shape[1]
-    part = torch.arange(total) // _WEIGHTS
-    if own.lines_apart:
-        part = 2 * part + (torch.arange(total) % _WEIGHTS > 0)
-    weights = torch.bincount(part).double()
-    theta = inputs.new_zeros(len(counts), total)
-    variance = torch.full_like(theta, _FLOOR)
-    kept = torch.arange(total)
-    if not own.single_legs:
-        kept = kept[~torch.isin(kept // _WEIGHTS, torch.tensor(_SINGLE))]
-    if not own.told:
-        kept = kept[~torch.isin(kept // _WEIGHTS, torch.tensor(_TOLD))]
-    variance[:, kept] = 1.0
-    for _ in range(own.num_updates):
-        seen, precision = inputs[:, kept], 1 / variance[:, kept]
-        modes = posterior_modes(
-            seen, pairs, counts, cfg, precision=precision, start=theta[:, kept]
-        )
-        unsure = posterior_variances(seen, pairs, counts, cfg, precision, modes)
-        size = theta.new_zeros(len(counts), len(weights))
-        size.index_add_(1, part[kept], modes.square() + unsure)
-        found = (size / weights + 2 * own.sparsity * _FLOOR) / (1 + 2 * own.sparsity)
-        variance[:, kept] = found.clamp_min(_FLOOR)[:, part[kept]]
-        theta = torch.zeros_like(theta)
-        theta[:, kept] = modes
-        kept = kept[(found > _PRUNED).any(dim=0)[part[kept]]]
-        if not len(kept):
-            return torch.zeros_like(theta), variance
-    return theta, variance
+    curves = inputs.unflatten(1, (-1, _WEIGHTS))
+    allowed = curves.abs().sum(dim=(0, 2)) > 0
+    if not cfg.sparse.single_legs:
+        allowed[list(_SINGLE)] = False
+    if not cfg.sparse.told:
+        allowed[list(_TOLD)] = False
+    return chosen_curves(curves, pairs, counts, cfg, allowed=allowed.nonzero()[:, 0])
 
 
 def find(pairs: TrainingPairs, cfg: FitCfg) -> FitCfg:

@@ -70,7 +70,7 @@ def test_a_rhythm_is_learned_by_looking_back_alone(kind: Kind, learns: bool) -> 
 
 
 LOOKING_BACK = [
-    FitCfg(kind="sparse", sparse=SparseCfg(num_members=2, num_updates=1)),
+    FitCfg(kind="sparse", sparse=SparseCfg(num_members=2)),
     FitCfg(kind="history", history=HistoryCfg(num_updates=3)),
     FitCfg(kind="transformer", transformer=TransformerCfg(num_updates=3)),
 ]
