@@ -13,21 +13,21 @@ import math
 from data.files import write_atomically
 from policy.checkpoint import load_policy
 from policy.evaluate import evaluate
-from rewardmodel.model import RewardModel
+from policy.ppo import RewardFn
 
 from .loop_cfg import LoopCfg
 from .progress import console
 from .rounds import Round, seed_of
 
 
-def choose_start(cfg: LoopCfg, round: Round, model: RewardModel) -> None:
-    """Write down which policy so far `model`, the newest reward, likes best, of those
-    that no answers spoke against; nothing where the training goes on from the last."""
+def choose_start(cfg: LoopCfg, round: Round, score_fn: RewardFn) -> None:
+    """Write down which policy so far the newest reward, `score_fn`, likes best, of
+    those no answers spoke against; nothing where training goes on from the last."""
     if round.began.exists() or not cfg.from_best or not cfg.keeps_task:
         return
     earlier = (Round(round.run, number) for number in range(round.number))
     worth = {
-        each.number: _worth(cfg, each, model) for each in earlier if _may_go_on(each)
+        each.number: _worth(cfg, each, score_fn) for each in earlier if _may_go_on(each)
     }
     # Of policies that are worth the same the newest, as where one stayed for a round.
     best = max(worth, key=lambda number: (worth[number], number))
@@ -48,13 +48,13 @@ def _may_go_on(round: Round) -> bool:
     return json.loads(round.approval.read_text())["approved"]
 
 
-def _worth(cfg: LoopCfg, round: Round, model: RewardModel) -> float:
-    """Return of the round's policy under `model`; none where nothing can be said of
+def _worth(cfg: LoopCfg, round: Round, score_fn: RewardFn) -> float:
+    """Return of the round's policy under `score_fn`; none where nothing can be said of
     it, as its simulations diverge."""
     try:
         return evaluate(
             load_policy(round.policy),
-            model,
+            score_fn,
             episodes=cfg.evaluation_episodes,
             seed=seed_of(cfg, 0, 6),
         ).return_mean
