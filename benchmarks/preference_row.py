@@ -193,12 +193,8 @@ def _train_on_criterion(out: Path, cfg: LoopCfg, base: Path | None) -> None:
         score = score_of_criterion(load_criterion(cfg.criterion, context))
         reward_fn = total_reward(score, setting.robot, cfg.env, known=cfg.known)
     train_cfg = TrainCfg(steps=steps_of(cfg), env=cfg.env, ppo=ppo, seed=REFERENCE_SEED)
-    explore = cfg.exploration
-    if base is not None and explore is not None:
-        # In one go what the loop does in its last training.
-        train_cfg = replace(
-            train_cfg, exploration_std=explore.last, final_std=explore.final
-        )
+    if cfg.exploration is None:
+        train_cfg = replace(train_cfg, final_std=cfg.calm_std, calm_from=cfg.calm_from)
     train(
         out,
         setting.robot,

@@ -42,24 +42,12 @@ class ExplorationCfg:
     """At the start of the last round."""
     final: float = 0.1
     """The most at its end: a gait that only noise sets going is no gait."""
-    every_round: bool = field(default=False, metadata=ADDED_LATER)
-    """Whether it comes down to that in every round. Feet that noise makes chatter have
-    the rate of steps that is paid for, and without it they have not."""
-
-    @classmethod
-    def steady(cls, std: float) -> ExplorationCfg:
-        """The same in every round, and gone at its end: for a walk that is there."""
-        return cls(early=std, late=std, last=std, every_round=True)
 
     def std(self, round: int, rounds: int) -> float:
         """Noise for the training of `round`, counted from 1."""
         if round >= rounds:
             return self.last
         return self.early if round <= 0.6 * rounds else self.late
-
-    def final_std(self, round: int, rounds: int) -> float | None:
-        """The most at the end of the training of `round`; None: as much as there is."""
-        return self.final if self.every_round or round >= rounds else None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,6 +121,13 @@ class LoopCfg:
     walk."""
     exploration: ExplorationCfg | None
     """Noise put back every round; None keeps what the policy has."""
+    calm_std: float | None = field(default=None, metadata=ADDED_LATER)
+    """Where none is put back, the most noise there may be at the end of every training:
+    feet that noise makes chatter have the rate of steps that is paid for, and without
+    noise they have not."""
+    calm_from: float = field(default=0.75, metadata=ADDED_LATER)
+    """Share of a training after which it comes down to that: the less noise, the slower
+    is learned."""
     far_limit: float | None = None
     """Share of a policy's motion that is far from every judged clip, or paid more than
     any of them, at which a round's training ends early and asks, if much of the reward

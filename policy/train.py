@@ -50,18 +50,21 @@ class TrainCfg:
     """Exploration noise to start from instead of that of the initial policy."""
     final_std: float | None = None
     """The most exploration noise there may be at the end, come down to linearly from
-    `exploration_std`; a gait that only noise sets going is no gait."""
-
-    def __post_init__(self) -> None:
-        if self.final_std is not None and self.exploration_std is None:
-            raise ValueError("final_std needs an exploration_std to come down from")
+    `exploration_std`, or from the algorithm's `init_std`; a gait that only noise sets
+    going is no gait."""
+    calm_from: float = 0.0
+    """Share of the training after which it comes down."""
 
     def std_limit(self, iteration: int) -> float | None:
         """The most exploration noise there may be after `iteration`."""
-        if self.final_std is None or self.exploration_std is None:
+        if self.final_std is None:
             return None
+        first = self.exploration_std
+        if first is None:
+            first = self.ppo.init_std
         done = min(1.0, iteration / max(1, self.iterations))
-        return self.exploration_std + done * (self.final_std - self.exploration_std)
+        calm = max(0.0, done - self.calm_from) / max(1.0 - self.calm_from, 1e-9)
+        return first + calm * (self.final_std - first)
 
     @property
     def iterations(self) -> int:
