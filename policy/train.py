@@ -7,7 +7,7 @@ import json
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from torch import Tensor
 from torch.utils.tensorboard.writer import SummaryWriter
 
 from data.files import write_atomically
-from data.plain import to_plain
+from data.plain import ADDED_LATER, to_plain
 
 from .checkpoint import PolicyError, PolicyInfo, read_plain, save_policy
 from .config import EnvCfg
@@ -52,7 +52,7 @@ class TrainCfg:
     """The most exploration noise there may be at the end, come down to linearly from
     `exploration_std`, or from the algorithm's `init_std`; a gait that only noise sets
     going is no gait."""
-    calm_from: float = 0.0
+    calm_from: float = field(default=0.0, metadata=ADDED_LATER)
     """Share of the training after which it comes down."""
 
     def std_limit(self, iteration: int) -> float | None:

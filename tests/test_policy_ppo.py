@@ -6,6 +6,7 @@ import math
 import os
 import signal
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -222,6 +223,17 @@ def test_training_goes_on_from_a_policy(robot: Robot, tmp_path: Path) -> None:
     assert info.steps == 5 * PPO.steps_per_iteration
     assert stats[0].scalars["policy/reference_kl"] == pytest.approx(0.0, abs=1e-5)
     assert abs(stats[-1].scalars["policy/reference_kl"]) > 1e-4
+
+
+def test_noise_comes_down_in_the_end(robot: Robot, tmp_path: Path) -> None:
+    """In the second half of eight iterations, from what the algorithm began with."""
+    stats: list[IterationStats] = []
+    cfg = replace(_cfg(8), final_std=0.02, calm_from=0.5)
+    train(tmp_path, robot, cfg, on_iteration=stats.append)
+    found = [each.scalars["policy/std"] for each in stats]
+    assert min(found[:4]) > 0.09
+    assert all(later < earlier for earlier, later in pairwise(found[4:]))
+    assert found[-1] < 0.05
 
 
 def test_a_policy_file_is_enough_to_act(robot: Robot, tmp_path: Path) -> None:
