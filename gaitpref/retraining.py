@@ -169,7 +169,8 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
         if cfg.mirror:
             train_cfg = replace(train_cfg, ppo=in_mirror(cfg.ppo, robot))
         return _Plan(cfg=train_cfg)
-    if cfg.exploration is None:
+    last = round.number == cfg.rounds
+    if last and cfg.exploration is None:
         train_cfg = replace(train_cfg, final_std=cfg.calm_std, calm_from=cfg.calm_from)
     model = load_reward(round.before.reward)
     choose_start(cfg, round, model)
@@ -194,7 +195,6 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
         tracking_limit=_tracking_limit(cfg, round),
     )
     if cfg.exploration is not None:
-        last = round.number == cfg.rounds
         train_cfg = replace(
             train_cfg,
             exploration_std=cfg.exploration.std(round.number, cfg.rounds),

@@ -49,19 +49,19 @@ class TrainCfg:
     exploration_std: float | None = None
     """Exploration noise to start from instead of that of the initial policy."""
     final_std: float | None = None
-    """The most exploration noise there may be at the end, come down to linearly from
-    `exploration_std`, or from the algorithm's `init_std`; a gait that only noise sets
-    going is no gait."""
+    """The most exploration noise there may be at the end, come down to linearly; a gait
+    that only noise sets going is no gait."""
     calm_from: float = field(default=0.0, metadata=ADDED_LATER)
-    """Share of the training after which it comes down."""
+    """Share of the training after which it comes down, from the algorithm's `init_std`;
+    at 0 from `exploration_std`, if that is given."""
 
     def std_limit(self, iteration: int) -> float | None:
         """The most exploration noise there may be after `iteration`."""
         if self.final_std is None:
             return None
-        first = self.exploration_std
-        if first is None:
-            first = self.ppo.init_std
+        first = self.ppo.init_std
+        if self.exploration_std is not None and not self.calm_from:
+            first = self.exploration_std
         done = min(1.0, iteration / max(1, self.iterations))
         calm = max(0.0, done - self.calm_from) / max(1.0 - self.calm_from, 1e-9)
         return first + calm * (self.final_std - first)
