@@ -122,12 +122,14 @@ class LoopCfg:
     exploration: ExplorationCfg | None
     """Noise put back every round; None keeps what the policy has."""
     calm_std: float | None = field(default=None, metadata=ADDED_LATER)
-    """Where none is put back, the most noise there may be at the end of the last round:
+    """Where none is put back, the most noise there may be at the end of every training:
     feet that noise makes chatter have the rate of steps that is paid for, and without
     noise they have not."""
-    calm_from: float = field(default=0.75, metadata=ADDED_LATER)
-    """Share of its training after which it comes down to that: the less noise, the
-    slower is learned."""
+    noise_back: float = field(default=0.3, metadata=ADDED_LATER)
+    """Noise that the next training begins with where it came down."""
+    calm_from: float = field(default=0.85, metadata=ADDED_LATER)
+    """Share of a training after which it comes down to that: the less noise, the slower
+    is learned."""
     far_limit: float | None = None
     """Share of a policy's motion that is far from every judged clip, or paid more than
     any of them, at which a round's training ends early and asks, if much of the reward

@@ -170,8 +170,13 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
             train_cfg = replace(train_cfg, ppo=in_mirror(cfg.ppo, robot))
         return _Plan(cfg=train_cfg)
     last = round.number == cfg.rounds
-    if last and cfg.exploration is None:
-        train_cfg = replace(train_cfg, final_std=cfg.calm_std, calm_from=cfg.calm_from)
+    if cfg.exploration is None and cfg.calm_std is not None:
+        train_cfg = replace(
+            train_cfg,
+            exploration_std=cfg.noise_back if round.number > 1 else None,
+            final_std=cfg.calm_std,
+            calm_from=cfg.calm_from,
+        )
     model = load_reward(round.before.reward)
     choose_start(cfg, round, model)
     if cfg.mirror:
