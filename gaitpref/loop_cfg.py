@@ -122,9 +122,9 @@ class LoopCfg:
     exploration: ExplorationCfg | None
     """Noise put back every round; None keeps what the policy has."""
     calm_std: float | None = field(default=None, metadata=ADDED_LATER)
-    """Where none is put back, the most noise there may be at the end of every training:
-    feet that noise makes chatter have the rate of steps that is paid for, and without
-    noise they have not."""
+    """Where none is put back, the most noise there may be at the end of a training that
+    is paid for the rate of steps: feet that noise makes chatter have that rate, and
+    without noise they have not."""
     noise_back: float = field(default=0.3, metadata=ADDED_LATER)
     """Noise that the next training begins with where it came down."""
     calm_from: float = field(default=0.85, metadata=ADDED_LATER)

@@ -26,6 +26,7 @@ from rewardmodel.storage import load_reward
 
 from .going_on import choose_start
 from .loop_cfg import LoopCfg
+from .noise import with_noise
 from .people import People
 from .progress import console, training_bar
 from .rewards import total_reward
@@ -169,14 +170,6 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
         if cfg.mirror:
             train_cfg = replace(train_cfg, ppo=in_mirror(cfg.ppo, robot))
         return _Plan(cfg=train_cfg)
-    last = round.number == cfg.rounds
-    if cfg.exploration is None and cfg.calm_std is not None:
-        train_cfg = replace(
-            train_cfg,
-            exploration_std=cfg.noise_back if round.number > 1 else None,
-            final_std=cfg.calm_std,
-            calm_from=cfg.calm_from,
-        )
     model = load_reward(round.before.reward)
     choose_start(cfg, round, model)
     if cfg.mirror:
@@ -199,17 +192,13 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
         keep_task=cfg.keeps_task,
         tracking_limit=_tracking_limit(cfg, round),
     )
-    if cfg.exploration is not None:
-        train_cfg = replace(
-            train_cfg,
-            exploration_std=cfg.exploration.std(round.number, cfg.rounds),
-            final_std=cfg.exploration.final if last else None,
-        )
+    init = began_from(round)
+    train_cfg = with_noise(cfg, round.number, train_cfg, model, load_policy(init))
     return _Plan(
         cfg=train_cfg,
         reward_fn=reward_fn,
         reward_name=f"the reward learned in round {round.number - 1}",
-        init=began_from(round),
+        init=init,
         watch=watched(cfg, round, dataset, reward_fn),
         standstill=standstill,
     )

@@ -137,6 +137,11 @@ class SparseScorer(nn.Module):
         """[G] the same of a step that is average in everything."""
         return self._on_range(torch.zeros_like(self.judged[0])).clamp(0, 1)
 
+    @property
+    def share_with_rate(self) -> float:
+        """Share of the members that have a curve of the stride rate."""
+        return float((self.weights[:, -_WEIGHTS:] != 0).any(dim=1).float().mean())
+
     def forward(
         self,
         steps: Tensor,

@@ -1,0 +1,56 @@
+"""How much exploration noise a round's training has, and whether it comes down.
+
+Noise makes feet chatter on the ground. Where the rate of steps is paid for, a policy is
+then paid for what is gone without noise, so that noise has to come down before it is
+done; elsewhere that costs more than it gives, as less noise learns more slowly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from policy.checkpoint import Policy
+from policy.train import TrainCfg
+from rewardmodel.model import RewardModel
+from rewardmodel.sparse import SparseScorer
+
+from .loop_cfg import LoopCfg
+
+_MANY = 0.5
+"""Share of a reward's members that pay for the rate of steps, from which on it does."""
+_GONE = 1.5
+"""Times `LoopCfg.calm_std` up to which a policy's noise has come down."""
+
+
+def with_noise(
+    cfg: LoopCfg, round: int, train_cfg: TrainCfg, model: RewardModel, start: Policy
+) -> TrainCfg:
+    """`train_cfg` with the noise of the training of `round`, counted from 1.
+
+    Args:
+        cfg: The loop.
+        round: Which retraining.
+        train_cfg: Its training otherwise.
+        model: The reward it is paid.
+        start: The policy it begins from.
+    """
+    if cfg.exploration is not None:
+        last = round == cfg.rounds
+        return replace(
+            train_cfg,
+            exploration_std=cfg.exploration.std(round, cfg.rounds),
+            final_std=cfg.exploration.final if last else None,
+        )
+    if cfg.calm_std is None:
+        return train_cfg
+    if float(start.std.mean()) < _GONE * cfg.calm_std:
+        train_cfg = replace(train_cfg, exploration_std=cfg.noise_back)
+    if not pays_for_rate(model):
+        return train_cfg
+    return replace(train_cfg, final_std=cfg.calm_std, calm_from=cfg.calm_from)
+
+
+def pays_for_rate(model: RewardModel) -> bool:
+    """Whether many members of a sum of curves pay for the rate of steps."""
+    scorer = model.scorer
+    return isinstance(scorer, SparseScorer) and scorer.share_with_rate >= _MANY
