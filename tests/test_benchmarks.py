@@ -112,11 +112,20 @@ def test_preferences(tmp_path: Path) -> None:
     assert (tmp_path / "images/preferences.svg").stat().st_size > 1000
     # From one start with one seed, they differ in what they were trained on.
     walk, brisk = (
-        load_policy(next(work.glob(f"true-{task}-*/policy.pt")))
+        load_policy(next(work.glob(f"true-{task}-*/noisy/policy.pt")))
         for task in ("walk", "brisk_walk")
     )
     obs = torch.linspace(-1, 1, 48)[None]
     assert not torch.equal(walk(obs), brisk(obs))
+    # A style is compared with the better of two, the noise of one of which came down.
+    noisy, calm = (
+        float(
+            load_policy(next(work.glob(f"true-nose_up-*/{way}/policy.pt"))).std.mean()
+        )
+        for way in ("noisy", "calm")
+    )
+    assert calm == pytest.approx(0.1, rel=0.05)
+    assert noisy > 2 * calm
 
     # A row that is there is not run again, and one that is not, is.
     finished = {path: path.stat().st_mtime_ns for path in results.glob("*.json")}
