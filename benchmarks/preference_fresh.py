@@ -39,8 +39,8 @@ class FreshPairs:
     """[B] 1, 0.5 or 0: left, neither, right is better."""
 
     def leads(self, model: RewardModel) -> Tensor:
-        """What `model` says of them: mean logit [B] of the left clips."""
-        return model.leads(self.left, self.right).mean(dim=0)
+        """What `model` says of them: logit [B] of the left clips."""
+        return model.lead(self.left, self.right)
 
 
 def fresh_pairs(run: Path, cfg: LoopCfg, criterion: Criterion) -> FreshPairs:

@@ -16,8 +16,8 @@ from rewardmodel.sparse import SparseScorer
 
 from .loop_cfg import LoopCfg
 
-_MANY = 0.5
-"""Share of a reward's members that pay for the rate of steps, from which on it does."""
+_MUCH = 0.25
+"""Of what the most important habit makes of a reward, from which on another counts."""
 _GONE = 1.5
 """Times `LoopCfg.calm_std` up to which a policy's noise has come down."""
 
@@ -51,6 +51,8 @@ def with_noise(
 
 
 def pays_for_rate(model: RewardModel) -> bool:
-    """Whether many members of a sum of curves pay for the rate of steps."""
-    scorer = model.scorer
-    return isinstance(scorer, SparseScorer) and scorer.share_with_rate >= _MANY
+    """Whether the rate of steps is among the few things a sum of curves is about."""
+    if not isinstance(payer := model.payer, SparseScorer):
+        return False
+    heights = payer.heights
+    return bool(heights[-1] > 0 and heights[-1] >= _MUCH * heights.max())

@@ -59,17 +59,19 @@ def learned_curves(
     names, units = list(model.names), list(units_seen(model.provenance.cfg.sight))
     centre, unit = model.normaliser.mean, model.normaliser.std
     place = torch.linspace(0, 1, _POINTS)[:, None]
-    match model.scorer:
-        case LinearScorer() as scorer:
+    match model.payer, model.scorer:
+        case _, LinearScorer() as scorer:
             signed = torch.tensor([name in _SIGNED for name in names])
             least = torch.where(signed, -torch.inf, -centre / unit)
             low = least.clamp_min(-_USUAL).clamp_max(_USUAL)
             values = low + place * (_USUAL - low)
             added = values * scorer.weights[:, None]
-        case SparseScorer() as scorer:
+            paid = added.mean(dim=0)
+        case SparseScorer() as payer, SparseScorer() as scorer:
             low, high = scorer.judged
             values = low + place * (high - low)
-            added = scorer.along(place.expand(-1, values.shape[1]))
+            places = place.expand(-1, values.shape[1])
+            added, paid = scorer.along(places), payer.along(places)[0]
             names, units = [*names, "stride_rate"], [*units, "Hz"]
             rates = torch.stack([scorer.rate_mean, scorer.rate_std]) / control_dt_s
             centre = torch.cat([centre, rates[:1]])
@@ -77,8 +79,8 @@ def learned_curves(
         case _:
             return ()
     shown = values * unit + centre
-    added = (added - added.mean(dim=1, keepdim=True)) / model.reward_std
-    mean, spread = added.mean(dim=0), added.std(dim=0)
+    mean = (paid - paid.mean(dim=0)) / model.reward_std
+    spread = ((added - added.mean(dim=1, keepdim=True)) / model.reward_std).std(dim=0)
     weights = mean.amax(dim=0) - mean.amin(dim=0)
     chosen = [
         i for i in weights.argsort(descending=True)[:count] if weights[i] > _LEAST

@@ -168,13 +168,13 @@ def _chosen(model: RewardModel, method: Method) -> str:
 
 def _reward(model: RewardModel, steps: Tensor) -> Tensor:
     """Reward [K] of consecutive steps, standardised [K, D]."""
-    return model.reward_of(model.scorer(steps))
+    return model.reward_of(model.payer(steps))
 
 
 def _average(model: RewardModel, num_descriptors: int) -> float:
     """Reward of an average judged step, which also steps at the average rate."""
-    if isinstance(model.scorer, SparseScorer):
-        return float(model.reward_of(model.scorer.paid(model.scorer.average)))
+    if isinstance(scorer := model.payer, SparseScorer):
+        return float(model.reward_of(scorer.paid(scorer.average)))
     return float(_reward(model, torch.zeros(1, num_descriptors)))
 
 
@@ -183,7 +183,7 @@ def _occluded(
 ) -> Tensor:
     """Loss of reward [K] where the descriptors `hidden` [D] are average ones, and with
     the contacts the stride rate."""
-    scorer = model.scorer
+    scorer = model.payer
     if not isinstance(scorer, SparseScorer):
         return _reward(model, steps) - _reward(model, steps.masked_fill(hidden, 0.0))
     names = {item.name for item in CONTACTS}

@@ -19,7 +19,7 @@ from .ensemble import fit_ensemble
 from .evidence import erring, find, settled
 from .held_out import fold_of, held_out_leads
 from .linear import members_for
-from .model import Provenance, RewardModel, leads_of_pairs
+from .model import Provenance, RewardModel, lead_of_pairs
 from .pairs import AnsweredPairs
 from .reliability import with_reliability
 from .report import FitReport as FitReport
@@ -79,7 +79,7 @@ def fit_reward(
     report = _report(
         pairs,
         described,
-        leads_of_pairs(scorer, standardised).mean(dim=0),
+        lead_of_pairs(scorer, standardised),
         described.subset(held_out),
         held_out_lead,
         cfg,

@@ -133,7 +133,7 @@ def foresee(model: RewardModel, pairs: AnsweredPairs, *, seed: int) -> Foreseen:
         asked |= held_out
     if unseen.any():
         fresh = pairs.subset(unseen)
-        lead[unseen] = model.leads(fresh.left, fresh.right).mean(dim=0)
+        lead[unseen] = model.lead(fresh.left, fresh.right)
     found = _summary(
         pairs.subset(asked) if asked.any() else None,
         lead[asked],

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from .cfg import FitCfg
 from .ensemble import fit_ensemble
-from .model import leads_of_pairs
+from .model import lead_of_pairs
 from .semi_supervised import Unanswered
 from .sparse import find as look
 from .training import TrainingPairs
@@ -73,4 +73,4 @@ def leads_without(
         cfg = replace(cfg, sparse=look(pairs.subset(fitted), cfg).sparse)
     normaliser, scorer = fit_ensemble(pairs.subset(fitted), cfg, seed, others)
     asked = pairs.subset(tested).transformed(normaliser)
-    return leads_of_pairs(scorer, asked).mean(dim=0)
+    return lead_of_pairs(scorer, asked)

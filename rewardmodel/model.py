@@ -83,6 +83,16 @@ def leads_of_pairs(scorer: Scorer, pairs: TrainingPairs) -> Tensor:
     return pairs.leads(lambda steps: of_clips(scorer, steps, pairs.scored, before))
 
 
+def paying(scorer: Scorer) -> Scorer:
+    """The ensemble whose mean is paid: itself, or what its members agree on."""
+    return scorer.agreed() if isinstance(scorer, SparseScorer) else scorer
+
+
+def lead_of_pairs(scorer: Scorer, pairs: TrainingPairs) -> Tensor:
+    """Logit [B] of what is paid that left clips of standardised `pairs` are better."""
+    return leads_of_pairs(paying(scorer), pairs).mean(dim=0)
+
+
 @dataclass(frozen=True)
 class Provenance:
     """What a reward model was made from and how."""
@@ -122,6 +132,11 @@ class RewardModel(nn.Module):
         return self.scorer.history_steps
 
     @property
+    def payer(self) -> Scorer:
+        """The ensemble whose mean is paid; `scorer` is the one whose members differ."""
+        return paying(self.scorer)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """What the model looks at, a name for each of its D numbers."""
         return names_seen(self.provenance.cfg.sight)
@@ -133,7 +148,7 @@ class RewardModel(nn.Module):
         """
         if self.history_steps:
             rewards = of_clips(
-                self.scorer, pairs.steps, pairs.scored, pairs.lift_offs_before
+                self.payer, pairs.steps, pairs.scored, pairs.lift_offs_before
             )[:, pairs.scored]
         else:
             rewards = self.scorer(pairs.scored_steps)
@@ -148,21 +163,25 @@ class RewardModel(nn.Module):
 
     def members(self, features: Tensor, starts: Tensor) -> Tensor:
         """Raw reward [M, T, N] of every member for rows [T, N, F]."""
-        steps = self.standardised(features)
-        if isinstance(self.scorer, SequenceScorer):
-            return self.scorer(steps.transpose(0, 1), starts.bool().mT).mT
-        return self.scorer(steps)
+        return self._of_rows(self.scorer, features, starts)
 
     def forward(self, features: Tensor, starts: Tensor) -> Tensor:
-        """Reward [T, N]: ensemble mean, centred, unit deviation on the fitted clips."""
-        return self.reward_of(self.members(features, starts))
+        """Reward [T, N]: what the ensemble agrees on, centred, unit deviation on the
+        fitted clips."""
+        return self.reward_of(self._of_rows(self.payer, features, starts))
+
+    def _of_rows(self, scorer: Scorer, features: Tensor, starts: Tensor) -> Tensor:
+        steps = self.standardised(features)
+        if isinstance(scorer, SequenceScorer):
+            return scorer(steps.transpose(0, 1), starts.bool().mT).mT
+        return scorer(steps)
 
     def centred(self, raw: Tensor) -> Tensor:
         """Reward [...] of a raw one, [...], that members agreed on."""
         return (raw - self.reward_mean) / self.reward_std
 
     def reward_of(self, raw: Tensor) -> Tensor:
-        """Reward [...] of what the members give, raw [M, ...]."""
+        """Reward [...] of what the members of `payer` give, raw [M, ...]."""
         return self.centred(raw.mean(dim=0))
 
     def spread_of(self, raw: Tensor) -> Tensor:
@@ -177,36 +196,49 @@ class RewardModel(nn.Module):
         """Logit [M, B], by member, that each left clip is better than the right one."""
         return self.clip_returns(left) - self.clip_returns(right)
 
+    def lead(self, left: ClipBatch, right: ClipBatch) -> Tensor:
+        """The same logit [B] of what is paid."""
+        worth = [
+            self._returns(self.payer, clips).mean(dim=0) for clips in (left, right)
+        ]
+        return worth[0] - worth[1]
+
     def probabilities(self, left: ClipBatch, right: ClipBatch) -> Tensor:
         """Calibrated probability [B] that each left clip is called better."""
-        lead = self.leads(left, right).mean(dim=0)
-        return (lead / self.provenance.report.temperature).sigmoid()
+        return (self.lead(left, right) / self.provenance.report.temperature).sigmoid()
 
     def clip_returns(self, clips: ClipBatch) -> Tensor:
         """Mean raw reward [M, B] of clips, less the fixed price of a fall."""
-        rewards = self._clip_members(clips).cpu()
+        return self._returns(self.scorer, clips)
+
+    def _returns(self, scorer: Scorer, clips: ClipBatch) -> Tensor:
+        rewards = self._of_clips(scorer, clips).cpu()
         price = self.provenance.cfg.fall_logit
         return mean_over(rewards, clips.scored) - price * clips.fell.float()
 
     def clip_rewards(self, clips: ClipBatch) -> tuple[Tensor, Tensor]:
         """Reward [B, T] of every step of clips, and its spread over the members."""
-        raw = self._clip_members(clips)
-        return self.reward_of(raw).cpu(), self.spread_of(raw).cpu()
+        paid, raw = (self._of_clips(s, clips) for s in (self.payer, self.scorer))
+        return self.reward_of(paid).cpu(), self.spread_of(raw).cpu()
 
     def episode_rewards(self, rows: Tensor) -> tuple[Tensor, Tensor]:
         """Reward [T] of every step of a whole episode, rows [T, F], as training pays
         it, and its spread over the members; what nobody measured counts as average."""
         steps = fill_missing(self.standardised(rows))
         starts = torch.arange(len(rows), device=rows.device) == 0
-        looks_back = isinstance(self.scorer, SequenceScorer)
-        raw = self.scorer(steps, starts) if looks_back else self.scorer(steps)
-        return self.reward_of(raw), self.spread_of(raw)
+        paid, raw = (
+            scorer(steps, starts)
+            if isinstance(scorer, SequenceScorer)
+            else scorer(steps)
+            for scorer in (self.payer, self.scorer)
+        )
+        return self.reward_of(paid), self.spread_of(raw)
 
-    def _clip_members(self, clips: ClipBatch) -> Tensor:
+    def _of_clips(self, scorer: Scorer, clips: ClipBatch) -> Tensor:
         """Raw reward [M, B, T], where the model lives, of clips on the CPU; descriptors
         a clip lacks are at their mean."""
         device, before = self.reward_mean.device, clips.lift_offs_before
         steps = fill_missing(self.standardised(clips.features.to(device)))
         if before is not None:
             before = before.to(device)
-        return of_clips(self.scorer, steps, clips.scored.to(device), before)
+        return of_clips(scorer, steps, clips.scored.to(device), before)

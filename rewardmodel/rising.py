@@ -38,7 +38,7 @@ class RisingReward:
 
     def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
         """Reward [T, N] for rows [T, N, F], in units of the model's."""
-        scorer = self.model.scorer
+        scorer = self.model.payer
         assert isinstance(scorer, SparseScorer)
         steps = self.model.standardised(features).transpose(0, 1)
         places = scorer.places(steps, starts.bool().mT)

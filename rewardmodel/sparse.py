@@ -137,10 +137,32 @@ class SparseScorer(nn.Module):
         """[G] the same of a step that is average in everything."""
         return self._on_range(torch.zeros_like(self.judged[0])).clamp(0, 1)
 
+    def agreed(self) -> SparseScorer:
+        """What is paid: one member whose curves are the mean ones, each the lower the
+        fewer members have it.
+
+        A curve that few answers more or less bring and take away stands for another: a
+        policy whose rate of steps is right can still have more lift-offs. How often
+        something is chosen from resampled answers tells what is there from what fits by
+        chance (stability selection, Meinshausen and Bühlmann 2010). Where all who have
+        a curve are of one mind, the share of them is what is left of the mean by least
+        squares: its square beside its square and the members' variance.
+        """
+        weights = self.weights.unflatten(1, (-1, _WEIGHTS))
+        share = (weights != 0).any(dim=-1).to(weights.dtype).mean(dim=0)
+        one = SparseScorer(1, len(self.quadratic) - 1)
+        one.weights = (weights.mean(dim=0) * share[:, None]).flatten()[None]
+        one.rate_mean, one.rate_std = self.rate_mean, self.rate_std
+        one.judged, one.quadratic = self.judged, self.quadratic
+        return one
+
     @property
-    def share_with_rate(self) -> float:
-        """Share of the members that have a curve of the stride rate."""
-        return float((self.weights[:, -_WEIGHTS:] != 0).any(dim=1).float().mean())
+    def heights(self) -> Tensor:
+        """[G] how much each curve, the stride rate's last, makes of the judged range:
+        between its highest and its lowest point, in the mean over the members."""
+        shares = torch.linspace(0, 1, 2 * len(_CENTRES) - 1, device=self.judged.device)
+        worth = self.along(shares[:, None].expand(-1, self.judged.shape[1])).mean(dim=0)
+        return worth.amax(dim=0) - worth.amin(dim=0)
 
     def forward(
         self,

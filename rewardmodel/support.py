@@ -99,9 +99,10 @@ class Support:
 
     def _paid(self, pieces: Tensor) -> Tensor:
         """Raw reward [Q] of the mean step of pieces [Q, D], as if it lasted."""
+        scorer = self._model.payer
         if self._model.history_steps:
-            return self._model.scorer(pieces[:, None])[..., 0].mean(dim=0)
-        return self._model.scorer(pieces).mean(dim=0)
+            return scorer(pieces[:, None])[..., 0].mean(dim=0)
+        return scorer(pieces).mean(dim=0)
 
 
 def support_of(pairs: AnsweredPairs, model: RewardModel) -> Support:

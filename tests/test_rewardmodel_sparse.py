@@ -95,12 +95,12 @@ def best_rate(rows: Tensor) -> Tensor:
 
 
 def curves_kept(model: RewardModel) -> set[str]:
-    """Names of the curves that matter to at least half of the members."""
-    scorer = model.scorer
-    assert isinstance(scorer, SparseScorer)
-    size = scorer.weights.unflatten(1, (-1, 6)).norm(dim=-1).median(dim=0).values
-    names = (*SEEN, "stride_rate")
-    return {n for n, s in zip(names, size, strict=True) if s > 0.1 * size.max()}
+    """Names of the curves that make at least a tenth of what the highest makes."""
+    payer = model.payer
+    assert isinstance(payer, SparseScorer)
+    heights, names = payer.heights, (*SEEN, "stride_rate")
+    least = 0.1 * heights.max()
+    return {n for n, h in zip(names, heights, strict=True) if h > least}
 
 
 @pytest.mark.parametrize(
@@ -125,6 +125,43 @@ def test_few_answers_name_the_one_thing_wanted(
     assert report.held_out_accuracy > least - 0.1
     linear, _ = fit_reward(pairs, FitCfg(), seed=0, measured=False)
     assert accuracy(linear, fresh) < by_weights
+
+
+def test_what_few_members_have_is_paid_less() -> None:
+    """Of two curves, one of all four members and one of the first alone."""
+    scorer = SparseScorer(4, len(SEEN))
+    scorer.judged[1] = 1.0
+    weights = scorer.weights.unflatten(1, (-1, 6))
+    weights[:, 3] = torch.tensor([1.0, 2.0, 3.0, 2.0])[:, None]
+    weights[0, 7] = 8.0
+    payer = scorer.agreed()
+    assert payer.weights.shape == (1, scorer.weights.shape[1])
+    shares = torch.rand(5, len(SEEN) + 1, generator=torch.Generator().manual_seed(0))
+    paid, mean = payer.along(shares)[0], scorer.along(shares).mean(dim=0)
+    assert paid[:, 3].allclose(mean[:, 3])
+    assert paid[:, 7].allclose(mean[:, 7] / 4)
+    assert paid[:, 7].abs().min() > 0
+    assert payer.heights.nonzero()[:, 0].tolist() == [3, 7]
+
+
+def test_what_is_paid_is_what_is_measured() -> None:
+    """Of steps, clips and pairs: what the members agree on, doubted as they differ."""
+    pairs = asked(best_rate, 60, seed=0)
+    model, _ = fit_reward(pairs, SPARSE, seed=0, measured=False)
+    alone = RewardModel(model.normaliser, model.payer, model.provenance)
+    alone.reward_mean, alone.reward_std = model.reward_mean, model.reward_std
+    lead = model.lead(pairs.left, pairs.right)
+    assert lead.allclose(alone.leads(pairs.left, pairs.right)[0], atol=1e-4)
+    assert not lead.allclose(model.leads(pairs.left, pairs.right).mean(dim=0), atol=0.1)
+    steps, starts = pairs.left.features.transpose(0, 1), torch.zeros(STEPS, 60)
+    paid = model.centred(alone.members(steps, starts)[0])
+    assert model(steps, starts).allclose(paid, atol=1e-4)
+    reward, spread = model.clip_rewards(pairs.left)
+    worth = reward.mean(dim=1) - model.clip_rewards(pairs.right)[0].mean(dim=1)
+    assert (worth * model.reward_std).allclose(lead, atol=1e-3)
+    assert float(spread.mean()) > 0.01
+    both = torch.cat([reward, model.clip_rewards(pairs.right)[0]])
+    assert float(both.std()) == pytest.approx(1.0, abs=0.02)
 
 
 def test_random_answers_are_not_foreseen() -> None:
