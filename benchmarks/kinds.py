@@ -1,10 +1,11 @@
 """What each kind of model learns from the same answers.
 
 `python -m benchmarks.kinds --run RUN [RUN ...]` takes finished runs of a simulated
-rater, turns a share of the answers round, fits every kind of model to the answers of
-the first round and to all of them, and asks each about pairs nobody was asked about,
-and to order the policies of all the runs. The questions are those the run's own model
-was least sure of.
+rater, turns a share of the answers round, fits every kind of model to the answers up to
+each round, and asks each about pairs nobody was asked about, and to order the policies
+of all the runs. The questions are those the run's own model was least sure of.
+
+Shapes: T steps, N episodes.
 """
 
 from __future__ import annotations
@@ -12,10 +13,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 import torch
 import tyro
+from torch import Tensor
 
 from data.dataset import Dataset
 from gaitpref.criteria import load_criterion
@@ -41,6 +44,8 @@ class Options:
     """Runs of `gaitpref loop` with a simulated rater, all of one criterion."""
     kinds: tuple[Kind, ...] = ("linear", "sparse", "gp")
     """Models to fit."""
+    draws: int = 1
+    """Fits of each model to the same answers."""
     mistakes: tuple[float, ...] = (0.0,)
     """Shares of the answers that are turned round, beside what the rater got wrong."""
     seed: int = 0
@@ -62,6 +67,9 @@ class Learned:
     """The same of pairs nobody was asked about."""
     order: float
     """Rank correlation of what it pays policies with how good they are."""
+    mean_order: float
+    """The same of the plain mean over its members, which is another in a sum of
+    curves."""
 
 
 def learned(run: Path, walks: list[Walk], options: Options) -> Iterator[Learned]:
@@ -72,12 +80,14 @@ def learned(run: Path, walks: list[Walk], options: Options) -> Iterator[Learned]
     context = criterion_context(policy.robot(), policy.info.env)
     fresh = fresh_pairs(run, cfg, load_criterion(cfg.criterion, context))
     pairs = load_pairs([dataset])
-    of_first = torch.tensor(pairs.rounds) == 0
-    for some in (pairs.subset(of_first), pairs):
+    rounds = torch.tensor(pairs.rounds)
+    seeds = range(options.seed, options.seed + options.draws)
+    for last in rounds.unique():
+        some = pairs.subset(rounds <= last)
         for mistakes in options.mistakes:
             asked = turned_round(some, mistakes, seed=options.seed)
-            for kind in options.kinds:
-                yield _fitted(asked, kind, mistakes, cfg, fresh, walks, options.seed)
+            for kind, seed in product(options.kinds, seeds):
+                yield _fitted(asked, kind, mistakes, cfg, fresh, walks, seed)
 
 
 def _fitted(
@@ -91,6 +101,10 @@ def _fitted(
 ) -> Learned:
     model, report = fit_reward(pairs, replace(cfg.fit, kind=kind), seed=seed)
     accuracy = accuracy_of(fresh.leads(model), fresh.target)
+
+    def mean(features: Tensor, starts: Tensor) -> Tensor:
+        return model.members(features, starts).mean(dim=0)
+
     return Learned(
         answers=len(pairs),
         mistakes=mistakes,
@@ -99,6 +113,7 @@ def _fitted(
         held_out=report.held_out_accuracy,
         fresh=accuracy.share if accuracy else None,
         order=rank_correlation(walks, model),
+        mean_order=rank_correlation(walks, mean),
     )
 
 
@@ -116,10 +131,10 @@ def main(options: Options) -> int:
     for run in options.run:
         console.print(
             f"{run.name}: answers, turned round, model, held out, fresh, order of "
-            f"{len(walks)} policies"
+            f"{len(walks)} policies by what is paid and by the members' mean"
         )
         for found in learned(run, walks, options):
-            shares = (found.held_out, found.fresh, found.order)
+            shares = (found.held_out, found.fresh, found.order, found.mean_order)
             told = ("-" if share is None else f"{share:.2f}" for share in shares)
             console.print(
                 f"  {found.answers:4d}  {found.mistakes:4.2f}  {found.kind:11s}  "

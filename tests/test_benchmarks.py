@@ -286,8 +286,9 @@ def test_choosing_tells_what_the_policy_paid_most_is_worth(
     assert told == [(str(n), *share) for n in (first, 24) for share in shares]
     fresh = [float(line[4]) for line in lines if line[-2:-1] == ["found:"]]
     assert all(0.0 <= share <= 1.0 for share in fresh)
-    order = [float(line[5]) for line in lines if line[-2:-1] == ["found:"]]
-    assert all(-1.0 <= share <= 1.0 for share in order)
+    order = [tuple(line[5:7]) for line in lines if line[-2:-1] == ["found:"]]
+    assert all(-1.0 <= float(share) <= 1.0 for share, _ in order)
+    assert all(paid == mean for paid, mean in order), "they differ for curves alone"
 
 
 def test_what_orders_policies_as_the_criterion_does(tmp_path: Path) -> None:
