@@ -79,8 +79,8 @@ class LoopCfg:
     """Weight of the learned reward, which has unit standard deviation per second."""
     caution: float = field(default=1.0, metadata=ADDED_LATER)
     """Deviations over the ensemble within which a habit is paid only as was expected of
-    it, where answers err, a fifth of them or more; fewer where fewer do. A sum of few
-    curves, as of styles, is paid in full."""
+    it, where answers err, a fifth of them or more; fewer where fewer do. Of a sum of
+    few curves, as of styles, no deviation is taken off."""
     approval_labels: int = field(default=7, metadata=ADDED_LATER)
     """Answers that, where answers err, judge each new policy beside the one before it,
     which stays where they speak for it; 0 judges none."""

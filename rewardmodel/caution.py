@@ -16,9 +16,10 @@ Where they hardly err, a linear reward may charge in full and pay only what is s
 liked. What is charged ends at nothing; of what is paid a policy can have more than any
 clip showed, and it finds those weights that chance made positive.
 
-A sum of few curves is paid in full: its members differ most about what the wanted habit
-is worth where it is strongest. Of a high step the doubt was twice the pay, and training
-lost the step.
+Of a sum of few curves each is paid by the share of members that have it
+(`SparseScorer.agreed`), and those in full: members differ most about what the wanted
+habit is worth where it is strongest. Of a high step the doubt was twice the pay, and
+training lost the step.
 
 Shapes: M ensemble members, T steps, N sequences, F features, D descriptors.
 """
