@@ -158,7 +158,7 @@ class SparseCfg:
     """Models fitted to resampled answers."""
     single_legs: bool | None = None
     """Whether one leg or one side may matter more than another; None: where the answers
-    speak for it (`rewardmodel.sparse.find`)."""
+    speak for it (`rewardmodel.sparse_fit.find`)."""
     told: bool = field(default=True, metadata=ADDED_LATER)
     """Whether doing what the robot is told may matter: how fast it goes and turns, and
     by how much too fast or slow. Where a task pays for that, a policy cannot change it,

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from .cfg import FitCfg
 from .evidence import FEW_ERRORS, erring, evidence
-from .sparse import relevant, standardised_curves
+from .sparse_fit import relevant, standardised_curves
 from .training import TrainingPairs
 
 DRAWS = 39

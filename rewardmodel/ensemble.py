@@ -15,7 +15,7 @@ from .mlp import fit_mlp
 from .model import Scorer, leads_of_pairs
 from .normaliser import Normaliser
 from .semi_supervised import Unanswered, with_opinions
-from .sparse import fit_sparse
+from .sparse_fit import fit_sparse
 from .training import TrainingPairs
 from .transformer import fit_transformer
 

@@ -26,7 +26,7 @@ from .report import FitReport as FitReport
 from .report import wilson_interval
 from .selection import choose
 from .semi_supervised import Unanswered
-from .sparse import find as look
+from .sparse_fit import find as look
 from .training import TrainingPairs, training_pairs
 
 logger = logging.getLogger(__name__)

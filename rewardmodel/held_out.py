@@ -15,7 +15,7 @@ from .cfg import FitCfg
 from .ensemble import fit_ensemble
 from .model import lead_of_pairs
 from .semi_supervised import Unanswered
-from .sparse import find as look
+from .sparse_fit import find as look
 from .training import TrainingPairs
 
 

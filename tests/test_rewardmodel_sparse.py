@@ -29,7 +29,9 @@ from rewardmodel.curves import learned_curves
 from rewardmodel.descriptors import TOLD, describe, names_seen
 from rewardmodel.explain import explain
 from rewardmodel.rising import RisingReward, rises
-from rewardmodel.sparse import SparseScorer, find, stride_rate
+from rewardmodel.sparse import SparseScorer
+from rewardmodel.sparse_fit import find
+from rewardmodel.stride_rate import stride_rate
 from rewardmodel.training import training_pairs
 from rewardmodel.trust import MOST_BY_CHANCE
 
