@@ -24,8 +24,11 @@ from .training import TrainingPairs
 LEFT_OUT = 1e-4
 """Variance of the weights of what does not matter: next to none."""
 _STRENGTHS = (1.0, 10.0, 100.0)
-"""Variances of a weight that are tried, for all curves of a member alike, where a unit
-of the straight line, or of all bumps, shifts a pair by the usual amount."""
+"""Variances of a straight line's weight that are tried, of all curves of a member
+alike, where a unit shifts a pair by the usual amount."""
+_BENT = 0.3
+"""Variance of a bump's weight beside that of the line: most wishes are nearly
+straight."""
 _PRICE = 2.0
 """Logarithm of the odds against one more curve."""
 _MOST = 6
@@ -55,6 +58,8 @@ def chosen_curves(
         cfg: The likelihood of an answer.
         allowed: [C] indices of the curves that may matter.
     """
+    shape = torch.full((curves.shape[2],), _BENT, dtype=curves.dtype)
+    shape[0] = 1.0
     theta = curves.new_zeros(len(counts), *curves.shape[1:])
     variance = torch.full_like(theta, LEFT_OUT)
     nothing = pairs.log_likelihood(pairs.fall_lead.double().expand_as(counts), cfg)
@@ -64,7 +69,7 @@ def chosen_curves(
     going = torch.arange(len(counts))
     while len(going) and taken.shape[1] < min(_MOST, len(allowed)):
         found, modes, which, strength = _next(
-            curves, pairs, counts[going], cfg, allowed, taken, own
+            curves, pairs, counts[going], cfg, allowed, taken, own, shape
         )
         better = found - _PRICE > best[going]
         going, which, own = going[better], which[better], modes[better]
@@ -72,7 +77,7 @@ def chosen_curves(
         taken = torch.cat([taken[better], which[:, None]], dim=1)
         rows = going[:, None]
         theta[rows, taken] = own.unflatten(1, (taken.shape[1], -1))
-        variance[rows, taken] = strength[better, None, None]
+        variance[rows, taken] = strength[better, None, None] * shape
     theta, variance = theta.flatten(1), variance.flatten(1)
     modes = posterior_modes(
         curves.flatten(1), pairs, counts, cfg, precision=1 / variance, start=theta
@@ -88,6 +93,7 @@ def _next(
     allowed: Tensor,
     taken: Tensor,
     theta: Tensor,
+    shape: Tensor,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """The best curve beside those `taken` [M, K], with weights `theta` [M, K W], for
     each member.
@@ -102,8 +108,9 @@ def _next(
         [taken[:, None].expand(-1, len(allowed), -1), each[..., None]], dim=-1
     )  # [M, C, K + 1]
     sets = sets.repeat_interleave(len(strengths), dim=1).flatten(0, 1)  # [R, K + 1]
-    prior = strengths.repeat(members * len(allowed))[:, None]
-    prior = prior.expand(-1, sets.shape[1] * curves.shape[2])
+    prior = strengths.repeat(members * len(allowed))[:, None] * shape.repeat(
+        sets.shape[1]
+    )
     seen = counts.repeat_interleave(options, dim=0)
     before = functional.pad(theta, (0, curves.shape[2]))
     before = before.repeat_interleave(options, dim=0)
