@@ -126,7 +126,8 @@ class LoopCfg:
     is paid for the rate of steps: feet that noise makes chatter have that rate, and
     without noise they have not."""
     noise_back: float = field(default=0.3, metadata=ADDED_LATER)
-    """Noise that the next training begins with where it came down."""
+    """Noise that a training begins with where the policy it goes on from has little
+    left, as after it came down."""
     calm_from: float = field(default=0.85, metadata=ADDED_LATER)
     """Share of a training after which it comes down to that: the less noise, the slower
     is learned."""

@@ -218,7 +218,8 @@ class RewardModel(nn.Module):
 
     def clip_rewards(self, clips: ClipBatch) -> tuple[Tensor, Tensor]:
         """Reward [B, T] of every step of clips, and its spread over the members."""
-        paid, raw = (self._of_clips(s, clips) for s in (self.payer, self.scorer))
+        raw, payer = self._of_clips(self.scorer, clips), self.payer
+        paid = raw if payer is self.scorer else self._of_clips(payer, clips)
         return self.reward_of(paid).cpu(), self.spread_of(raw).cpu()
 
     def episode_rewards(self, rows: Tensor) -> tuple[Tensor, Tensor]:
@@ -226,12 +227,12 @@ class RewardModel(nn.Module):
         it, and its spread over the members; what nobody measured counts as average."""
         steps = fill_missing(self.standardised(rows))
         starts = torch.arange(len(rows), device=rows.device) == 0
-        paid, raw = (
-            scorer(steps, starts)
-            if isinstance(scorer, SequenceScorer)
-            else scorer(steps)
-            for scorer in (self.payer, self.scorer)
-        )
+        payer = self.payer
+        if not isinstance(self.scorer, SequenceScorer):
+            paid = raw = self.scorer(steps)
+        else:
+            raw = self.scorer(steps, starts)
+            paid = raw if payer is self.scorer else payer(steps, starts)
         return self.reward_of(paid), self.spread_of(raw)
 
     def _of_clips(self, scorer: Scorer, clips: ClipBatch) -> Tensor:
