@@ -22,6 +22,7 @@ from data.files import write_atomically
 from gaitpref.criteria import Criterion, SequenceCriterion, load_criterion
 from gaitpref.loop import run_configured
 from gaitpref.loop_cfg import LoopCfg
+from gaitpref.noise import put_back
 from gaitpref.rewards import (
     TotalReward,
     criterion_context,
@@ -203,6 +204,8 @@ def _train_on_criterion(
         score = score_of_criterion(load_criterion(cfg.criterion, context))
         reward_fn = total_reward(score, setting.robot, cfg.env, known=cfg.known)
     train_cfg = TrainCfg(steps=steps_of(cfg), env=cfg.env, ppo=ppo, seed=REFERENCE_SEED)
+    if base is not None:
+        train_cfg = put_back(cfg, train_cfg, load_policy(base))
     if calm:
         train_cfg = replace(train_cfg, final_std=cfg.calm_std, calm_from=cfg.calm_from)
     train(

@@ -41,13 +41,18 @@ def with_noise(
             exploration_std=cfg.exploration.std(round, cfg.rounds),
             final_std=cfg.exploration.final if last else None,
         )
-    if cfg.calm_std is None:
-        return train_cfg
-    if float(start.std.mean()) < _GONE * cfg.calm_std:
-        train_cfg = replace(train_cfg, exploration_std=cfg.noise_back)
-    if not pays_for_rate(model):
+    train_cfg = put_back(cfg, train_cfg, start)
+    if cfg.calm_std is None or not pays_for_rate(model):
         return train_cfg
     return replace(train_cfg, final_std=cfg.calm_std, calm_from=cfg.calm_from)
+
+
+def put_back(cfg: LoopCfg, train_cfg: TrainCfg, start: Policy) -> TrainCfg:
+    """`train_cfg` with noise put back where `start`, which it begins from, has little
+    left."""
+    if cfg.calm_std is None or float(start.std.mean()) >= _GONE * cfg.calm_std:
+        return train_cfg
+    return replace(train_cfg, exploration_std=cfg.noise_back)
 
 
 def pays_for_rate(model: RewardModel) -> bool:
