@@ -2,7 +2,10 @@
 
 The questions of a loop are its hardest: those on which the ensemble disagrees. Nor can
 a hundred of them show a calibration error of a few hundredths. Here the criterion
-answers `PAIRS` pairs drawn at random from all the run's episodes.
+answers `PAIRS` pairs drawn at random from all the run's episodes; and as calibration is
+about answers, the row's own rater answers them too, errors and all.
+
+Shapes: B pairs, R times that each is answered.
 """
 
 from __future__ import annotations
@@ -14,11 +17,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from data.answers import Pair
 from data.dataset import Dataset
 from gaitpref.criteria import Criterion
+from gaitpref.judging import judge
 from gaitpref.loop_cfg import LoopCfg
 from gaitpref.questions import clips_of
-from gaitpref.rater import ClipScores
+from gaitpref.rater import ClipScores, standards_among
 from rewardmodel import RewardModel, Uniform, choose_pairs
 from rewardmodel.calibration import calibration
 from rewardmodel.clips import ClipBatch, read_clips
@@ -27,16 +32,22 @@ from rewardmodel.storage import load_reward
 
 PAIRS = 400
 _SEED = 1_000_004
+_TARGETS = {"a": 1.0, "b": 0.0}
+_TIMES = 20
+"""That each pair is answered: of a rater who errs, 400 answers alone show a calibration
+error of a few hundredths."""
 
 
 @dataclass(frozen=True, eq=False)
 class FreshPairs:
-    """Pairs nobody was asked about, and what the criterion says of them."""
+    """Pairs nobody was asked about, what the criterion says of them, and the rater."""
 
     left: ClipBatch
     right: ClipBatch
     target: Tensor
     """[B] 1, 0.5 or 0: left, neither, right is better."""
+    answers: Tensor
+    """[B, R] the same as the rater says it; 0.5 where nothing is preferred."""
 
     def leads(self, model: RewardModel) -> Tensor:
         """What `model` says of them: logit [B] of the left clips."""
@@ -48,24 +59,32 @@ def fresh_pairs(run: Path, cfg: LoopCfg, criterion: Criterion) -> FreshPairs:
     dataset = Dataset.open(run / "dataset")
     entries = dataset.entries()
     with dataset.answers_copy() as store:
-        known = store.pairs()
+        asked = store.pairs()
     pairs = choose_pairs(
         entries,
         clips_of(entries, cfg.clips),
         PAIRS,
         strategy=Uniform(),
         round=0,
-        known_pairs=known,
+        known_pairs=asked,
         rng=np.random.default_rng(_SEED),
     )
     scores = ClipScores(dataset.features, criterion)
+    known = standards_among(asked, scores, cfg.simulated)
+    rng = np.random.default_rng(_SEED)
+
+    def answer(pair: Pair) -> float:
+        said = judge(scores(pair.a), scores(pair.b), cfg.simulated, known, rng)
+        return _TARGETS.get(said, 0.5)
+
+    answers = [[answer(pair) for _ in range(_TIMES)] for pair in pairs]
     better = [scores(pair.a).mean() - scores(pair.b).mean() for pair in pairs]
     left, right = (
         read_clips(clips, dataset.clip_features)
         for clips in zip(*((pair.a, pair.b) for pair in pairs), strict=True)
     )
     target = (torch.tensor(np.array(better)).sign() + 1) / 2
-    return FreshPairs(left, right, target)
+    return FreshPairs(left, right, target, torch.tensor(answers))
 
 
 def on_fresh_pairs(
@@ -73,13 +92,16 @@ def on_fresh_pairs(
 ) -> dict[str, float | None]:
     """Accuracy and calibration error of a run's last fit on pairs drawn at random.
 
-    None where the criterion prefers no clip to another.
+    Accuracy is about what the criterion prefers, calibration about what the rater would
+    answer. None where there is no preference.
     """
     model = load_reward(run / f"rounds/{cfg.rounds - 1:02d}/reward")
     pairs = fresh_pairs(run, cfg, criterion)
-    lead = pairs.leads(model)
-    accuracy = accuracy_of(lead, pairs.target)
-    found = calibration(lead / model.provenance.report.temperature, pairs.target)
+    accuracy = accuracy_of(pairs.leads(model), pairs.target)
+    logit = model.logit(pairs.left, pairs.right)
+    found = calibration(
+        logit[:, None].expand_as(pairs.answers).flatten(), pairs.answers.flatten()
+    )
     return {
         "fresh_accuracy": accuracy.share if accuracy else None,
         "fresh_ece": found.ece if found else None,

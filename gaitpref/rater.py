@@ -63,13 +63,16 @@ def answer_pairs(
         store.add_rater(rater_id, "scripted", {})
         pairs = store.unanswered(rater_id, round=round)
         if pairs:
-            known = _standards(store.pairs(), scores, cfg)
+            known = standards_among(store.pairs(), scores, cfg)
             for pair in pairs:
                 store.add_answer(_answer(pair, scores, cfg, known, rater_id, seed))
         return len(pairs)
 
 
-def _standards(pairs: Sequence[Pair], scores: ClipScores, cfg: RaterCfg) -> Standards:
+def standards_among(
+    pairs: Sequence[Pair], scores: ClipScores, cfg: RaterCfg
+) -> Standards:
+    """What a rater who was asked `pairs` compares with."""
     if cfg == PERFECT:
         return Standards(1.0, -np.inf)  # Nothing is compared with them.
     clips = {clip: float(scores(clip).mean()) for p in pairs for clip in (p.a, p.b)}

@@ -18,7 +18,7 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from .legs import CONTACTS, SINGLE, TOGETHER
+from .legs import CONTACTS, ENDS, SINGLE, TOGETHER
 from .row import Descriptor as Descriptor
 from .row import Row
 
@@ -259,7 +259,7 @@ Sight = Literal["habits", "contacts", "legs"]
 _SEEN: dict[Sight, tuple[Descriptor, ...]] = {
     "habits": DESCRIPTORS,
     "contacts": DESCRIPTORS + CONTACTS,
-    "legs": DESCRIPTORS + CONTACTS + SINGLE + TOGETHER,
+    "legs": DESCRIPTORS + CONTACTS + SINGLE + TOGETHER + ENDS,
 }
 
 

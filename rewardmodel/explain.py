@@ -22,7 +22,7 @@ from data.features import LEGS
 
 from .clips import ClipBatch
 from .errors import RewardError
-from .legs import CONTACTS, SINGLE, TOGETHER
+from .legs import CONTACTS, ENDS, SINGLE, TOGETHER
 from .linear import LinearScorer
 from .model import RewardModel
 from .normaliser import fill_missing
@@ -55,6 +55,7 @@ GROUPS = {
         "air_time_max",
         "lift_offs",
         *(item.name for item in SINGLE if item.name.endswith(LEGS)),
+        *(item.name for item in ENDS),
     ),
     "stepping": (
         *(

@@ -17,9 +17,10 @@ from .cfg import FitCfg as FitCfg
 from .enough import enough, remaining
 from .ensemble import fit_ensemble
 from .evidence import erring, find, settled
-from .held_out import fold_of, held_out_leads
+from .held_out import fold_of, held_out_opinions
 from .linear import members_for
-from .model import Provenance, RewardModel, lead_of_pairs
+from .model import Provenance, RewardModel, opinion_on_pairs
+from .opinion import Opinion
 from .pairs import AnsweredPairs
 from .reliability import with_reliability
 from .report import FitReport as FitReport
@@ -71,17 +72,17 @@ def fit_reward(
     normaliser, scorer = fit_ensemble(described, cfg, seed, others)
     standardised = described.transformed(normaliser)
     held_out = torch.zeros(len(pairs), dtype=torch.bool)
-    held_out_lead = torch.zeros(0)
+    foreseen = Opinion.none(0)
     if measured:
-        held_out, held_out_lead = held_out_leads(
+        held_out, foreseen = held_out_opinions(
             described, pairs.episodes, cfg, seed, others
         )
     report = _report(
         pairs,
         described,
-        lead_of_pairs(scorer, standardised),
+        opinion_on_pairs(scorer, standardised).lead,
         described.subset(held_out),
-        held_out_lead,
+        foreseen,
         cfg,
         time.perf_counter() - started_s,
     )
@@ -115,14 +116,14 @@ def _report(
     fitted: TrainingPairs,
     lead: Tensor,
     held_out: TrainingPairs,
-    held_out_lead: Tensor,
+    foreseen: Opinion,
     cfg: FitCfg,
     seconds: float,
 ) -> FitReport:
     right, preferences = _count_right(fitted.target, lead)
-    temperature = fit_temperature(held_out_lead, held_out.target)
-    found = calibration(held_out_lead / temperature, held_out.target)
-    held_out_right, held_out_preferences = _count_right(held_out.target, held_out_lead)
+    temperature = fit_temperature(foreseen.logit, held_out.target)
+    found = calibration(foreseen.logit / temperature, held_out.target)
+    held_out_right, held_out_preferences = _count_right(held_out.target, foreseen.lead)
     return FitReport(
         answers=len(fitted),
         answers_without_target=answered.num_without_target,
@@ -137,7 +138,7 @@ def _report(
             else None
         ),
         held_out_log_likelihood=(
-            held_out.log_likelihood(held_out_lead, cfg).mean().item()
+            held_out.log_likelihood(foreseen.lead, cfg).mean().item()
             if len(held_out)
             else None
         ),

@@ -18,8 +18,9 @@ from .calibration import Calibration, calibration, fit_temperature
 from .cfg import FitCfg
 from .chance import explained_by_chance
 from .evidence import FEW_ERRORS
-from .held_out import fold_of, held_out_leads, leads_without
+from .held_out import fold_of, held_out_opinions, opinion_without
 from .model import RewardModel
+from .opinion import Opinion
 from .pairs import AnsweredPairs
 from .reliability import with_reliability
 from .report import wilson_interval
@@ -125,18 +126,18 @@ def foresee(model: RewardModel, pairs: AnsweredPairs, *, seed: int) -> Foreseen:
     described, _ = with_reliability(
         training_pairs(pairs, cfg), pairs.raters, cfg, seed=seed
     )
-    lead = torch.zeros(len(pairs))
+    opinion = Opinion.none(len(pairs))
     asked = unseen.clone()
     if not unseen.all():
-        held_out, by_fold = held_out_leads(described, pairs.episodes, cfg, seed)
-        lead[held_out] = by_fold
+        held_out, by_fold = held_out_opinions(described, pairs.episodes, cfg, seed)
+        opinion.put(held_out, by_fold)
         asked |= held_out
     if unseen.any():
         fresh = pairs.subset(unseen)
-        lead[unseen] = model.lead(fresh.left, fresh.right)
+        opinion.put(unseen, model.opinion(fresh.left, fresh.right))
     found = _summary(
         pairs.subset(asked) if asked.any() else None,
-        lead[asked],
+        opinion.subset(asked),
         int(unseen.sum()),
         newest=_newest(described, torch.tensor(pairs.rounds), cfg, seed),
         cfg=cfg,
@@ -154,26 +155,27 @@ def _newest(
     newest = rounds == rounds.max()
     if newest.all():
         return None
-    lead = leads_without(described, ~newest, newest, cfg, seed)
-    return accuracy_of(lead, described.target[newest])
+    opinion = opinion_without(described, ~newest, newest, cfg, seed)
+    return accuracy_of(opinion.lead, described.target[newest])
 
 
 def _summary(
     pairs: AnsweredPairs | None,
-    lead: Tensor,
+    opinion: Opinion,
     unseen: int,
     *,
     newest: Accuracy | None,
     cfg: FitCfg,
 ) -> Foreseen:
-    """Figures of held-out `pairs`, which their leads [B] foresee."""
+    """Figures of held-out `pairs`, of which there is an `opinion`."""
+    lead, logit = opinion.lead, opinion.logit
     target = pairs.target if pairs else torch.empty(0)
     episodes = pairs.episodes if pairs else ()
     group = torch.tensor([fold_of(left, cfg.folds) for left, _ in episodes])
-    cooled = lead.clone()
+    cooled = logit.clone()
     for fold in range(cfg.folds):
         cooled[group == fold] /= fit_temperature(
-            lead[group != fold], target[group != fold]
+            logit[group != fold], target[group != fold]
         )
     commands = [_command(row) for row in pairs.commands.tolist()] if pairs else []
     return Foreseen(
@@ -188,8 +190,8 @@ def _summary(
         by_command=_apart(commands, lead, target),
         by_round=_apart([str(r) for r in pairs.rounds] if pairs else [], lead, target),
         tie_separation=_tie_separation(lead.abs(), target == 0.5),
-        temperature=fit_temperature(lead, target),
-        uncalibrated=calibration(lead, target),
+        temperature=fit_temperature(logit, target),
+        uncalibrated=calibration(logit, target),
         calibrated=calibration(cooled, target),
     )
 

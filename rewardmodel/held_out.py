@@ -13,7 +13,8 @@ from torch import Tensor
 
 from .cfg import FitCfg
 from .ensemble import fit_ensemble
-from .model import lead_of_pairs
+from .model import opinion_on_pairs
+from .opinion import Opinion
 from .semi_supervised import Unanswered
 from .sparse_fit import find as look
 from .training import TrainingPairs
@@ -25,46 +26,46 @@ def fold_of(sha256: str, folds: int = 5) -> int:
     return int.from_bytes(digest[:8]) % folds
 
 
-def held_out_leads(
+def held_out_opinions(
     pairs: TrainingPairs,
     episodes: tuple[tuple[str, str], ...],
     cfg: FitCfg,
     seed: int,
     others: Unanswered | None = None,
-) -> tuple[Tensor, Tensor]:
-    """Leads of described pairs by models that have seen neither of their two episodes.
+) -> tuple[Tensor, Opinion]:
+    """What models that have seen neither of their two episodes say of described pairs.
 
     For every fold, a model is fitted to the pairs with no clip in it and asked about
     the pairs with both clips in it. Grouping by pair instead would let a model meet the
     episodes it is tested on.
 
     Returns:
-        The pairs asked about, [B] bool, and the ensemble's mean lead for each of them.
+        The pairs asked about, [B] bool, and what was foreseen of each of them.
     """
     folds = torch.tensor(
         [[fold_of(sha256, cfg.folds) for sha256 in pair] for pair in episodes]
     )
     asked = torch.zeros(len(pairs), dtype=torch.bool)
-    leads = torch.zeros(len(pairs))
+    found = Opinion.none(len(pairs))
     for fold in range(cfg.folds):
         tested = (folds == fold).all(dim=1)
         fitted = (folds != fold).all(dim=1)
         if tested.any() and fitted.any():
             kept = others.without(fold) if others else None
-            leads[tested] = leads_without(pairs, fitted, tested, cfg, seed, kept)
+            found.put(tested, opinion_without(pairs, fitted, tested, cfg, seed, kept))
             asked |= tested
-    return asked, leads[asked]
+    return asked, found.subset(asked)
 
 
-def leads_without(
+def opinion_without(
     pairs: TrainingPairs,
     fitted: Tensor,
     tested: Tensor,
     cfg: FitCfg,
     seed: int,
     others: Unanswered | None = None,
-) -> Tensor:
-    """Mean leads of the pairs in `tested` [B] by a model fitted to those in `fitted`
+) -> Opinion:
+    """Opinion on the pairs in `tested` [B] by a model fitted to those in `fitted`
     [B] alone (bool), and to its opinions on `others`."""
     pairs = pairs.seen_by(cfg)
     if cfg.kind == "sparse" and cfg.sparse.is_open:
@@ -73,4 +74,4 @@ def leads_without(
         cfg = replace(cfg, sparse=look(pairs.subset(fitted), cfg).sparse)
     normaliser, scorer = fit_ensemble(pairs.subset(fitted), cfg, seed, others)
     asked = pairs.subset(tested).transformed(normaliser)
-    return lead_of_pairs(scorer, asked)
+    return opinion_on_pairs(scorer, asked)

@@ -40,6 +40,19 @@ def _clearance(row: Row) -> Tensor:
     return -torch.expm1(-row["foot_height"].clamp_min(0) / _CLEAR_M).mean(dim=-1)
 
 
+def _of_end(row: Row, *, name: str, legs: tuple[int, int]) -> Tensor:
+    return row[name][..., list(legs)].mean(dim=-1)
+
+
+def _each_end(name: str, feature: str, unit: str, meaning: str):
+    return tuple(
+        Descriptor(
+            f"{name}_{end}", unit, meaning, partial(_of_end, name=feature, legs=legs)
+        )
+        for end, legs in (("front", (0, 1)), ("rear", (2, 3)))
+    )
+
+
 def _each_leg(name: str, feature: str, unit: str, meaning: str):
     return tuple(
         Descriptor(
@@ -110,3 +123,11 @@ TOGETHER = (
     ),
 )
 """How the legs go together, and whether the nose points up or down."""
+
+ENDS = (
+    *_each_end("foot_height", "foot_height", "m", "mean height of these feet"),
+    *_each_end("air_time", "foot_air_time", "s", "mean time since these lifted off"),
+    *_each_end("contacts", "foot_contact", "1", "share of these feet that are down"),
+)
+"""Front and rear feet apart: such a habit does not tell left from right, and single
+legs would have to say it four times."""

@@ -22,6 +22,7 @@ from .history import HistoryScorer
 from .linear import LinearScorer
 from .mlp import MlpScorer
 from .normaliser import Normaliser, fill_missing
+from .opinion import Opinion
 from .report import FitReport
 from .sparse import SparseScorer
 from .training import TrainingPairs
@@ -88,9 +89,11 @@ def paying(scorer: Scorer) -> Scorer:
     return scorer.agreed() if isinstance(scorer, SparseScorer) else scorer
 
 
-def lead_of_pairs(scorer: Scorer, pairs: TrainingPairs) -> Tensor:
-    """Logit [B] of what is paid that left clips of standardised `pairs` are better."""
-    return leads_of_pairs(paying(scorer), pairs).mean(dim=0)
+def opinion_on_pairs(scorer: Scorer, pairs: TrainingPairs) -> Opinion:
+    """What is paid, and what members say, of left clips of standardised `pairs`."""
+    leads, payer = leads_of_pairs(scorer, pairs), paying(scorer)
+    paid = leads if payer is scorer else leads_of_pairs(payer, pairs)
+    return Opinion.of(paid.mean(dim=0), leads)
 
 
 @dataclass(frozen=True)
@@ -205,7 +208,16 @@ class RewardModel(nn.Module):
 
     def probabilities(self, left: ClipBatch, right: ClipBatch) -> Tensor:
         """Calibrated probability [B] that each left clip is called better."""
-        return (self.lead(left, right) / self.provenance.report.temperature).sigmoid()
+        return self.logit(left, right).sigmoid()
+
+    def logit(self, left: ClipBatch, right: ClipBatch) -> Tensor:
+        """Its logit [B]."""
+        temperature = self.provenance.report.temperature
+        return self.opinion(left, right).logit / temperature
+
+    def opinion(self, left: ClipBatch, right: ClipBatch) -> Opinion:
+        """On left clips [B] beside the right ones."""
+        return Opinion.of(self.lead(left, right), self.leads(left, right))
 
     def clip_returns(self, clips: ClipBatch) -> Tensor:
         """Mean raw reward [M, B] of clips, less the fixed price of a fall."""

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from .cfg import FitCfg, Kind
 from .evidence import FEW_ERRORS, Found, erring, find, settled
-from .held_out import held_out_leads
+from .held_out import held_out_opinions
 from .pairs import AnsweredPairs
 from .reliability import with_reliability
 from .training import TrainingPairs
@@ -58,9 +58,9 @@ def choose(
         if kind == "transformer" and choose_kind(foreseen) != "history":
             break
         own = replace(cfg, kind=kind)
-        asked, leads = held_out_leads(described, pairs.episodes, own, seed)
+        asked, opinion = held_out_opinions(described, pairs.episodes, own, seed)
         held_out = described.subset(asked)
-        foreseen[kind] = held_out.log_likelihood(leads, own)
+        foreseen[kind] = held_out.log_likelihood(opinion.lead, own)
         if len(foreseen[kind]) < MIN_HELD_OUT:
             return kind, ()
     means = tuple((kind, values.mean().item()) for kind, values in foreseen.items())
@@ -76,7 +76,8 @@ def _says_something(
     own = settled(replace(cfg, kind="linear"), found)
     expected = erring(plain, own, own.error_share)
     described, _ = with_reliability(expected, pairs.raters, own, seed=seed)
-    asked, leads = held_out_leads(described, pairs.episodes, own, seed)
+    asked, opinion = held_out_opinions(described, pairs.episodes, own, seed)
+    leads = opinion.lead
     held_out = described.subset(asked)
     something = held_out.log_likelihood(leads, own)
     nothing = held_out.log_likelihood(torch.zeros_like(leads), own)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from benchmarks import (
     hour,
     kinds,
     policy_order,
+    preference_fresh,
     robots,
     throughput,
     walk,
@@ -311,6 +313,26 @@ def test_what_orders_policies_as_the_criterion_does(tmp_path: Path) -> None:
     )
     with pytest.raises(ValueError, match="crouch"):
         policy_order.walks_of((tmp_path / "run", other))
+
+
+def test_fresh_pairs_are_answered_as_the_rater_does(tmp_path: Path) -> None:
+    """Who never errs says what the criterion says; who does, the opposite at times."""
+    cfg = small_cfg()
+    run_configured(tmp_path / "run", cfg)
+    policy = load_policy(tmp_path / "run/rounds/00/policy/policy.pt")
+    context = criterion_context(policy.robot(), policy.info.env)
+    criterion = load_criterion(cfg.criterion, context)
+    pairs = preference_fresh.fresh_pairs(tmp_path / "run", cfg, criterion)
+    meant = pairs.target[:, None]
+    assert (pairs.answers == meant).all()
+    erring = replace(cfg, simulated=RaterCfg(mistakes=0.3))
+    pairs = preference_fresh.fresh_pairs(tmp_path / "run", erring, criterion)
+    wrong = (pairs.answers != meant)[pairs.target != 0.5].float().mean()
+    assert wrong == pytest.approx(0.3, abs=0.05)
+    found = preference_fresh.on_fresh_pairs(tmp_path / "run", erring, criterion)
+    again = preference_fresh.on_fresh_pairs(tmp_path / "run", cfg, criterion)
+    assert found["fresh_accuracy"] == again["fresh_accuracy"]
+    assert found["fresh_ece"] != again["fresh_ece"]
 
 
 def test_mistakes_turn_a_share_of_the_answers_round() -> None:

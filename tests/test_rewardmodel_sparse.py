@@ -87,6 +87,10 @@ def apart(rows: Tensor) -> Tensor:
     return mean_of("side_support", rows)
 
 
+def front_feet(rows: Tensor) -> Tensor:
+    return mean_of("foot_height_front", rows) - mean_of("foot_height_rear", rows)
+
+
 def effort(rows: Tensor) -> Tensor:
     return -mean_of("torque_sq", rows)
 
@@ -110,6 +114,7 @@ def curves_kept(model: RewardModel) -> set[str]:
     [
         (one_foot, 60, {"foot_height_RL"}, 0.9, 0.75),
         (apart, 60, {"side_support"}, 0.9, 0.65),
+        (front_feet, 60, {"foot_height_front", "foot_height_rear"}, 0.85, 0.75),
         (best_height, 60, {"height", "height_sq"}, 0.85, 0.7),
         (best_rate, 120, {"stride_rate"}, 0.8, 0.65),
     ],
@@ -262,6 +267,18 @@ def test_pairs_of_feet(contact: tuple[int, ...], expected: tuple[float, ...]) ->
     found = dict(zip(SEEN, describe(row_with(contact), "legs"), strict=True))
     names = ("diagonal_support", "side_support", "end_support")
     assert tuple(float(found[name]) for name in names) == expected
+
+
+def test_front_and_rear_feet_are_told_apart() -> None:
+    """Whichever foot of the end it is."""
+    for leg, end in ((0, "front"), (1, "front"), (2, "rear"), (3, "rear")):
+        row = row_with(tuple(int(leg == other) for other in range(4)))
+        row[column("foot_height").start + leg] = 0.1
+        found = dict(zip(SEEN, describe(row, "legs").tolist(), strict=True))
+        other = "rear" if end == "front" else "front"
+        for name, expected in (("foot_height", 0.05), ("contacts", 0.5)):
+            assert found[f"{name}_{end}"] == pytest.approx(expected)
+            assert found[f"{name}_{other}"] == 0.0
 
 
 def test_one_foot_held_high_does_not_make_up_for_three_low_ones() -> None:
