@@ -159,6 +159,8 @@ class SparseCfg:
     single_legs: bool | None = None
     """Whether one leg or one side may matter more than another; None: where the answers
     speak for it (`rewardmodel.sparse_fit.find`)."""
+    ends: bool | None = field(default=None, metadata=ADDED_LATER)
+    """Whether front feet may matter more than rear ones; None as above."""
     told: bool = field(default=True, metadata=ADDED_LATER)
     """Whether doing what the robot is told may matter: how fast it goes and turns, and
     by how much too fast or slow. Where a task pays for that, a policy cannot change it,
@@ -170,7 +172,7 @@ class SparseCfg:
     @property
     def is_open(self) -> bool:
         """Whether the answers are still to say something of these settings."""
-        return self.single_legs is None
+        return self.single_legs is None or self.ends is None
 
 
 @dataclass(frozen=True, kw_only=True)

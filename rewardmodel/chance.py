@@ -33,13 +33,13 @@ def explained_by_chance(
     """Share, above 0, of answers turned round at random that a sum of curves explains
     at least as well as the answers of described `pairs`.
 
-    Explained by curves of no single leg, with few answers taken to be wrong: that is
+    Explained by curves of all legs alike, with few answers taken to be wrong: that is
     where answers that mean something are farthest from chance.
     """
     some = torch.arange(len(pairs)) % -(-len(pairs) // PLENTY) == 0
     seen = pairs.subset(some).seen_by(cfg)
     inputs, standardised = standardised_curves(seen)
-    plain = replace(cfg.sparse, single_legs=False)
+    plain = replace(cfg.sparse, single_legs=False, ends=False)
     settings = replace(cfg, sparse=plain)
     own = erring(standardised, settings, FEW_ERRORS)
     found = _explained(inputs, own, settings)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
 
 import torch
 from torch import Tensor
@@ -17,7 +18,7 @@ from .clips import mean_over
 from .descriptors import TOLD, names_seen
 from .evidence import ERROR_SHARES, erring, evidence, expected_share
 from .forward import chosen_curves
-from .legs import CONTACTS, SINGLE
+from .legs import CONTACTS, ENDS, SINGLE
 from .linear import MIN_SPREAD
 from .normaliser import Normaliser
 from .sparse import CENTRES, WEIGHTS, SparseScorer, curves
@@ -28,6 +29,7 @@ _SINGLE = tuple(
     for index, name in enumerate(names_seen("legs"))
     if name in {item.name for item in (*CONTACTS, *SINGLE)}
 )
+_ENDS = tuple(names_seen("legs").index(item.name) for item in ENDS)
 _TOLD = tuple(
     index
     for index, name in enumerate(names_seen("legs"))
@@ -38,6 +40,9 @@ _TOLD = tuple(
 _SINGLES_PRICE = 10.0
 """Logarithm of the odds against single legs before any answer: fits of wishes about all
 legs alike gained up to 8, of one about one foot 21 from 73 answers."""
+_ENDS_PRICE = 5.0
+"""The same against front and rear feet apart, a third as many curves: fits of wishes
+about all feet alike gained up to 5, of one about front feet 5 to 18."""
 _AT_ONCE = 64
 """Pairs whose steps are looked at together, some 20 MB."""
 
@@ -102,6 +107,8 @@ def relevant(
     allowed = curves.abs().sum(dim=(0, 2)) > 0
     if not cfg.sparse.single_legs:
         allowed[list(_SINGLE)] = False
+    if not cfg.sparse.ends:
+        allowed[list(_ENDS)] = False
     if not cfg.sparse.told:
         allowed[list(_TOLD)] = False
     return chosen_curves(curves, pairs, counts, cfg, allowed=allowed.nonzero()[:, 0])
@@ -109,7 +116,7 @@ def relevant(
 
 def find(pairs: TrainingPairs, cfg: FitCfg) -> FitCfg:
     """`cfg` with what described `pairs` speak for put in, done adapting: the share of
-    random answers, and whether single legs matter.
+    random answers, and whether single legs matter, or front and rear feet apart.
 
     To weights that cannot say what was wanted, all answers look random; curves that can
     say it tell the raters' errors from their own. Among so many curves of single legs
@@ -118,20 +125,29 @@ def find(pairs: TrainingPairs, cfg: FitCfg) -> FitCfg:
     inputs, standardised = standardised_curves(pairs.seen_by(cfg))
     tried: dict[tuple[SparseCfg, float], float] = {}
     for sparse in _open_settings(cfg.sparse):
-        price = _SINGLES_PRICE if sparse.single_legs else 0.0
         for share in ERROR_SHARES:
             own = erring(standardised, cfg, share)
             counts = inputs.new_ones(1, len(own))
             settings = replace(cfg, sparse=sparse)
             theta, variance = relevant(inputs, own, counts, settings)
             found = evidence(inputs, own, cfg, 1 / variance[0], start=theta)
-            tried[sparse, share] = expected_share(cfg, share) + found - price
+            tried[sparse, share] = expected_share(cfg, share) + found - _price(sparse)
     sparse, share = max(tried, key=lambda settings: tried[settings])
     return replace(cfg, adapt=False, error_share=share, sparse=sparse)
 
 
+def _price(sparse: SparseCfg) -> float:
+    singles = _SINGLES_PRICE if sparse.single_legs else 0.0
+    return singles + (_ENDS_PRICE if sparse.ends else 0.0)
+
+
 def _open_settings(cfg: SparseCfg) -> Iterator[SparseCfg]:
-    """`cfg` with what it leaves open put in, in every way."""
+    """`cfg` with what it leaves open put in, in every way but both: what ends say,
+    single legs can say."""
     both = (False, True)
-    for singles in both if cfg.single_legs is None else (cfg.single_legs,):
-        yield replace(cfg, single_legs=singles)
+    for singles, ends in product(
+        both if cfg.single_legs is None else (cfg.single_legs,),
+        both if cfg.ends is None else (cfg.ends,),
+    ):
+        if not (cfg.is_open and singles and ends):
+            yield replace(cfg, single_legs=singles, ends=ends)
