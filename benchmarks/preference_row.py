@@ -115,6 +115,7 @@ def _row(
         "true_tracking_error_m_s": references["true"]["tracking_error_m_s"],
         "falls": learned.falls,
         "accuracy": fit["held_out_accuracy"],
+        "at_random_accuracy": fit["at_random_accuracy"],
         "ece": fit["held_out_ece"],
         "answers_used": fit["answers"],
         **on_fresh_pairs(run, cfg, _criterion(cfg, last)),

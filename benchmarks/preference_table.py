@@ -49,6 +49,7 @@ def together(rows: Sequence[Row]) -> list[Row]:
                  for row in group]
             ),
             "accuracy": _median_of_known(group, "accuracy"),
+            "at_random_accuracy": _median_of_known(group, "at_random_accuracy"),
             "ece": _median_of_known(group, "ece"),
             "fresh_accuracy": _median_of_known(group, "fresh_accuracy"),
             "fresh_ece": _median_of_known(group, "fresh_ece"),
@@ -67,7 +68,8 @@ def markdown(rows: Sequence[Row]) -> str:
     """The table of `together`'s rows."""
     lines = [
         "| task | answers | rater | method | seeds | fraction: median (min to max) "
-        "| tracking error added | accuracy, ECE: held out | on fresh pairs | minutes |",
+        "| tracking error added | held out: accuracy, of pairs at random, ECE "
+        "| fresh pairs: accuracy, ECE | minutes |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
@@ -80,7 +82,8 @@ def markdown(rows: Sequence[Row]) -> str:
             row["seeds"],
             f"{row['fraction_median']:.2f} ({spread})",
             f"{row['tracking_error_added_m_s']:+.2f}",
-            f"{_shown(row['accuracy'], 2)}, {_shown(row['ece'], 3)}",
+            f"{_shown(row['accuracy'], 2)}, {_shown(row['at_random_accuracy'], 2)}, "
+            f"{_shown(row['ece'], 3)}",
             f"{_shown(row['fresh_accuracy'], 2)}, {_shown(row['fresh_ece'], 3)}",
             _shown(row["minutes"], 1),
         )

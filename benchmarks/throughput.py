@@ -208,6 +208,7 @@ def _reward() -> RewardFn:
         raters=("nobody",) * 16,
         commands=torch.zeros(16, 3),
         rounds=(0,) * 16,
+        strategies=("uniform",) * 16,
         num_without_target=0,
         answers_sha256="",
     )

@@ -94,6 +94,7 @@ def _lines(
         + ("" if same else ", others than the reward was fitted to"),
         f"held out        {foreseen.answers} answers, {foreseen.ties} of them ties",
         f"accuracy        {foreseen.accuracy or '-'}",
+        f"at random       {foreseen.at_random or '-'}",
         f"by opinion      {foreseen.opinion or '-'}",
         f"newest round    {foreseen.newest or '-'}",
     ]

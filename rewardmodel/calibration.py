@@ -21,6 +21,10 @@ _TEMPERATURES = (0.05, 50.0)
 _PRIOR_STD = 1.5
 """Of log temperature around 0: a dozen answers that were all foreseen do not make the
 model infallible."""
+_CHOSEN = 0.1
+"""What an answer to a chosen question counts beside one drawn at random."""
+_ENOUGH_AT_RANDOM = 10
+"""Answers drawn at random from which on they are not alone."""
 _ANSWERS_PER_BIN = 10
 _MAX_BINS = 10
 _REPETITIONS = 200
@@ -42,8 +46,8 @@ class Calibration:
     """How far predicted probabilities are from what happened."""
 
     ece: float
-    """Expected calibration error: mean over the answers of |confidence - right| of
-    their bin."""
+    """Expected calibration error: mean over the answers, as they count, of
+    |confidence - right| of their bin."""
     ece_by_chance: float
     """What this many answers would show if every probability were exactly right."""
     brier: float
@@ -52,59 +56,94 @@ class Calibration:
     """The reliability plot: bins of equally many answers, least confident first."""
 
 
-def fit_temperature(lead: Tensor, target: Tensor) -> float:
-    """The number that held-out leads [B] must be divided by to be calibrated logits.
+def counting(at_random: Tensor, *, erring: bool) -> Tensor:
+    """How much each held-out answer [B] counts, so that together they stand for pairs
+    drawn at random.
 
-    The most probable one under `target` [B] and a broad prior around 1; 1 without any
-    preference. One number cannot overfit a few dozen answers, and keeps the order.
+    Most questions are chosen because the ensemble quarrels about them, and are harder
+    than it thinks too: what is asked because of the answer one expects is no sample
+    (Farquhar, Gal and Rainforth 2021, "On Statistical Bias in Active Learning"). Where
+    answers err, a few drawn at random say too little alone.
+
+    Args:
+        at_random: [B] bool, questions that no reward chose.
+        erring: Whether answers are taken to err.
+    """
+    if erring or int(at_random.sum()) < _ENOUGH_AT_RANDOM:
+        return torch.ones(len(at_random))
+    return torch.where(at_random, 1.0, _CHOSEN)
+
+
+def fit_temperature(logit: Tensor, target: Tensor, counts: Tensor) -> float:
+    """The number that held-out logits [B] must be divided by to be calibrated.
+
+    The most probable one under `target` [B], of which each answer counts as `counts`
+    [B] says, and a broad prior around 1; 1 without any preference. One number cannot
+    overfit a few dozen answers, and keeps the order.
     """
     kept = target != 0.5
     if not kept.any():
         return 1.0
     low, high = (math.log(limit) for limit in _TEMPERATURES)
     tried = torch.linspace(low, high, 400, dtype=torch.float64)  # [S]
-    logits = lead[kept].double() / tried.exp()[:, None]
+    logits = logit[kept].double() / tried.exp()[:, None]
     wanted = target[kept].double().expand_as(logits)
     loss = binary_cross_entropy_with_logits(logits, wanted, reduction="none")
-    cost = loss.sum(dim=1) + 0.5 * (tried / _PRIOR_STD).square()
+    cost = loss @ counts[kept].double() + 0.5 * (tried / _PRIOR_STD).square()
     return float(tried[cost.argmin()].exp())
 
 
-def calibration(logit: Tensor, target: Tensor) -> Calibration | None:
+def calibration(
+    logit: Tensor, target: Tensor, counts: Tensor | None = None
+) -> Calibration | None:
     """How well logits [B] that left is better foretell `target` [B]; None without any
-    preference."""
+    preference.
+
+    Args:
+        logit: Of the left clips.
+        target: The answers.
+        counts: [B] how much each counts; by default all alike.
+    """
     kept = target != 0.5
     if not kept.any():
         return None
-    probability = logit[kept].double().sigmoid()
+    counts = torch.ones(len(target)) if counts is None else counts
+    probability, weight = logit[kept].double().sigmoid(), counts[kept].double()
     left = target[kept] > 0.5
     confidence = torch.maximum(probability, 1 - probability)
     right = torch.where(probability == 0.5, 0.5, ((probability > 0.5) == left).double())
+    errors = (probability - target[kept].double()).square()
     order = confidence.argsort()
-    confidence, right = confidence[order], right[order]
+    confidence, right, weight = confidence[order], right[order], weight[order]
     count = max(1, min(_MAX_BINS, len(order) // _ANSWERS_PER_BIN))
     sizes = [len(part) for part in torch.arange(len(order)).tensor_split(count)]
+    parts = (column.split(sizes) for column in (confidence, right, weight))
     bins = tuple(
-        Bin(float(sure.mean()), float(hit.mean()), len(sure))
-        for sure, hit in zip(confidence.split(sizes), right.split(sizes), strict=True)
+        Bin(_mean(sure, part), _mean(hit, part), len(part))
+        for sure, hit, part in zip(*parts, strict=True)
     )
     return Calibration(
-        ece=float(_ece(confidence, right, sizes)),
-        ece_by_chance=_ece_by_chance(confidence, sizes),
-        brier=float((probability - target[kept].double()).square().mean()),
+        ece=float(_ece(confidence, right, weight, sizes)),
+        ece_by_chance=_ece_by_chance(confidence, weight, sizes),
+        brier=_mean(errors, counts[kept].double()),
         bins=bins,
     )
 
 
-def _ece(confidence: Tensor, right: Tensor, sizes: list[int]) -> Tensor:
-    """Expected calibration error of outcomes [..., B], in bins of `sizes`."""
-    gaps = (right - confidence).split(sizes, dim=-1)
-    return sum(gap.sum(dim=-1).abs() for gap in gaps) / len(confidence)  # type: ignore[return-value]
+def _mean(values: Tensor, weight: Tensor) -> float:
+    return float((weight * values).sum() / weight.sum())
 
 
-def _ece_by_chance(confidence: Tensor, sizes: list[int]) -> float:
+def _ece(confidence: Tensor, right: Tensor, weight: Tensor, sizes: list[int]) -> Tensor:
+    """Expected calibration error of outcomes [..., B] that count as `weight` [B] says,
+    in bins of `sizes`."""
+    gaps = (weight * (right - confidence)).split(sizes, dim=-1)
+    return sum(gap.sum(dim=-1).abs() for gap in gaps) / weight.sum()
+
+
+def _ece_by_chance(confidence: Tensor, weight: Tensor, sizes: list[int]) -> float:
     """Mean error of outcomes drawn with the probabilities `confidence` [B]."""
     rng = torch.Generator().manual_seed(0)
     drawn = torch.rand(_REPETITIONS, len(confidence), generator=rng)  # [R, B]
     outcomes = (drawn < confidence).double()
-    return float(_ece(confidence, outcomes, sizes).mean())
+    return float(_ece(confidence, outcomes, weight, sizes).mean())

@@ -33,7 +33,7 @@ import torch
 from torch import Tensor
 
 from .descriptors import EFFORT, named
-from .evidence import FEW_ERRORS
+from .evidence import FEW_ERRORS, takes_to_err
 from .linear import LinearScorer
 from .model import RewardModel
 from .sparse import SparseScorer
@@ -45,7 +45,7 @@ to be so at `FEW_ERRORS`."""
 
 def answers_err(model: RewardModel) -> bool:
     """Whether more answers were random than can be overlooked, as the fit found."""
-    return model.provenance.cfg.error_share > FEW_ERRORS
+    return takes_to_err(model.provenance.cfg)
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,6 +48,11 @@ _ERRING_TIMES, _ERRING_SPREAD = 3.0, 0.4
 """How much weaker opinions are expected to be where answers err, and how surely."""
 
 
+def takes_to_err(cfg: FitCfg) -> bool:
+    """Whether more answers are random than can be overlooked, as `cfg` says."""
+    return cfg.error_share > FEW_ERRORS
+
+
 @dataclass(frozen=True)
 class Found:
     """What the answers speak for, as far as a linear reward can tell."""

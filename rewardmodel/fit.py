@@ -12,11 +12,11 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from .calibration import calibration, fit_temperature
+from .calibration import calibration, counting, fit_temperature
 from .cfg import FitCfg as FitCfg
 from .enough import enough, remaining
 from .ensemble import fit_ensemble
-from .evidence import erring, find, settled
+from .evidence import erring, find, settled, takes_to_err
 from .held_out import fold_of, held_out_opinions
 from .linear import members_for
 from .model import Provenance, RewardModel, opinion_on_pairs
@@ -81,7 +81,7 @@ def fit_reward(
         pairs,
         described,
         opinion_on_pairs(scorer, standardised).lead,
-        described.subset(held_out),
+        held_out,
         foreseen,
         cfg,
         time.perf_counter() - started_s,
@@ -115,14 +115,19 @@ def _report(
     answered: AnsweredPairs,
     fitted: TrainingPairs,
     lead: Tensor,
-    held_out: TrainingPairs,
+    asked: Tensor,
     foreseen: Opinion,
     cfg: FitCfg,
     seconds: float,
 ) -> FitReport:
     right, preferences = _count_right(fitted.target, lead)
-    temperature = fit_temperature(foreseen.logit, held_out.target)
-    found = calibration(foreseen.logit / temperature, held_out.target)
+    held_out, at_random = fitted.subset(asked), answered.at_random[asked]
+    counts = counting(at_random, erring=takes_to_err(cfg))
+    temperature = fit_temperature(foreseen.logit, held_out.target, counts)
+    found = calibration(foreseen.logit / temperature, held_out.target, counts)
+    drawn_right, drawn = _count_right(
+        held_out.target[at_random], foreseen.lead[at_random]
+    )
     held_out_right, held_out_preferences = _count_right(held_out.target, foreseen.lead)
     return FitReport(
         answers=len(fitted),
@@ -137,6 +142,8 @@ def _report(
             if held_out_preferences
             else None
         ),
+        at_random_pairs=drawn,
+        at_random_accuracy=_share(drawn_right, drawn),
         held_out_log_likelihood=(
             held_out.log_likelihood(foreseen.lead, cfg).mean().item()
             if len(held_out)

@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from .calibration import Calibration, calibration, fit_temperature
+from .calibration import Calibration, calibration, counting, fit_temperature
 from .cfg import FitCfg
 from .chance import explained_by_chance
-from .evidence import FEW_ERRORS
+from .evidence import takes_to_err
 from .held_out import fold_of, held_out_opinions, opinion_without
 from .model import RewardModel
 from .opinion import Opinion
@@ -71,6 +71,9 @@ class Foreseen:
     opinion: Accuracy | None
     """The same, each answer counted by the size of its lead; `answers` is how many of
     one size would say as much (Kish 1965, "Survey Sampling")."""
+    at_random: Accuracy | None
+    """Of the questions drawn at random: how often the reward is right about any pair,
+    not only about hard ones."""
     by_chance: float | None
     """Share of random answers that the model explains as well as these, see
     `explained_by_chance`; None unless it is a sum of curves with too low an
@@ -86,7 +89,7 @@ class Foreseen:
     tie_separation: float | None
     """Probability that a tie has the smaller lead than a preference: 0.5 is chance."""
     temperature: float
-    """Fitted to all held-out answers."""
+    """Fitted to all held-out answers, of which those drawn at random count most."""
     uncalibrated: Calibration | None
     """At temperature 1."""
     calibrated: Calibration | None
@@ -172,10 +175,12 @@ def _summary(
     target = pairs.target if pairs else torch.empty(0)
     episodes = pairs.episodes if pairs else ()
     group = torch.tensor([fold_of(left, cfg.folds) for left, _ in episodes])
-    cooled = logit.clone()
+    at_random = pairs.at_random if pairs else torch.empty(0, dtype=torch.bool)
+    counts, cooled = counting(at_random, erring=takes_to_err(cfg)), logit.clone()
     for fold in range(cfg.folds):
+        others = group != fold
         cooled[group == fold] /= fit_temperature(
-            logit[group != fold], target[group != fold]
+            logit[others], target[others], counts[others]
         )
     commands = [_command(row) for row in pairs.commands.tolist()] if pairs else []
     return Foreseen(
@@ -184,15 +189,16 @@ def _summary(
         unseen=unseen,
         accuracy=accuracy_of(lead, target),
         opinion=opinion_of(lead, target),
+        at_random=accuracy_of(lead[at_random], target[at_random]),
         by_chance=None,
-        erring=cfg.kind == "linear" and cfg.error_share > FEW_ERRORS,
+        erring=cfg.kind == "linear" and takes_to_err(cfg),
         newest=newest,
         by_command=_apart(commands, lead, target),
         by_round=_apart([str(r) for r in pairs.rounds] if pairs else [], lead, target),
         tie_separation=_tie_separation(lead.abs(), target == 0.5),
-        temperature=fit_temperature(logit, target),
-        uncalibrated=calibration(logit, target),
-        calibrated=calibration(cooled, target),
+        temperature=fit_temperature(logit, target, counts),
+        uncalibrated=calibration(logit, target, counts),
+        calibrated=calibration(cooled, target, counts),
     )
 
 

@@ -18,6 +18,7 @@ from data.answers import Answer, AnswerStore, Pair
 from data.clips import Clip
 from data.dataset import Dataset
 
+from .acquisition.strategy import Uniform
 from .clips import ClipBatch, fill_clips, with_past
 from .errors import RewardError
 
@@ -43,6 +44,8 @@ class AnsweredPairs:
     """[B, 3] forward m/s, left m/s, yaw rad/s asked for."""
     rounds: tuple[int, ...]
     """Round of the loop that asked."""
+    strategies: tuple[str, ...]
+    """How each pair was chosen."""
     num_without_target: int
     """Answers left out, because they neither prefer a clip nor call both equal."""
     answers_sha256: str
@@ -57,6 +60,7 @@ class AnsweredPairs:
             "raters": len(self.raters),
             "commands": len(self.commands),
             "rounds": len(self.rounds),
+            "strategies": len(self.strategies),
         }
         if len(set(sizes.values())) != 1 or len(self.target) == 0:
             raise ValueError(f"answered pairs need rows of one number > 0, got {sizes}")
@@ -80,7 +84,13 @@ class AnsweredPairs:
             raters=tuple(self.raters[row] for row in rows),
             commands=self.commands[rows],
             rounds=tuple(self.rounds[row] for row in rows),
+            strategies=tuple(self.strategies[row] for row in rows),
         )
+
+    @property
+    def at_random(self) -> Tensor:
+        """[B] bool: no reward chose the pair for being hard."""
+        return torch.tensor([name == Uniform.name for name in self.strategies])
 
     @property
     def fell(self) -> Tensor:
@@ -134,6 +144,7 @@ def gather_pairs(datasets: Sequence[Dataset], pairs: Sequence[Pair]) -> Answered
         raters=("",) * len(pairs),
         commands=torch.tensor([entry.meta.command for entry in entries]),
         rounds=tuple(pair.round for pair in pairs),
+        strategies=tuple(pair.strategy for pair in pairs),
         num_without_target=0,
         answers_sha256="",
     )

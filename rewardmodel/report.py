@@ -31,12 +31,18 @@ class FitReport:
     """Share of them foreseen; None when there are none."""
     held_out_interval: tuple[float, float] | None
     """Wilson 95 % interval of that share."""
+    at_random_pairs: int
+    """Held-out preferences whose pair was drawn at random, not chosen as hard."""
+    at_random_accuracy: float | None
+    """Share of these foreseen: how often the reward is right about any pair."""
     held_out_log_likelihood: float | None
     """Mean over all held-out answers, ties included."""
     temperature: float
-    """What leads are divided by to be calibrated logits, from the held-out answers."""
+    """What logits are divided by to be calibrated, from the held-out answers, of which
+    those drawn at random count most (`rewardmodel.calibration.counting`)."""
     held_out_ece: float | None
-    """Expected calibration error of the held-out preferences at that temperature."""
+    """Expected calibration error of the held-out preferences at that temperature, as
+    they count."""
     held_out_brier: float | None
     """Mean squared error of their probabilities at that temperature."""
     raters: tuple[tuple[str, float], ...] = ()

@@ -244,6 +244,8 @@ def quarrelling_model() -> RewardModel:
         held_out_pairs=0,
         held_out_accuracy=None,
         held_out_interval=None,
+        at_random_pairs=0,
+        at_random_accuracy=None,
         held_out_log_likelihood=None,
         temperature=1.0,
         held_out_ece=None,

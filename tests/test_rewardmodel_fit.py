@@ -119,6 +119,7 @@ def answered(
         raters=("planted",) * count,
         commands=torch.tensor([[0.5, 0.0, 0.0]]).expand(count, 3),
         rounds=(0,) * count,
+        strategies=("uniform",) * count,
         num_without_target=0,
         answers_sha256="0" * 64,
     )

@@ -54,8 +54,11 @@ def test_questions_that_members_quarrel_about_do_not_speak_for_others() -> None:
     calm = opinion(easy, 0.01, members=40, seed=5)
     fresh = (torch.rand(2000, generator=generator(6)) < easy.sigmoid()).float()
 
-    by_lead = calibration(easy / fit_temperature(quarrel.lead, answers), fresh)
-    found = calibration(calm.logit / fit_temperature(quarrel.logit, answers), fresh)
+    alike = torch.ones(2000)
+    plain = fit_temperature(quarrel.lead, answers, alike)
+    by_lead = calibration(easy / plain, fresh)
+    own = fit_temperature(quarrel.logit, answers, alike)
+    found = calibration(calm.logit / own, fresh)
     assert by_lead is not None
     assert found is not None
     assert found.ece < 0.05 < 0.1 < by_lead.ece

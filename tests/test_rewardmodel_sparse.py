@@ -194,6 +194,24 @@ def test_random_answers_are_told_from_those_that_mean_something() -> None:
     assert sum(by_chance[0.5, seed] <= MOST_BY_CHANCE for seed in range(3)) <= 1
 
 
+@pytest.mark.parametrize(
+    ("taste", "single_legs", "ends"),
+    [
+        (front_feet, False, True),
+        (one_foot, True, False),
+        (best_height, False, False),
+        (effort, False, False),
+    ],
+)
+def test_feet_are_told_apart_where_answers_speak_for_it(
+    taste: Taste, single_legs: bool, ends: bool
+) -> None:
+    """Among so many more curves some always fit a few answers by chance."""
+    cfg = find(training_pairs(asked(taste, 60, seed=0), SPARSE), SPARSE)
+    found = cfg.sparse
+    assert (found.single_legs, found.ends) == (single_legs, ends)
+
+
 def test_it_tells_the_errors_of_raters_from_its_own() -> None:
     """What no weighted sum says is no error to it; what is one is."""
     share = {

@@ -10,7 +10,7 @@ import torch
 
 from data.features import FEATURE_DIM, column
 from rewardmodel import FitCfg, fit_reward
-from rewardmodel.calibration import calibration, fit_temperature
+from rewardmodel.calibration import calibration, counting, fit_temperature
 from rewardmodel.foresight import accuracy_of, foresee, opinion_of
 from rewardmodel.support import PIECE_STEPS, Drift, support_of
 from rewardmodel.trust import Reach, alarms, reach
@@ -28,7 +28,7 @@ def test_the_temperature_undoes_overconfidence() -> None:
     """Leads three times too large are divided by three, and then calibrated."""
     logit = torch.linspace(-2, 2, 2000)
     target = answers_to(logit)
-    found = fit_temperature(3 * logit, target)
+    found = fit_temperature(3 * logit, target, torch.ones(2000))
     assert found == pytest.approx(3.0, rel=0.15)
     before, after = (
         calibration(3 * logit, target),
@@ -46,9 +46,56 @@ def test_answers_without_information_make_it_modest() -> None:
     rng = torch.Generator().manual_seed(0)
     target = torch.randint(2, (200,), generator=rng).float()
     lead = 5 * torch.randn(200, generator=rng)
-    calibrated = calibration(lead / fit_temperature(lead, target), target)
+    calibrated = calibration(
+        lead / fit_temperature(lead, target, torch.ones(200)), target
+    )
     assert calibrated is not None
     assert max(part.confidence for part in calibrated.bins) < 0.65
+
+
+def test_hard_questions_do_not_make_it_too_careful_about_others() -> None:
+    """Four of five questions are chosen, and harder than the leads say: of these only
+    three of four are foreseen. The temperature is that of the others."""
+    logit = torch.cat([torch.full((20,), 2.0), torch.full((80,), 2.0)])
+    target = torch.ones(100)
+    target[:2], target[20:40] = 0.0, 0.0
+    at_random = torch.arange(100) < 20
+    alike = fit_temperature(logit, target, torch.ones(100))
+    counts = counting(at_random, erring=False)
+    found = fit_temperature(logit, target, counts)
+    assert (2.0 / torch.tensor(alike)).sigmoid() < 0.8
+    assert (2.0 / torch.tensor(found)).sigmoid() == pytest.approx(0.86, abs=0.03)
+    measured = calibration(logit / found, target, counts)
+    assert measured is not None
+    # 0.1 of those drawn at random; a quarter of the chosen ones, which count a tenth.
+    wrong = (20 * 0.1 + 8 * 0.25) / 28
+    sure = 1 / (1 + np.exp(-2.0 / found))
+    brier = wrong * sure**2 + (1 - wrong) * (1 - sure) ** 2
+    assert measured.brier == pytest.approx(brier)
+
+
+@pytest.mark.parametrize(("drawn", "erring"), [(9, False), (60, True), (0, False)])
+def test_all_answers_count_alike_where_few_are_drawn_or_answers_err(
+    drawn: int, erring: bool
+) -> None:
+    assert (counting(torch.arange(60) < drawn, erring=erring) == 1.0).all()
+
+
+def test_counts_are_as_good_as_copies() -> None:
+    """An answer that counts twice is as good as two."""
+    logit = torch.linspace(-2, 2, 40)
+    target = answers_to(logit)
+    counts = torch.ones(40)
+    counts[::3] = 2.0
+    copies = torch.arange(40).repeat_interleave(counts.long())
+    alike = torch.ones(len(copies))
+    temperature = fit_temperature(logit, target, counts)
+    assert temperature == fit_temperature(logit[copies], target[copies], alike)
+    found = calibration(logit, target, counts)
+    copied = calibration(logit[copies], target[copies])
+    assert found is not None
+    assert copied is not None
+    assert found.brier == pytest.approx(copied.brier)
 
 
 def test_calibration_by_hand() -> None:
@@ -69,7 +116,7 @@ def test_ties_are_neither_right_nor_wrong() -> None:
     assert (found.answers, found.share) == (3, 0.5)
     assert accuracy_of(lead, torch.full((4,), 0.5)) is None
     assert calibration(lead, torch.full((4,), 0.5)) is None
-    assert fit_temperature(lead, torch.full((4,), 0.5)) == 1.0
+    assert fit_temperature(lead, torch.full((4,), 0.5), torch.ones(4)) == 1.0
 
 
 def test_close_questions_hardly_count() -> None:
