@@ -68,20 +68,21 @@ def sureness(run: Path, *, seed: int) -> Iterator[Sureness]:
     policy = load_policy(run / "rounds/00/policy/policy.pt")
     context = criterion_context(policy.robot(), policy.info.env)
     fresh = fresh_pairs(run, cfg, load_criterion(cfg.criterion, context))
-    pairs = answers_of(run, cfg.rounds - 1)
-    model, _ = fit_reward(pairs, cfg.fit, seed=seed, measured=False)
+    last = cfg.rounds - 1
+    pairs = answers_of(run, last)
+    model, _ = fit_reward(pairs, cfg.fit_of(last), seed=seed, measured=False)
     found = model.provenance.cfg
     described = training_pairs(pairs, found).seen_by(found)
     asked, held_out = held_out_opinions(described, pairs.episodes, found, seed)
     of_fresh = model.opinion(fresh.left, fresh.right)
     alike = torch.ones(len(held_out.lead))
-    counts = counting(pairs.at_random[asked], erring=takes_to_err(found))
+    target = described.target[asked]
+    counts = counting(pairs.at_random[asked], target, erring=takes_to_err(found))
     for way, known, new, weights in (
         ("by lead", held_out.lead, of_fresh.lead, alike),
         ("with spread", held_out.logit, of_fresh.logit, alike),
         ("as it is", held_out.logit, of_fresh.logit, counts),
     ):
-        target = described.target[asked]
         temperature = fit_temperature(known, target, weights)
         yield Sureness(
             way=way,
@@ -99,7 +100,10 @@ def _repeated(logit: Tensor, answers: Tensor) -> Calibration | None:
 def main(options: Options) -> int:
     """Print three lines for every run."""
     torch.set_num_threads(1)
-    console.print("calibration error on held-out answers, on fresh pairs; temperature")
+    console.print(
+        "calibration error on held-out answers, as they count, and on fresh pairs; "
+        "temperature"
+    )
     for run in options.run:
         for found in sureness(run, seed=options.seed):
             errors = (found.held_out, found.fresh)

@@ -54,4 +54,4 @@ def _draw(
 
 
 def _interval(part: Bin) -> tuple[float, float]:
-    return wilson_interval(part.right * part.answers, part.answers)
+    return wilson_interval(part.right * part.alike, part.alike)

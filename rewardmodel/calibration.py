@@ -24,7 +24,7 @@ model infallible."""
 _CHOSEN = 0.1
 """What an answer to a chosen question counts beside one drawn at random."""
 _ENOUGH_AT_RANDOM = 10
-"""Answers drawn at random from which on they are not alone."""
+"""With fewer drawn at random all answers count alike."""
 _ANSWERS_PER_BIN = 10
 _MAX_BINS = 10
 _REPETITIONS = 200
@@ -35,10 +35,13 @@ class Bin:
     """Answers of about equal confidence."""
 
     confidence: float
-    """Mean probability given to the clip that was predicted to win, in [0.5, 1]."""
+    """Mean probability given to the clip that was predicted to win, in [0.5, 1], of the
+    answers as they count."""
     right: float
-    """Share of these answers that were foreseen."""
+    """Share of these answers that were foreseen, as they count."""
     answers: int
+    alike: int
+    """Answers that count the same and say as much (Kish 1965, "Survey Sampling")."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +59,7 @@ class Calibration:
     """The reliability plot: bins of equally many answers, least confident first."""
 
 
-def counting(at_random: Tensor, *, erring: bool) -> Tensor:
+def counting(at_random: Tensor, target: Tensor, *, erring: bool) -> Tensor:
     """How much each held-out answer [B] counts, so that together they stand for pairs
     drawn at random.
 
@@ -67,9 +70,10 @@ def counting(at_random: Tensor, *, erring: bool) -> Tensor:
 
     Args:
         at_random: [B] bool, questions that no reward chose.
+        target: [B] the answers; a tie is no preference.
         erring: Whether answers are taken to err.
     """
-    if erring or int(at_random.sum()) < _ENOUGH_AT_RANDOM:
+    if erring or int((at_random & (target != 0.5)).sum()) < _ENOUGH_AT_RANDOM:
         return torch.ones(len(at_random))
     return torch.where(at_random, 1.0, _CHOSEN)
 
@@ -119,7 +123,7 @@ def calibration(
     sizes = [len(part) for part in torch.arange(len(order)).tensor_split(count)]
     parts = (column.split(sizes) for column in (confidence, right, weight))
     bins = tuple(
-        Bin(_mean(sure, part), _mean(hit, part), len(part))
+        Bin(_mean(sure, part), _mean(hit, part), len(part), _alike(part))
         for sure, hit, part in zip(*parts, strict=True)
     )
     return Calibration(
@@ -132,6 +136,10 @@ def calibration(
 
 def _mean(values: Tensor, weight: Tensor) -> float:
     return float((weight * values).sum() / weight.sum())
+
+
+def _alike(weight: Tensor) -> int:
+    return max(1, round(float(weight.sum() ** 2 / weight.square().sum())))
 
 
 def _ece(confidence: Tensor, right: Tensor, weight: Tensor, sizes: list[int]) -> Tensor:

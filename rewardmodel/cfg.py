@@ -160,7 +160,8 @@ class SparseCfg:
     """Whether one leg or one side may matter more than another; None: where the answers
     speak for it (`rewardmodel.sparse_fit.find`)."""
     ends: bool | None = field(default=None, metadata=ADDED_LATER)
-    """Whether front feet may matter more than rear ones; None as above."""
+    """Whether front feet may matter more than rear ones; None as above. Where either is
+    open, not both are tried: single legs can say what ends say."""
     told: bool = field(default=True, metadata=ADDED_LATER)
     """Whether doing what the robot is told may matter: how fast it goes and turns, and
     by how much too fast or slow. Where a task pays for that, a policy cannot change it,

@@ -122,7 +122,7 @@ def _report(
 ) -> FitReport:
     right, preferences = _count_right(fitted.target, lead)
     held_out, at_random = fitted.subset(asked), answered.at_random[asked]
-    counts = counting(at_random, erring=takes_to_err(cfg))
+    counts = counting(at_random, held_out.target, erring=takes_to_err(cfg))
     temperature = fit_temperature(foreseen.logit, held_out.target, counts)
     found = calibration(foreseen.logit / temperature, held_out.target, counts)
     drawn_right, drawn = _count_right(

@@ -176,7 +176,8 @@ def _summary(
     episodes = pairs.episodes if pairs else ()
     group = torch.tensor([fold_of(left, cfg.folds) for left, _ in episodes])
     at_random = pairs.at_random if pairs else torch.empty(0, dtype=torch.bool)
-    counts, cooled = counting(at_random, erring=takes_to_err(cfg)), logit.clone()
+    counts = counting(at_random, target, erring=takes_to_err(cfg))
+    cooled = logit.clone()
     for fold in range(cfg.folds):
         others = group != fold
         cooled[group == fold] /= fit_temperature(

@@ -69,8 +69,9 @@ def opinion_without(
     [B] alone (bool), and to its opinions on `others`."""
     pairs = pairs.seen_by(cfg)
     if cfg.kind == "sparse" and cfg.sparse.is_open:
-        # Whether single legs matter decides much of what is foreseen, so it is asked
-        # anew; how often answers are wrong is taken from all of them.
+        # Where it is open whether single legs matter, or front and rear feet apart, it
+        # decides much of what is foreseen and is asked anew. A fit that was measured
+        # has asked all answers, as it has how often they are wrong.
         cfg = replace(cfg, sparse=look(pairs.subset(fitted), cfg).sparse)
     normaliser, scorer = fit_ensemble(pairs.subset(fitted), cfg, seed, others)
     asked = pairs.subset(tested).transformed(normaliser)

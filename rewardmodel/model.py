@@ -211,7 +211,7 @@ class RewardModel(nn.Module):
         return self.logit(left, right).sigmoid()
 
     def logit(self, left: ClipBatch, right: ClipBatch) -> Tensor:
-        """Its logit [B]."""
+        """Calibrated logit [B] that each left clip is called better."""
         temperature = self.provenance.report.temperature
         return self.opinion(left, right).logit / temperature
 

@@ -18,7 +18,7 @@ from data.answers import Answer, AnswerStore, Pair
 from data.clips import Clip
 from data.dataset import Dataset
 
-from .acquisition.strategy import Uniform
+from .acquisition.strategy import NEEDS_MODEL
 from .clips import ClipBatch, fill_clips, with_past
 from .errors import RewardError
 
@@ -90,7 +90,7 @@ class AnsweredPairs:
     @property
     def at_random(self) -> Tensor:
         """[B] bool: no reward chose the pair for being hard."""
-        return torch.tensor([name == Uniform.name for name in self.strategies])
+        return torch.tensor([name not in NEEDS_MODEL for name in self.strategies])
 
     @property
     def fell(self) -> Tensor:

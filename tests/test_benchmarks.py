@@ -20,6 +20,7 @@ from benchmarks import (
     policy_order,
     preference_fresh,
     robots,
+    sureness,
     throughput,
     walk,
 )
@@ -333,6 +334,9 @@ def test_fresh_pairs_are_answered_as_the_rater_does(tmp_path: Path) -> None:
     again = preference_fresh.on_fresh_pairs(tmp_path / "run", cfg, criterion)
     assert found["fresh_accuracy"] == again["fresh_accuracy"]
     assert found["fresh_ece"] != again["fresh_ece"]
+    ways = list(sureness.sureness(tmp_path / "run", seed=0))
+    assert [way.way for way in ways] == ["by lead", "with spread", "as it is"]
+    assert len({way.temperature for way in ways}) == 3
 
 
 def test_mistakes_turn_a_share_of_the_answers_round() -> None:

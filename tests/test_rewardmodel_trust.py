@@ -12,7 +12,9 @@ from data.features import FEATURE_DIM, column
 from rewardmodel import FitCfg, fit_reward
 from rewardmodel.calibration import calibration, counting, fit_temperature
 from rewardmodel.foresight import accuracy_of, foresee, opinion_of
+from rewardmodel.held_out import held_out_opinions
 from rewardmodel.support import PIECE_STEPS, Drift, support_of
+from rewardmodel.training import training_pairs
 from rewardmodel.trust import Reach, alarms, reach
 
 from .test_rewardmodel_fit import answered, gait
@@ -61,7 +63,7 @@ def test_hard_questions_do_not_make_it_too_careful_about_others() -> None:
     target[:2], target[20:40] = 0.0, 0.0
     at_random = torch.arange(100) < 20
     alike = fit_temperature(logit, target, torch.ones(100))
-    counts = counting(at_random, erring=False)
+    counts = counting(at_random, target, erring=False)
     found = fit_temperature(logit, target, counts)
     assert (2.0 / torch.tensor(alike)).sigmoid() < 0.8
     assert (2.0 / torch.tensor(found)).sigmoid() == pytest.approx(0.86, abs=0.03)
@@ -78,7 +80,14 @@ def test_hard_questions_do_not_make_it_too_careful_about_others() -> None:
 def test_all_answers_count_alike_where_few_are_drawn_or_answers_err(
     drawn: int, erring: bool
 ) -> None:
-    assert (counting(torch.arange(60) < drawn, erring=erring) == 1.0).all()
+    at_random = torch.arange(60) < drawn
+    assert (counting(at_random, torch.ones(60), erring=erring) == 1.0).all()
+
+
+def test_ties_are_not_enough_drawn_at_random() -> None:
+    target = torch.ones(60)
+    target[5:20] = 0.5
+    assert (counting(torch.arange(60) < 20, target, erring=False) == 1.0).all()
 
 
 def test_counts_are_as_good_as_copies() -> None:
@@ -96,6 +105,56 @@ def test_counts_are_as_good_as_copies() -> None:
     assert found is not None
     assert copied is not None
     assert found.brier == pytest.approx(copied.brier)
+
+
+def test_questions_drawn_at_random_are_told_from_chosen_ones() -> None:
+    """A quarter of the answers to chosen questions is turned round, as if these were
+    too close; those drawn at random say how good the reward is, and how sure it is."""
+    pairs = answered(160, seed=0)
+    drawn = torch.arange(160) % 4 == 0
+    wrong = torch.arange(160) % 4 == 2
+    names = tuple("uniform" if own else "disagreement" for own in drawn.tolist())
+    pairs = replace(
+        pairs,
+        strategies=names,
+        target=torch.where(wrong, 1 - pairs.target, pairs.target),
+    )
+    assert pairs.subset(drawn).at_random.all()
+    assert not pairs.subset(~drawn).at_random.any()
+    cfg = FitCfg(adapt=False, error_share=0.05)
+    model, report = fit_reward(pairs, cfg, seed=0)
+    assert report.at_random_pairs == 40
+    assert report.at_random_accuracy is not None
+    assert report.held_out_accuracy is not None
+    assert report.at_random_accuracy > report.held_out_accuracy + 0.1
+    alike = replace(pairs, strategies=("disagreement",) * 160)
+    _, careful = fit_reward(alike, cfg, seed=0)
+    assert careful.at_random_accuracy is None
+    assert careful.temperature > 1.5 * report.temperature
+
+    found = foresee(model, pairs, seed=0)
+    assert found.accuracy is not None
+    assert found.at_random is not None
+    assert found.at_random.answers == 40
+    assert found.at_random.share == report.at_random_accuracy
+    assert found.temperature == pytest.approx(report.temperature, rel=1e-3)
+    # What is saved makes probabilities of what members quarrel about, too.
+    described = training_pairs(pairs, cfg)
+    asked, opinion = held_out_opinions(described, pairs.episodes, cfg, 0)
+    counts = counting(pairs.at_random[asked], pairs.target[asked], erring=False)
+    expected = fit_temperature(opinion.logit, pairs.target[asked], counts)
+    assert report.temperature == pytest.approx(expected, rel=1e-3)
+
+
+def test_weighted_calibration_by_hand() -> None:
+    """One bin of 80 %: of the first, which counts three times, it was right."""
+    logit = torch.full((4,), np.log(4.0))
+    target = torch.tensor([1.0, 0.0, 1.0, 0.0])
+    found = calibration(logit, target, torch.tensor([3.0, 1.0, 1.0, 1.0]))
+    assert found is not None
+    assert found.ece == pytest.approx(0.8 - 4 / 6)
+    assert [(part.answers, part.alike) for part in found.bins] == [(4, 3)]
+    assert found.bins[0].right == pytest.approx(4 / 6)
 
 
 def test_calibration_by_hand() -> None:

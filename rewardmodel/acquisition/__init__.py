@@ -14,6 +14,7 @@ from .batches import Medoids as Medoids
 from .choose import asked_for as asked_for
 from .choose import choose_pairs as choose_pairs
 from .phase import in_step as in_step
+from .strategy import NEEDS_MODEL as NEEDS_MODEL
 from .strategy import Strategy as Strategy
 from .strategy import Uniform as Uniform
 from .unanswered import unanswered_pairs as unanswered_pairs
@@ -33,8 +34,6 @@ StrategyName = Literal[
     "medoids",
     "dpp",
 ]
-NEEDS_MODEL = ("disagreement", "entropy", "bald", "improvement", "kcenter-entropy")
-"""Strategies that ask an ensemble; kcenter and dpp use one where there is one."""
 
 
 def make_strategy(

@@ -13,6 +13,10 @@ import numpy as np
 
 from data.clips import Clip
 
+NEEDS_MODEL = ("disagreement", "entropy", "bald", "improvement", "kcenter-entropy")
+"""Names of strategies that ask an ensemble, and of it the hardest questions; kcenter
+and dpp use one where there is one."""
+
 
 class Strategy(Protocol):
     """How much an answer to each candidate would be worth."""
