@@ -30,7 +30,7 @@ from .report import FitReport
 
 TENSORS_NAME = "reward.safetensors"
 FACTS_NAME = "reward.json"
-FORMAT_VERSION = 6
+FORMAT_VERSION = 7
 
 _FEATURE_NAMES = tuple(feature.name for feature in FEATURES)
 
