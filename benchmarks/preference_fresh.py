@@ -25,7 +25,7 @@ from gaitpref.loop_cfg import LoopCfg
 from gaitpref.questions import clips_of
 from gaitpref.rater import ClipScores, standards_among
 from rewardmodel import RewardModel, Uniform, choose_pairs
-from rewardmodel.calibration import calibration
+from rewardmodel.calibration import Calibration, calibration
 from rewardmodel.clips import ClipBatch, read_clips
 from rewardmodel.foresight import accuracy_of
 from rewardmodel.storage import load_reward
@@ -52,6 +52,11 @@ class FreshPairs:
     def leads(self, model: RewardModel) -> Tensor:
         """What `model` says of them: logit [B] of the left clips."""
         return model.lead(self.left, self.right)
+
+    def calibration(self, logit: Tensor) -> Calibration | None:
+        """How well logits [B] foretell what the rater says."""
+        repeated = logit[:, None].expand_as(self.answers)
+        return calibration(repeated.flatten(), self.answers.flatten())
 
 
 def fresh_pairs(run: Path, cfg: LoopCfg, criterion: Criterion) -> FreshPairs:
@@ -98,10 +103,7 @@ def on_fresh_pairs(
     model = load_reward(run / f"rounds/{cfg.rounds - 1:02d}/reward")
     pairs = fresh_pairs(run, cfg, criterion)
     accuracy = accuracy_of(pairs.leads(model), pairs.target)
-    logit = model.logit(pairs.left, pairs.right)
-    found = calibration(
-        logit[:, None].expand_as(pairs.answers).flatten(), pairs.answers.flatten()
-    )
+    found = pairs.calibration(model.logit(pairs.left, pairs.right))
     return {
         "fresh_accuracy": accuracy.share if accuracy else None,
         "fresh_ece": found.ece if found else None,

@@ -5,8 +5,6 @@ rater, fits a reward to each run's answers, finds a temperature on the held-out 
 and asks both about pairs nobody was asked about. Once a lead says all; once the spread
 of the members' leads counts too (`rewardmodel.opinion`); and once, as it is, the
 temperature is found on questions drawn at random most (`calibration.counting`).
-
-Shapes: B pairs, R times that each is answered.
 """
 
 from __future__ import annotations
@@ -18,7 +16,6 @@ from pathlib import Path
 
 import torch
 import tyro
-from torch import Tensor
 
 from gaitpref.criteria import load_criterion
 from gaitpref.progress import console
@@ -88,13 +85,8 @@ def sureness(run: Path, *, seed: int) -> Iterator[Sureness]:
             way=way,
             temperature=temperature,
             held_out=calibration(known / temperature, target, weights),
-            fresh=_repeated(new / temperature, fresh.answers),
+            fresh=fresh.calibration(new / temperature),
         )
-
-
-def _repeated(logit: Tensor, answers: Tensor) -> Calibration | None:
-    """Of logits [B], each answered several times [B, R]."""
-    return calibration(logit[:, None].expand_as(answers).flatten(), answers.flatten())
 
 
 def main(options: Options) -> int:

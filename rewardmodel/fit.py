@@ -19,7 +19,7 @@ from .ensemble import fit_ensemble
 from .evidence import erring, find, settled, takes_to_err
 from .held_out import fold_of, held_out_opinions
 from .linear import members_for
-from .model import Provenance, RewardModel, opinion_on_pairs
+from .model import Provenance, RewardModel, leads_of_pairs, paying
 from .opinion import Opinion
 from .pairs import AnsweredPairs
 from .reliability import with_reliability
@@ -80,7 +80,7 @@ def fit_reward(
     report = _report(
         pairs,
         described,
-        opinion_on_pairs(scorer, standardised).lead,
+        leads_of_pairs(paying(scorer), standardised).mean(dim=0),
         held_out,
         foreseen,
         cfg,

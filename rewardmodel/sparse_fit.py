@@ -42,7 +42,7 @@ _SINGLES_PRICE = 10.0
 legs alike gained up to 8, of one about one foot 21 from 73 answers."""
 _ENDS_PRICE = 5.0
 """The same against front and rear feet apart, a third as many curves: of fits of
-wishes about all feet alike nine in ten gained less, of one about front feet eight in
+other wishes nine in ten gained less, of one about front feet eight in
 nine gained more."""
 _AT_ONCE = 64
 """Pairs whose steps are looked at together, some 20 MB."""
