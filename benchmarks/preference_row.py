@@ -206,7 +206,7 @@ def _train_on_criterion(
         reward_fn = total_reward(score, setting.robot, cfg.env, known=cfg.known)
     train_cfg = TrainCfg(steps=steps_of(cfg), env=cfg.env, ppo=ppo, seed=REFERENCE_SEED)
     if base is not None:
-        train_cfg = put_back(cfg, train_cfg, load_policy(base))
+        train_cfg = put_back(cfg, train_cfg, load_policy(base), std=cfg.noise_back)
     if calm:
         train_cfg = replace(train_cfg, final_std=cfg.calm_std, calm_from=cfg.calm_from)
     train(

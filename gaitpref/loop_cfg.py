@@ -126,8 +126,10 @@ class LoopCfg:
     is paid for the rate of steps: feet that noise makes chatter have that rate, and
     without noise they have not."""
     noise_back: float = field(default=0.3, metadata=ADDED_LATER)
-    """Noise that a training begins with where the policy it goes on from has little
-    left, as after it came down."""
+    """Noise that a first retraining begins with where the base has little left."""
+    noise_again: float = field(default=0.15, metadata=ADDED_LATER)
+    """The same of later ones: what was learned to do with little noise is lost under
+    more, and half of a training is spent on learning it once more."""
     calm_from: float = field(default=0.85, metadata=ADDED_LATER)
     """Share of a training after which it comes down to that: the less noise, the slower
     is learned."""

@@ -41,18 +41,21 @@ def with_noise(
             exploration_std=cfg.exploration.std(round, cfg.rounds),
             final_std=cfg.exploration.final if last else None,
         )
-    train_cfg = put_back(cfg, train_cfg, start)
+    std = cfg.noise_back if round == 1 else cfg.noise_again
+    train_cfg = put_back(cfg, train_cfg, start, std=std)
     if cfg.calm_std is None or not pays_for_rate(model):
         return train_cfg
     return replace(train_cfg, final_std=cfg.calm_std, calm_from=cfg.calm_from)
 
 
-def put_back(cfg: LoopCfg, train_cfg: TrainCfg, start: Policy) -> TrainCfg:
-    """`train_cfg` with noise put back where `start`, which it begins from, has little
+def put_back(
+    cfg: LoopCfg, train_cfg: TrainCfg, start: Policy, *, std: float
+) -> TrainCfg:
+    """`train_cfg` with noise of `std` where `start`, which it begins from, has little
     left."""
     if cfg.calm_std is None or float(start.std.mean()) >= _GONE * cfg.calm_std:
         return train_cfg
-    return replace(train_cfg, exploration_std=cfg.noise_back)
+    return replace(train_cfg, exploration_std=std)
 
 
 def pays_for_rate(model: RewardModel) -> bool:

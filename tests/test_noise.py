@@ -73,10 +73,16 @@ def test_what_came_down_is_put_back_whatever_is_paid_for(
     paying: Callable[[Taste], RewardModel],
     policy_of: Callable[[float], Policy],
 ) -> None:
-    """A policy whose noise is gone learns nothing new, even of another wish."""
+    """A policy whose noise is gone learns nothing new, even of another wish; but what
+    was learned with little of it is lost under as much as at first."""
     for taste in (best_rate, best_height):
-        again = with_noise(style, 2, PLAIN, paying(taste), policy_of(0.1))
-        assert again.exploration_std == style.noise_back
+        model, calm = paying(taste), policy_of(0.1)
+        stds = [
+            with_noise(style, round, PLAIN, model, calm).exploration_std
+            for round in (1, 2, 3)
+        ]
+        assert stds == [style.noise_back, style.noise_again, style.noise_again]
+        assert style.noise_again < style.noise_back
 
 
 def test_from_scratch_it_is_put_back_every_round(
