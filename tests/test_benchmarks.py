@@ -23,6 +23,7 @@ from benchmarks import (
     sureness,
     throughput,
     walk,
+    wrong_answers,
 )
 from benchmarks.preference_plan import HELD_BACK, loop_cfg, plan
 from benchmarks.preference_table import BEGIN, END, publish_rows, together
@@ -337,6 +338,27 @@ def test_fresh_pairs_are_answered_as_the_rater_does(tmp_path: Path) -> None:
     ways = list(sureness.sureness(tmp_path / "run", seed=0))
     assert [way.way for way in ways] == ["by lead", "with spread", "as it is"]
     assert len({way.temperature for way in ways}) == 3
+
+
+def test_what_is_done_about_answers_that_look_wrong(tmp_path: Path) -> None:
+    """As many answers in every way that asks again; no more than that in the others."""
+    run_configured(tmp_path / "run", small_cfg())
+    asked = wrong_answers.Asked.of(tmp_path / "run")
+    options = wrong_answers.Options(run=(), again=0.25, unlikely=0.4)
+    rng = np.random.default_rng(0)
+    found = dict(wrong_answers.ways(asked, options, rng, seed=0))
+    once, turned = found["each once"], found["turned round"]
+    assert len(once) == len(turned) == 24
+    differ = turned.target != once.target
+    assert 0 < differ.sum() < 24
+    assert len(found["left out"]) == 24 - differ.sum()
+    for way in ("doubted again", "any again"):
+        assert len(found[way]) == 24
+        assert len(set(found[way].episodes[18:])) > 1
+        assert set(found[way].episodes[18:]) <= set(once.episodes[:18])
+    skips = replace(asked, answer=lambda pair, rng: None if rng.random() < 0.3 else 1.0)
+    with pytest.raises(ValueError, match="skips questions"):
+        list(wrong_answers.ways(skips, options, rng, seed=0))
 
 
 def test_mistakes_turn_a_share_of_the_answers_round() -> None:
