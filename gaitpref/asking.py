@@ -187,8 +187,9 @@ def _enough(cfg: LoopCfg, round: Round, dataset: Dataset) -> bool:
 
 def _fit_for_asking(cfg: LoopCfg, round: Round) -> FitCfg:
     """Settings of a fit between two batches: where the model is to be chosen, the last
-    round's choice is kept."""
+    round's choice is kept. Members that share what they look at would agree."""
     fit = cfg.fit_of(round.number)
+    fit = replace(fit, sparse=replace(fit.sparse, shared=False))
     if fit.kind in ("auto", "grow") and round.number:
         chosen = load_reward(round.before.reward).provenance.cfg
         return replace(fit, kind=chosen.kind)

@@ -166,6 +166,9 @@ class SparseCfg:
     """Whether doing what the robot is told may matter: how fast it goes and turns, and
     by how much too fast or slow. Where a task pays for that, a policy cannot change it,
     and what such a curve says is chance, or stands for a habit that goes with speed."""
+    shared: bool = field(default=False, metadata=ADDED_LATER)
+    """Whether the members share the sets of curves that all answers speak for, by how
+    probable these are, instead of each looking in resampled answers of its own."""
 
     def __post_init__(self) -> None:
         _require_members(self.num_members)

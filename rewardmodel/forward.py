@@ -23,20 +23,20 @@ from .training import TrainingPairs
 
 LEFT_OUT = 1e-4
 """Variance of the weights of what does not matter: next to none."""
-_STRENGTHS = (1.0, 10.0, 100.0)
+STRENGTHS = (1.0, 10.0, 100.0)
 """Variances of a straight line's weight that are tried, of all curves of a member
 alike, where a unit shifts a pair by the usual amount."""
-_BENT = 0.3
+BENT = 0.3
 """Variance of a bump's weight beside that of the line: most wishes are nearly
 straight."""
 _PRICE = 2.0
 """Logarithm of the odds against one more curve."""
-_MOST = 6
+MOST = 6
 """Curves a member takes."""
-_UPDATES = 12
+UPDATES = 12
 """Newton steps of a candidate, from the weights of the curves taken so far: two that
 cannot be told apart by then are as good."""
-_AT_ONCE = 4_000_000
+AT_ONCE = 4_000_000
 """Numbers of a batch, 32 MB."""
 
 
@@ -58,7 +58,7 @@ def chosen_curves(
         cfg: The likelihood of an answer.
         allowed: [C] indices of the curves that may matter.
     """
-    shape = torch.full((curves.shape[2],), _BENT, dtype=curves.dtype)
+    shape = torch.full((curves.shape[2],), BENT, dtype=curves.dtype)
     shape[0] = 1.0
     theta = curves.new_zeros(len(counts), *curves.shape[1:])
     variance = torch.full_like(theta, LEFT_OUT)
@@ -67,7 +67,7 @@ def chosen_curves(
     taken = torch.empty(len(counts), 0, dtype=torch.long)
     own = curves.new_empty(len(counts), 0)
     going = torch.arange(len(counts))
-    while len(going) and taken.shape[1] < min(_MOST, len(allowed)):
+    while len(going) and taken.shape[1] < min(MOST, len(allowed)):
         found, modes, which, strength = _next(
             curves, pairs, counts[going], cfg, allowed, taken, own, shape
         )
@@ -101,7 +101,7 @@ def _next(
     Returns:
         The evidence [M], the modes [M, (K + 1) W], the curve [M] and its strength [M].
     """
-    strengths = torch.tensor(_STRENGTHS, dtype=curves.dtype)
+    strengths = torch.tensor(STRENGTHS, dtype=curves.dtype)
     members, options = len(counts), len(allowed) * len(strengths)
     each = allowed.expand(members, -1)
     sets = torch.cat(
@@ -116,7 +116,7 @@ def _next(
     before = before.repeat_interleave(options, dim=0)
     size = curves.shape[0] * prior.shape[1]
     evidences, modes = [], []
-    for part in torch.arange(len(sets)).split(max(1, _AT_ONCE // size)):
+    for part in torch.arange(len(sets)).split(max(1, AT_ONCE // size)):
         inputs = curves[:, sets[part]].transpose(0, 1).flatten(2)  # [R, B, (K + 1) W]
         precision = 1 / prior[part]
         found = posterior_modes(
@@ -126,7 +126,7 @@ def _next(
             cfg,
             precision=precision,
             start=before[part],
-            max_updates=_UPDATES,
+            max_updates=UPDATES,
         )
         modes.append(found)
         evidences.append(log_evidence(inputs, pairs, seen[part], cfg, precision, found))

@@ -17,6 +17,7 @@ from .cfg import FitCfg, SparseCfg
 from .clips import mean_over
 from .descriptors import TOLD, names_seen
 from .evidence import ERROR_SHARES, erring, evidence, expected_share
+from .explanations import explanations, shared_out, weights_of
 from .forward import chosen_curves
 from .legs import CONTACTS, ENDS, SINGLE
 from .linear import MIN_SPREAD
@@ -56,7 +57,8 @@ def fit_sparse(
     scorer.look_at(pairs)
     inputs, units = scaled_curves(scorer, pairs)
     counts = bootstrap_counts(cfg.sparse.num_members, len(pairs), generator=generator)
-    theta, _ = relevant(inputs, pairs, counts.double(), cfg)
+    weigh = _shared if cfg.sparse.shared else relevant
+    theta, _ = weigh(inputs, pairs, counts.double(), cfg)
     scorer.weights.copy_(theta / units)
     return scorer
 
@@ -105,14 +107,29 @@ def relevant(
         cfg: The likelihood of an answer, and which curves may matter.
     """
     curves = inputs.unflatten(1, (-1, WEIGHTS))
+    allowed = _allowed(curves, cfg.sparse)
+    return chosen_curves(curves, pairs, counts, cfg, allowed=allowed)
+
+
+def _shared(
+    inputs: Tensor, pairs: TrainingPairs, counts: Tensor, cfg: FitCfg
+) -> tuple[Tensor, Tensor]:
+    """The same, of curves that members share by what all answers make of them."""
+    curves = inputs.unflatten(1, (-1, WEIGHTS))
+    found = explanations(curves, pairs, cfg, allowed=_allowed(curves, cfg.sparse))
+    return weights_of(shared_out(found, len(counts)), curves, pairs, counts, cfg)
+
+
+def _allowed(curves: Tensor, cfg: SparseCfg) -> Tensor:
+    """[C] indices of the curves that may matter, of differences [B, G, W]."""
     allowed = curves.abs().sum(dim=(0, 2)) > 0
-    if not cfg.sparse.single_legs:
+    if not cfg.single_legs:
         allowed[list(_SINGLE)] = False
-    if not cfg.sparse.ends:
+    if not cfg.ends:
         allowed[list(_ENDS)] = False
-    if not cfg.sparse.told:
+    if not cfg.told:
         allowed[list(_TOLD)] = False
-    return chosen_curves(curves, pairs, counts, cfg, allowed=allowed.nonzero()[:, 0])
+    return allowed.nonzero()[:, 0]
 
 
 def find(pairs: TrainingPairs, cfg: FitCfg) -> FitCfg:
