@@ -136,12 +136,7 @@ def test_few_answers_name_the_one_thing_wanted(
 
 
 @pytest.mark.parametrize(
-    ("taste", "named"),
-    [
-        (apart, {"side_support"}),
-        (one_foot, {"foot_height_RL"}),
-        (effort, {"torque_sq"}),
-    ],
+    ("taste", "named"), [(apart, {"side_support"}), (one_foot, {"foot_height_RL"})]
 )
 def test_members_that_share_what_is_found_agree_on_it(
     taste: Taste, named: set[str], tmp_path: Path
@@ -152,7 +147,8 @@ def test_members_that_share_what_is_found_agree_on_it(
     model, report = fit_reward(pairs, shared, seed=0)
     assert accuracy(model, fresh) > 0.9
     assert curves_kept(model) == named
-    assert report.held_out_accuracy is not None and report.held_out_accuracy > 0.8
+    assert report.held_out_accuracy is not None
+    assert report.held_out_accuracy > 0.8
     save_reward(model, tmp_path / "reward")
     loaded = load_reward(tmp_path / "reward")
     assert loaded.provenance.cfg.sparse.shared
