@@ -82,7 +82,7 @@ def _count_going_on(cfg: LoopCfg, round: Round, dataset: Dataset, asked: int) ->
         return asked
     pairs = load_pairs([dataset])
     seed = seed_of(cfg, 0, 5)
-    model, _ = fit_reward(pairs, _fit_for_asking(cfg, round), seed=seed, measured=False)
+    model, _ = fit_reward(pairs, fit_for_asking(cfg, round), seed=seed, measured=False)
     agreement = remaining(model, pairs).agreement
     if agreement >= cfg.first_agreement:
         return asked
@@ -116,7 +116,7 @@ def _add_pairs(cfg: LoopCfg, round: Round, dataset: Dataset, count: int) -> None
         model = None
         if enough:
             seed = seed_of(cfg, round.number, 7, asked_before)
-            fit = _fit_for_asking(cfg, round)
+            fit = fit_for_asking(cfg, round)
             # Only its doubt is asked for; the round's own fit is the one measured.
             model, _ = fit_reward(load_pairs([dataset]), fit, seed=seed, measured=False)
         chosen += ask(
@@ -175,9 +175,7 @@ def _enough(cfg: LoopCfg, round: Round, dataset: Dataset) -> bool:
         if count_evidence(store) < MIN_ANSWERS:
             return False
     seed = seed_of(cfg, round.number, 5)
-    _, report = fit_reward(
-        load_pairs([dataset]), _fit_for_asking(cfg, round), seed=seed
-    )
+    _, report = fit_reward(load_pairs([dataset]), fit_for_asking(cfg, round), seed=seed)
     if report.enough:
         console.print(
             f"round {round.number}: {what_remains(report)}, so it stops asking"
@@ -185,7 +183,7 @@ def _enough(cfg: LoopCfg, round: Round, dataset: Dataset) -> bool:
     return report.enough
 
 
-def _fit_for_asking(cfg: LoopCfg, round: Round) -> FitCfg:
+def fit_for_asking(cfg: LoopCfg, round: Round) -> FitCfg:
     """Settings of a fit between two batches: where the model is to be chosen, the last
     round's choice is kept. Members that share what they look at would agree."""
     fit = cfg.fit_of(round.number)
