@@ -103,12 +103,16 @@ def _bar(row: Row) -> tuple[float, tuple[float, float]]:
 
 def plot(rows: Sequence[Row], path: Path) -> None:
     """Fraction of every row, bars from worst to best seed: against answers for tasks
-    with several budgets or raters, a line each for all others."""
+    with several budgets, a line each for all others."""
     by_task: dict[str, list[Row]] = defaultdict(list)
     for row in rows:
         by_task[row["task"]].append(row)
-    several = [task for task, own in by_task.items() if len(own) > 1]
-    alone = [own[0] for own in by_task.values() if len(own) == 1]
+    several = [
+        task
+        for task, own in by_task.items()
+        if len({row["answers"] for row in own}) > 1
+    ]
+    alone = [row for row in rows if row["task"] not in several]
     panels = len(several) + bool(alone)
     figure, axes = plt.subplots(1, panels, figsize=(5.2 * panels, 4.2), squeeze=False)
     for axis, task in zip(axes.flat, several, strict=False):
@@ -148,9 +152,16 @@ def _one_line_each(axis: Axes, rows: Sequence[Row]) -> None:
         )  # fmt: skip
     for level, style in ((1.0, "-"), (0.0, ":")):
         axis.axvline(level, color="0.6", linewidth=0.8, linestyle=style)
-    names = [f"{row['task']}, {row['answers']} answers" for row in reversed(rows)]
-    axis.set_yticks(range(len(rows)), names)
+    axis.set_yticks(range(len(rows)), [_name(row) for row in reversed(rows)])
     axis.set(xlabel="fraction of the true reward")
+
+
+def _name(row: Row) -> str:
+    """Of a row that is drawn beside those of other tasks; what is usual is not said."""
+    told = [row["task"], f"{row['answers']} answers"]
+    told += [row["rater"]] if row["rater"] != "perfect" else []
+    told += [row["method"]] if row["method"] != "default" else []
+    return ", ".join(told)
 
 
 def publish_rows(rows: Sequence[Row], docs: Path, json_file: Path | None) -> None:
