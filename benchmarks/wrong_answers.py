@@ -26,7 +26,7 @@ from torch import Tensor
 
 from data.answers import Pair
 from data.dataset import Dataset
-from gaitpref.criteria import load_criterion
+from gaitpref.criteria import Criterion, load_criterion
 from gaitpref.judging import judge
 from gaitpref.loop_cfg import LoopCfg
 from gaitpref.progress import console
@@ -41,7 +41,7 @@ from rewardmodel.pairs import AnsweredPairs, gather_pairs
 from rewardmodel.training import training_pairs
 
 from .policy_order import rank_correlation, walks_of
-from .preference_fresh import FreshPairs, fresh_pairs
+from .preference_fresh import fresh_pairs
 
 _TARGETS = {"a": 1.0, "b": 0.0, "equal": 0.5}
 
@@ -67,6 +67,7 @@ class Asked:
 
     dataset: Dataset
     cfg: LoopCfg
+    criterion: Criterion
     pairs: Sequence[Pair]
     answer: Callable[[Pair, np.random.Generator], float | None]
     """1, 0.5 or 0 of the left clip; None for no preference that could be fitted."""
@@ -77,7 +78,8 @@ class Asked:
         cfg, dataset = read_config(run), Dataset.open(run / "dataset")
         policy = load_policy(run / "rounds/00/policy/policy.pt")
         context = criterion_context(policy.robot(), policy.info.env)
-        scores = ClipScores(dataset.features, load_criterion(cfg.criterion, context))
+        criterion = load_criterion(cfg.criterion, context)
+        scores = ClipScores(dataset.features, criterion)
         with dataset.answers_copy() as store:
             pairs = [pair for pair in store.pairs() if pair.gold is None]
         known = standards_among(pairs, scores, cfg.simulated)
@@ -86,7 +88,7 @@ class Asked:
             said = judge(scores(pair.a), scores(pair.b), cfg.simulated, known, rng)
             return _TARGETS.get(said)
 
-        return cls(dataset, cfg, pairs, answer)
+        return cls(dataset, cfg, criterion, pairs, answer)
 
     def answered(
         self, pairs: Sequence[Pair], rng: np.random.Generator
@@ -166,7 +168,7 @@ def main(options: Options) -> int:
     found: dict[str, list[tuple[float, float]]] = {}
     for number, run in enumerate(options.run):
         asked = Asked.of(run)
-        fresh = _fresh(run, asked)
+        fresh = fresh_pairs(run, asked.cfg, asked.criterion)
         for draw in range(options.draws):
             rng = np.random.default_rng([number, draw])
             for way, pairs in ways(asked, options, rng, seed=draw):
@@ -184,12 +186,6 @@ def main(options: Options) -> int:
             f"{orders.mean():.2f} {orders.min():.2f}"
         )
     return 0
-
-
-def _fresh(run: Path, asked: Asked) -> FreshPairs:
-    policy = load_policy(run / "rounds/00/policy/policy.pt")
-    context = criterion_context(policy.robot(), policy.info.env)
-    return fresh_pairs(run, asked.cfg, load_criterion(asked.cfg.criterion, context))
 
 
 if __name__ == "__main__":

@@ -23,8 +23,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from .cfg import FitCfg
-from .evidence import log_evidence
-from .forward import AT_ONCE, BENT, LEFT_OUT, MOST, STRENGTHS, UPDATES
+from .forward import LEFT_OUT, MOST, STRENGTHS, evidence_of, prior_shape
 from .linear import posterior_modes
 from .training import TrainingPairs
 
@@ -116,28 +115,18 @@ def _evidence(
     strengths = torch.tensor(STRENGTHS, dtype=curves.dtype)
     taken = torch.tensor(list(sets)).repeat_interleave(len(strengths), dim=0)
     start = torch.stack(list(sets.values())).repeat_interleave(len(strengths), dim=0)
-    shape = _shape(curves).repeat(taken.shape[1])
-    precision = 1 / (strengths.repeat(len(sets))[:, None] * shape)
-    counts = curves.new_ones(len(taken), len(pairs))
-    at_once = max(1, AT_ONCE // (curves.shape[0] * len(shape)))
-    evidences, modes = [], []
-    for part in torch.arange(len(taken)).split(at_once):
-        inputs = curves[:, taken[part]].transpose(0, 1).flatten(2)  # [R V, B, K W]
-        found = posterior_modes(
-            inputs,
-            pairs,
-            counts[part],
-            cfg,
-            precision=precision[part],
-            start=start[part],
-            max_updates=UPDATES,
-        )
-        modes.append(found)
-        evidences.append(
-            log_evidence(inputs, pairs, counts[part], cfg, precision[part], found)
-        )
-    evidence = torch.cat(evidences).view(len(sets), -1)
-    return evidence, torch.cat(modes).view(*evidence.shape, -1)
+    shape = prior_shape(curves).repeat(taken.shape[1])
+    evidence, modes = evidence_of(
+        curves,
+        pairs,
+        curves.new_ones(len(taken), len(pairs)),
+        cfg,
+        sets=taken,
+        precision=1 / (strengths.repeat(len(sets))[:, None] * shape),
+        start=start,
+    )
+    evidence = evidence.view(len(sets), -1)
+    return evidence, modes.view(*evidence.shape, -1)
 
 
 def shared_out(found: Sequence[Explanation], members: int) -> list[Explanation]:
@@ -168,16 +157,9 @@ def weights_of(
     """
     variance = curves.new_full((len(chosen), *curves.shape[1:]), LEFT_OUT)
     for member, each in enumerate(chosen):
-        variance[member, list(each.curves)] = each.strength * _shape(curves)
+        variance[member, list(each.curves)] = each.strength * prior_shape(curves)
     variance = variance.flatten(1)
     modes = posterior_modes(
         curves.flatten(1), pairs, counts, cfg, precision=1 / variance
     )
     return modes.where(variance > LEFT_OUT, 0.0), variance
-
-
-def _shape(curves: Tensor) -> Tensor:
-    """[W] variances of a curve's weights beside that of its line."""
-    shape = curves.new_full((curves.shape[2],), BENT)
-    shape[0] = 1.0
-    return shape

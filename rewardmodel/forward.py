@@ -26,17 +26,17 @@ LEFT_OUT = 1e-4
 STRENGTHS = (1.0, 10.0, 100.0)
 """Variances of a straight line's weight that are tried, of all curves of a member
 alike, where a unit shifts a pair by the usual amount."""
-BENT = 0.3
+_BENT = 0.3
 """Variance of a bump's weight beside that of the line: most wishes are nearly
 straight."""
 _PRICE = 2.0
 """Logarithm of the odds against one more curve."""
 MOST = 6
 """Curves a member takes."""
-UPDATES = 12
+_UPDATES = 12
 """Newton steps of a candidate, from the weights of the curves taken so far: two that
 cannot be told apart by then are as good."""
-AT_ONCE = 4_000_000
+_AT_ONCE = 4_000_000
 """Numbers of a batch, 32 MB."""
 
 
@@ -58,8 +58,7 @@ def chosen_curves(
         cfg: The likelihood of an answer.
         allowed: [C] indices of the curves that may matter.
     """
-    shape = torch.full((curves.shape[2],), BENT, dtype=curves.dtype)
-    shape[0] = 1.0
+    shape = prior_shape(curves)
     theta = curves.new_zeros(len(counts), *curves.shape[1:])
     variance = torch.full_like(theta, LEFT_OUT)
     nothing = pairs.log_likelihood(pairs.fall_lead.double().expand_as(counts), cfg)
@@ -114,31 +113,65 @@ def _next(
     seen = counts.repeat_interleave(options, dim=0)
     before = functional.pad(theta, (0, curves.shape[2]))
     before = before.repeat_interleave(options, dim=0)
-    size = curves.shape[0] * prior.shape[1]
-    evidences, modes = [], []
-    for part in torch.arange(len(sets)).split(max(1, AT_ONCE // size)):
-        inputs = curves[:, sets[part]].transpose(0, 1).flatten(2)  # [R, B, (K + 1) W]
-        precision = 1 / prior[part]
-        found = posterior_modes(
-            inputs,
-            pairs,
-            seen[part],
-            cfg,
-            precision=precision,
-            start=before[part],
-            max_updates=UPDATES,
-        )
-        modes.append(found)
-        evidences.append(log_evidence(inputs, pairs, seen[part], cfg, precision, found))
+    evidence, modes = evidence_of(
+        curves, pairs, seen, cfg, sets=sets, precision=1 / prior, start=before
+    )
     again = (taken[:, :, None] == allowed).any(dim=1)
     again = again.repeat_interleave(len(strengths), dim=1)
-    evidence = torch.cat(evidences).view(members, options)
-    evidence = evidence.masked_fill(again, -torch.inf)
+    evidence = evidence.view(members, options).masked_fill(again, -torch.inf)
     best = evidence.argmax(dim=1)
     rows = torch.arange(members)
     return (
         evidence[rows, best],
-        torch.cat(modes).view(members, options, -1)[rows, best],
+        modes.view(members, options, -1)[rows, best],
         allowed[best // len(strengths)],
         strengths[best % len(strengths)],
     )
+
+
+def evidence_of(
+    curves: Tensor,
+    pairs: TrainingPairs,
+    counts: Tensor,
+    cfg: FitCfg,
+    *,
+    sets: Tensor,
+    precision: Tensor,
+    start: Tensor,
+) -> tuple[Tensor, Tensor]:
+    """Logarithm of the evidence [R] for sets of curves, and the modes [R, K W] of their
+    weights.
+
+    Args:
+        curves: [B, G, W] as of `chosen_curves`.
+        pairs: Their answers and falls.
+        counts: [R, B] float64, how often each answer is seen.
+        cfg: The likelihood of an answer.
+        sets: [R, K] indices of curves.
+        precision: [R, K W] of the prior on their weights.
+        start: [R, K W] where to start looking for the modes.
+    """
+    size = curves.shape[0] * precision.shape[1]
+    evidences, modes = [], []
+    for part in torch.arange(len(sets)).split(max(1, _AT_ONCE // size)):
+        inputs = curves[:, sets[part]].transpose(0, 1).flatten(2)  # [R, B, K W]
+        own = precision[part]
+        found = posterior_modes(
+            inputs,
+            pairs,
+            counts[part],
+            cfg,
+            precision=own,
+            start=start[part],
+            max_updates=_UPDATES,
+        )
+        modes.append(found)
+        evidences.append(log_evidence(inputs, pairs, counts[part], cfg, own, found))
+    return torch.cat(evidences), torch.cat(modes)
+
+
+def prior_shape(curves: Tensor) -> Tensor:
+    """[W] variances of a curve's weights beside that of its line."""
+    shape = curves.new_full((curves.shape[2],), _BENT)
+    shape[0] = 1.0
+    return shape
