@@ -34,9 +34,9 @@ from gaitpref.rater import ClipScores, standards_among
 from gaitpref.rewards import criterion_context
 from gaitpref.run_config import read_config
 from policy.checkpoint import load_policy
+from rewardmodel.doubt import likelihoods
 from rewardmodel.fit import fit_reward
 from rewardmodel.foresight import accuracy_of
-from rewardmodel.held_out import opinion_without
 from rewardmodel.pairs import AnsweredPairs, gather_pairs
 from rewardmodel.training import training_pairs
 
@@ -104,21 +104,11 @@ class Asked:
         )
 
 
-def likelihoods(pairs: AnsweredPairs, cfg: LoopCfg, *, seed: int) -> Tensor:
-    """Probability [B] of each answer, foreseen by a model fitted to four fifths of the
-    others."""
-    fit = cfg.fit_of(cfg.rounds - 1)
-    model, _ = fit_reward(pairs, fit, seed=seed, measured=False)
+def _likely(pairs: AnsweredPairs, cfg: LoopCfg, *, seed: int) -> Tensor:
+    """Probability [B] of each answer, foreseen by a model fitted to others."""
+    model, _ = fit_reward(pairs, cfg.fit_of(cfg.rounds - 1), seed=seed, measured=False)
     found = model.provenance.cfg
-    described = training_pairs(pairs, found)
-    generator = torch.Generator().manual_seed(seed)
-    folds = torch.randperm(len(pairs), generator=generator) % found.folds
-    left = torch.empty(len(pairs))
-    for fold in range(found.folds):
-        tested = folds == fold
-        opinion = opinion_without(described, ~tested, tested, found, seed)
-        left[tested] = opinion.logit.sigmoid()
-    return pairs.target * left + (1 - pairs.target) * (1 - left)
+    return likelihoods(training_pairs(pairs, found), found, seed=seed)
 
 
 def ways(
@@ -128,14 +118,14 @@ def ways(
     wrong."""
     once = asked.answered(asked.pairs, rng)
     yield "each once", once
-    likely = likelihoods(once, asked.cfg, seed=seed)
+    likely = _likely(once, asked.cfg, seed=seed)
     yield "left out", once.subset(likely >= options.unlikely)
     turned = torch.where(likely < options.unlikely, 1 - once.target, once.target)
     yield "turned round", replace(once, target=turned)
     count = round(options.again * len(asked.pairs))
     first = list(asked.pairs[: len(asked.pairs) - count])
     fewer = asked.answered(first, rng)
-    likely = likelihoods(fewer, asked.cfg, seed=seed)
+    likely = _likely(fewer, asked.cfg, seed=seed)
     rows = likely.argsort()[:count].tolist()
     yield "doubted again", _with(asked, fewer, first, rows, rng)
     rows = rng.permutation(len(fewer))[:count].tolist()

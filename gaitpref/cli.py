@@ -74,6 +74,8 @@ def _home_of(command: options.Command) -> tuple[str, str]:
     match command:
         case options.Fit() | options.Relabel():
             return "fit_command", "fit"
+        case options.Pairs():
+            return "pairs_command", "fit"
         case options.Raters():
             return "raters_command", "label"
         case options.Label():

@@ -6,7 +6,6 @@ import json
 import sys
 from dataclasses import asdict, replace
 
-import numpy as np
 import torch
 
 from data.dataset import Dataset
@@ -24,15 +23,12 @@ from policy.reward import KnownTermsCfg, task_reward_for
 from policy.robot import load_robot_xml
 from policy.train import POLICY_NAME, RESUME_NAME, TrainCfg, train
 from policy.variation import VariationCfg
-from rewardmodel.acquisition import make_strategy
-from rewardmodel.storage import load_reward
 
 from . import options
 from .criteria import CriterionContext, load_criterion
 from .loop import run_loop
 from .opening import open_dataset
 from .progress import console, counting_bar, training_bar
-from .questions import ClipCfg, ask, with_known_answer
 from .rater import answer_pairs
 from .rater_cfg import rater_cfg
 from .report import write_report
@@ -55,8 +51,6 @@ def run(command: options.Command) -> int:
             return _train(command)
         case options.Record():
             _record(command)
-        case options.Pairs():
-            _pairs(command)
         case options.Answer():
             _answer(command)
         case options.Evaluate():
@@ -166,42 +160,6 @@ def _record(command: options.Record) -> None:
     console.print(
         f"{len(entries)} episodes with {steps:,} steps are in {command.dataset}"
     )
-
-
-def _pairs(command: options.Pairs) -> None:
-    dataset = open_dataset(command)
-    model = None if command.reward is None else load_reward(command.reward)
-    strategy = command.strategy or ("uniform" if model is None else "disagreement")
-    # Refused before anything is chosen at random instead.
-    make_strategy(strategy, model, dataset.clip_features)
-    rng = np.random.default_rng(command.seed)
-    cut = ClipCfg.of(command.clip_s)
-    with dataset.answers() as store:
-        known = store.pairs()
-        round = max((pair.round for pair in known), default=-1) + 1
-        chosen = ask(
-            dataset,
-            dataset.entries(),
-            cut,
-            command.count,
-            known=known,
-            model=model,
-            round_number=round,
-            uniform_share=0.0,
-            strategy=strategy,
-            rng=rng,
-        )
-        gold = with_known_answer(
-            dataset.entries(),
-            cut,
-            command.gold,
-            known=[*known, *chosen],
-            round_number=round,
-            rng=rng,
-        )
-        added = store.add_pairs([*chosen, *gold])
-    of_these = f", {len(gold)} of them with a known answer" if command.gold else ""
-    console.print(f"{added} pairs were added to {command.dataset}{of_these}")
 
 
 def _answer(command: options.Answer) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 
 from data.dataset import Dataset
+from data.errors import GaitprefError
 from data.manifest_file import writable
 from rewardmodel.acquisition import unanswered_pairs
 from rewardmodel.cfg import FitCfg, SemiSupervisedCfg
@@ -40,7 +41,8 @@ def run(command: options.Command) -> int:
 def _fit(command: options.Fit) -> None:
     answers = address(command.answers)
     datasets = [Dataset.open(path, answers=answers) for path in command.dataset]
-    cfg, pairs, unanswered = FitCfg(kind=command.model), load_pairs(datasets), None
+    cfg = FitCfg(kind=command.model, doubted_below=_probability(command.doubted_below))
+    pairs, unanswered = load_pairs(datasets), None
     if command.semi_supervised:
         semi = SemiSupervisedCfg()
         cfg = replace(cfg, semi_supervised=semi)
@@ -53,8 +55,19 @@ def _fit(command: options.Fit) -> None:
         print(json.dumps({"model": kind, **asdict(report)}))
         return
     console.print(f"{kind}: {fit_summary(report)}; the reward is {command.out}")
+    if cfg.doubted_below:
+        console.print(f"{report.doubted} answers look wrong and are taken for random")
     for rater, share in report.raters:
         console.print(f"{rater}: {share:.0%} of the answers are taken for random")
+
+
+def _probability(doubted_below: float) -> float:
+    if not 0.0 <= doubted_below < 0.5:
+        raise GaitprefError(
+            f"--doubted-below must lie in [0, 0.5), got {doubted_below:g}: from 0.5 on "
+            "every answer looks wrong to a reward that has no opinion; try 0.2"
+        )
+    return doubted_below
 
 
 def _relabel(command: options.Relabel) -> None:

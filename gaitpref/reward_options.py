@@ -33,6 +33,7 @@ class Pairs:
             "kcenter-entropy",
             "medoids",
             "dpp",
+            "again",
         ]
         | None
     ) = None
@@ -40,10 +41,12 @@ class Pairs:
     would tell most about the reward (bald), or where the better clip may beat the best
     known (improvement); the pairs farthest apart (of all, or of those whose answer is
     open), those that stand for most others, or a determinantal batch that is both
-    unsure and various. disagreement where --reward is given, else uniform."""
+    unsure and various; or what was answered already and looks most wrong to a reward
+    fitted to the other answers, sides swapped (again). disagreement where --reward is
+    given, else uniform."""
     reward: Path | None = None
-    """Learned reward whose ensemble is asked; disagreement, entropy, bald, improvement
-    and kcenter-entropy need it, kcenter and dpp take it into account."""
+    """Learned reward whose ensemble is asked; disagreement, entropy, bald, improvement,
+    kcenter-entropy and again need it, kcenter and dpp take it into account."""
     answers: str | None = None
     """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
     file by default."""
@@ -108,6 +111,9 @@ class Fit:
     semi_supervised: bool = False
     """Let what the reward is sure of in pairs nobody answered count a little too. Where
     it was measured (docs/benchmarks.md) it did not pay."""
+    doubted_below: float = 0.0
+    """Take answers for random that a reward fitted to the others gives a probability
+    below this, such as 0.2. Where it was measured (docs/tried.md) it did not pay."""
     json: bool = False
     """Print one JSON object and nothing else."""
     answers: str | None = None

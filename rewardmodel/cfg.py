@@ -248,6 +248,9 @@ class FitCfg:
     tie_threshold: float = 1.0
     """Lead, in logits, below which a rater is expected to answer "equal"; 0 counts
     "equal" as half an answer for either side."""
+    doubted_below: float = field(default=0.0, metadata=ADDED_LATER)
+    """Probability below which an answer is taken for random, as a reward foresees it
+    that was fitted to others; 0 takes none for random."""
     fall_logit: float = 3.0
     """Fixed logit against a clip that ends in a fall; it is not learned."""
     folds: int = 5
@@ -277,6 +280,10 @@ class FitCfg:
         if self.tie_threshold < 0.0:
             raise ValueError(
                 f"tie_threshold must not be negative, got {self.tie_threshold}"
+            )
+        if not 0.0 <= self.doubted_below < 0.5:
+            raise ValueError(
+                f"doubted_below must lie in [0, 0.5), got {self.doubted_below}"
             )
         if self.folds < 2:
             raise ValueError(f"folds must be at least 2, got {self.folds}")

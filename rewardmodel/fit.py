@@ -14,6 +14,7 @@ from torch import Tensor
 
 from .calibration import calibration, counting, fit_temperature
 from .cfg import FitCfg as FitCfg
+from .doubt import without_doubted
 from .enough import enough, remaining
 from .ensemble import fit_ensemble
 from .evidence import erring, find, settled, takes_to_err
@@ -67,7 +68,9 @@ def fit_reward(
         cfg = look(plain, cfg) if sparse else settled(cfg, find(plain, cfg))
         plain = erring(plain, cfg, cfg.error_share)
     described, raters = with_reliability(plain, pairs.raters, cfg, seed=seed)
-    described = described.seen_by(cfg)
+    described, doubted = described.seen_by(cfg), 0
+    if cfg.doubted_below > 0:
+        described, doubted = without_doubted(described, cfg, seed=seed)
     others = _described(unanswered, cfg)
     normaliser, scorer = fit_ensemble(described, cfg, seed, others)
     standardised = described.transformed(normaliser)
@@ -86,7 +89,7 @@ def fit_reward(
         cfg,
         time.perf_counter() - started_s,
     )
-    report = replace(report, raters=raters, considered=considered)
+    report = replace(report, raters=raters, doubted=doubted, considered=considered)
     seen = frozenset(sha256 for pair in pairs.episodes for sha256 in pair)
     provenance = Provenance(cfg, report, pairs.answers_sha256, seen)
     model = RewardModel(normaliser, scorer, provenance)

@@ -18,7 +18,7 @@ from data.answers import Answer, AnswerStore, Pair
 from data.clips import Clip
 from data.dataset import Dataset
 
-from .acquisition.strategy import NEEDS_MODEL
+from .acquisition.strategy import AGAIN, NEEDS_MODEL
 from .clips import ClipBatch, fill_clips, with_past
 from .errors import RewardError
 
@@ -90,7 +90,8 @@ class AnsweredPairs:
     @property
     def at_random(self) -> Tensor:
         """[B] bool: no reward chose the pair for being hard."""
-        return torch.tensor([name not in NEEDS_MODEL for name in self.strategies])
+        hard = (*NEEDS_MODEL, AGAIN)
+        return torch.tensor([name not in hard for name in self.strategies])
 
     @property
     def fell(self) -> Tensor:
@@ -148,6 +149,11 @@ def gather_pairs(datasets: Sequence[Dataset], pairs: Sequence[Pair]) -> Answered
         num_without_target=0,
         answers_sha256="",
     )
+
+
+def pairs_behind(datasets: Sequence[Dataset]) -> list[Pair]:
+    """The pair that each row of `load_pairs` is about."""
+    return [pair for _, pair, _, _ in _evidence(_current_answers(datasets))]
 
 
 def count_evidence(store: AnswerStore) -> int:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from data.plain import ADDED_LATER
+
 
 @dataclass(frozen=True, kw_only=True)
 class FitReport:
@@ -55,6 +57,8 @@ class FitReport:
     """Pairs of these clips of which not all members prefer the same one."""
     enough: bool = False
     """Whether more answers will not help now: members agree, and foresee answers."""
+    doubted: int = field(default=0, metadata=ADDED_LATER)
+    """Answers taken for random because they looked wrong (`FitCfg.doubted_below`)."""
     considered: tuple[tuple[str, float], ...] = ()
     """Models that were to choose from, each with its held-out log-likelihood."""
     seconds: float = field(compare=False)

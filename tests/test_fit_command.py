@@ -114,3 +114,36 @@ def test_every_step_gets_the_reward_of_the_model(
         assert steps[chosen].tolist() == list(range(entry.num_steps))
         found = np.array(frame["reward"])[chosen]
         np.testing.assert_allclose(found, expected.numpy(), rtol=1e-5, atol=1e-6)
+
+
+def test_what_looks_wrong_is_asked_again_or_taken_for_random(
+    datasets: list[Path], tmp_path: Path
+) -> None:
+    """Without a simulator too; of noise, some answers always look wrong."""
+    reward = tmp_path / "reward"
+    fit = ["fit", "--dataset", datasets[0], "--dataset", datasets[1], "--out", reward]
+    fitted = without_simulator(*fit, "--doubted-below", "0.4")
+    assert fitted.returncode == 0, fitted.stderr
+    assert (
+        "answers look wrong and are taken for random" in fitted.stderr + fitted.stdout
+    )
+    doubted = load_reward(reward).provenance.report.doubted
+    assert 0 < doubted < 30
+    again = ["pairs", "--dataset", datasets[0], "--strategy", "again", "--count", "3"]
+    refused = without_simulator(*again)
+    assert refused.returncode == 2
+    assert "--strategy again needs a reward" in refused.stderr
+    asked = without_simulator(*again, "--reward", reward)
+    assert asked.returncode == 0, asked.stderr
+    with Dataset.open(datasets[0]).answers() as store:
+        open_pairs = [pair for pair in store.pairs() if pair.strategy == "again"]
+    assert [sorted(pair.info) for pair in open_pairs] == [["again", "likelihood"]] * 3
+
+
+def test_a_limit_that_doubts_everything_is_refused(
+    datasets: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fit = ["fit", "--dataset", str(datasets[0]), "--out", str(tmp_path / "reward")]
+    assert main([*fit, "--doubted-below", "0.7"]) == 2
+    assert "--doubted-below must lie in [0, 0.5), got 0.7" in capsys.readouterr().err
+    assert not (tmp_path / "reward").exists()

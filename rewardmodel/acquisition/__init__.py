@@ -14,6 +14,7 @@ from .batches import Medoids as Medoids
 from .choose import asked_for as asked_for
 from .choose import choose_pairs as choose_pairs
 from .phase import in_step as in_step
+from .strategy import AGAIN as AGAIN
 from .strategy import NEEDS_MODEL as NEEDS_MODEL
 from .strategy import Strategy as Strategy
 from .strategy import Uniform as Uniform

@@ -1,0 +1,53 @@
+"""Questions that were answered, and are asked again because the answer looks wrong."""
+
+from __future__ import annotations
+
+from data.answers import Pair
+from data.dataset import Dataset
+from rewardmodel.acquisition import AGAIN
+from rewardmodel.doubt import likelihoods
+from rewardmodel.errors import RewardError
+from rewardmodel.model import RewardModel
+from rewardmodel.pairs import load_pairs, pairs_behind
+from rewardmodel.reliability import with_reliability
+from rewardmodel.training import training_pairs
+
+
+def ask_again(
+    dataset: Dataset, count: int, *, model: RewardModel, round_number: int, seed: int
+) -> list[Pair]:
+    """The `count` pairs whose answers look most wrong, with their sides swapped.
+
+    An answer looks wrong to a reward like `model` that was fitted to others. Swapped,
+    a pair is a new question to every rater, and its answers count beside the old ones;
+    no pair is asked more than twice.
+
+    Raises:
+        RewardError: not so many pairs were answered, and asked once only.
+    """
+    cfg = model.provenance.cfg
+    answered, asked = load_pairs([dataset]), pairs_behind([dataset])
+    with dataset.answers_copy() as store:
+        known = {(pair.a, pair.b) for pair in store.pairs()}
+    described = training_pairs(answered, cfg)
+    described, _ = with_reliability(described, answered.raters, cfg, seed=seed)
+    likely = likelihoods(described, cfg, seed=seed)
+    chosen: dict[str, Pair] = {}
+    for row in likely.argsort(stable=True).tolist():
+        pair = asked[row]
+        if len(chosen) == count:
+            break
+        if (pair.b, pair.a) in known:
+            continue
+        info = {"again": pair.pair_id, "likelihood": round(float(likely[row]), 4)}
+        swapped = Pair.make(
+            pair.b, pair.a, strategy=AGAIN, round=round_number, info=info
+        )
+        chosen.setdefault(pair.pair_id, swapped)
+    if len(chosen) < count:
+        raise RewardError(
+            f"{dataset.root}: {len(chosen)} answered pairs can be asked again, {count} "
+            "are wanted: a pair is asked twice at most; ask for fewer, or about new "
+            "pairs with another --strategy"
+        )
+    return list(chosen.values())

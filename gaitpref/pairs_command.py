@@ -1,0 +1,83 @@
+"""`gaitpref pairs`: with a data set and torch alone.
+
+No simulator is imported here, as in `fit_command`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+
+from data.answers import Pair
+from data.dataset import Dataset
+from rewardmodel.acquisition import AGAIN, make_strategy
+from rewardmodel.errors import RewardError
+from rewardmodel.model import RewardModel
+from rewardmodel.storage import load_reward
+
+from . import options
+from .asking_again import ask_again
+from .opening import open_dataset
+from .progress import console
+from .questions import ClipCfg, ask, with_known_answer
+
+
+def run(command: options.Pairs) -> int:
+    """Run the command; gives the exit code."""
+    torch.set_num_threads(1)
+    dataset = open_dataset(command)
+    model = None if command.reward is None else load_reward(command.reward)
+    cut, rng = ClipCfg.of(command.clip_s), np.random.default_rng(command.seed)
+    with dataset.answers() as store:
+        known = store.pairs()
+        round = max((pair.round for pair in known), default=-1) + 1
+        chosen = _chosen(command, dataset, model, cut, known, round, rng)
+        gold = with_known_answer(
+            dataset.entries(),
+            cut,
+            command.gold,
+            known=[*known, *chosen],
+            round_number=round,
+            rng=rng,
+        )
+        added = store.add_pairs([*chosen, *gold])
+    of_these = f", {len(gold)} of them with a known answer" if command.gold else ""
+    console.print(f"{added} pairs were added to {command.dataset}{of_these}")
+    return 0
+
+
+def _chosen(
+    command: options.Pairs,
+    dataset: Dataset,
+    model: RewardModel | None,
+    cut: ClipCfg,
+    known: Sequence[Pair],
+    round: int,
+    rng: np.random.Generator,
+) -> list[Pair]:
+    strategy = command.strategy or ("uniform" if model is None else "disagreement")
+    if strategy == AGAIN:
+        if model is None:
+            raise RewardError(
+                f"--strategy {AGAIN} needs a reward that finds answers wrong: give "
+                "--reward REWARD_DIR, which `gaitpref fit` makes"
+            )
+        return ask_again(
+            dataset, command.count, model=model, round_number=round, seed=command.seed
+        )
+    # Refused before anything is chosen at random instead.
+    make_strategy(strategy, model, dataset.clip_features)
+    return ask(
+        dataset,
+        dataset.entries(),
+        cut,
+        command.count,
+        known=known,
+        model=model,
+        round_number=round,
+        uniform_share=0.0,
+        strategy=strategy,
+        rng=rng,
+    )

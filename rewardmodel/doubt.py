@@ -1,0 +1,56 @@
+"""Answers that look wrong to a reward that has not seen them.
+
+Where raters err at random, an answer that a reward fitted to the others thinks unlikely
+may be one of their errors (RIME: Cheng et al. 2024, "RIME: Robust Preference-based
+Reinforcement Learning with Noisy Preferences", filters them by such a likelihood). It
+may as well be what the reward has not understood yet, so none is left out by default.
+
+Shapes: B pairs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from .cfg import FitCfg
+from .held_out import opinion_without
+from .training import TrainingPairs
+
+_RANDOM = 0.98
+"""Share of random answers, all but 1, from which on nothing is learned of one."""
+
+
+def likelihoods(pairs: TrainingPairs, cfg: FitCfg, *, seed: int) -> Tensor:
+    """Probability [B] of each answer, 0.5 of a tie, as models foresee it that are
+    fitted to all but a group of them, `cfg.folds` in all.
+
+    Args:
+        pairs: The answers, described.
+        cfg: A fit whose settings are found already.
+        seed: Which answers are a group, bootstrap draws and first weights.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    group = torch.randperm(len(pairs), generator=generator) % cfg.folds
+    left = torch.empty(len(pairs))
+    for number in range(cfg.folds):
+        tested = group == number
+        opinion = opinion_without(pairs, ~tested, tested, cfg, seed)
+        left[tested] = opinion.logit.sigmoid().to(left.dtype)
+    return pairs.target * left + (1 - pairs.target) * (1 - left)
+
+
+def without_doubted(
+    pairs: TrainingPairs, cfg: FitCfg, *, seed: int
+) -> tuple[TrainingPairs, int]:
+    """`pairs` with answers less likely than `cfg.doubted_below` taken for random, and
+    how many these are.
+
+    They stay among the answers, so that a reward is still measured by them: it would be
+    right about all that is left if whatever it gets wrong were left out.
+    """
+    doubted = likelihoods(pairs, cfg, seed=seed) < cfg.doubted_below
+    share = torch.where(doubted, _RANDOM, pairs.errors.share)
+    return replace(pairs, errors=replace(pairs.errors, share=share)), int(doubted.sum())
