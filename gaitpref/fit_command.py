@@ -16,7 +16,7 @@ from data.dataset import Dataset
 from data.errors import GaitprefError
 from data.manifest_file import writable
 from rewardmodel.acquisition import unanswered_pairs
-from rewardmodel.cfg import FitCfg, SemiSupervisedCfg
+from rewardmodel.cfg import FitCfg, SemiSupervisedCfg, SparseCfg
 from rewardmodel.fit import fit_reward
 from rewardmodel.pairs import load_pairs
 from rewardmodel.storage import load_reward, save_reward
@@ -41,7 +41,11 @@ def run(command: options.Command) -> int:
 def _fit(command: options.Fit) -> None:
     answers = address(command.answers)
     datasets = [Dataset.open(path, answers=answers) for path in command.dataset]
-    cfg = FitCfg(kind=command.model, doubted_below=_probability(command.doubted_below))
+    cfg = FitCfg(
+        kind=command.model,
+        doubted_below=_probability(command.doubted_below),
+        sparse=SparseCfg(shared=_of_curves(command)),
+    )
     pairs, unanswered = load_pairs(datasets), None
     if command.semi_supervised:
         semi = SemiSupervisedCfg()
@@ -68,6 +72,15 @@ def _probability(doubted_below: float) -> float:
             "every answer looks wrong to a reward that has no opinion; try 0.2"
         )
     return doubted_below
+
+
+def _of_curves(command: options.Fit) -> bool:
+    if command.shared and command.model != "sparse":
+        raise GaitprefError(
+            f"--shared is about curves, and --model {command.model} may have none: "
+            "add --model sparse, or leave --shared out"
+        )
+    return command.shared
 
 
 def _relabel(command: options.Relabel) -> None:
