@@ -114,7 +114,9 @@ def plot(rows: Sequence[Row], path: Path) -> None:
     ]
     alone = [row for row in rows if row["task"] not in several]
     panels = len(several) + bool(alone)
-    figure, axes = plt.subplots(1, panels, figsize=(5.2 * panels, 4.2), squeeze=False)
+    height = max(4.2, 0.3 * len(set(map(_name, alone))) + 0.8)
+    size = (5.2 * panels, height)
+    figure, axes = plt.subplots(1, panels, figsize=size, squeeze=False)
     for axis, task in zip(axes.flat, several, strict=False):
         _against_answers(axis, task, by_task[task])
     if alone:
@@ -144,24 +146,31 @@ def _against_answers(axis: Axes, task: str, rows: Sequence[Row]) -> None:
 
 
 def _one_line_each(axis: Axes, rows: Sequence[Row]) -> None:
-    for place, row in enumerate(reversed(rows)):
-        middle, reach = _bar(row)
+    """A line for all methods of a task, those beside the usual one below it."""
+    names = list(dict.fromkeys(map(_name, reversed(rows))))
+    methods = sorted(
+        {row["method"] for row in rows}, key=lambda name: name != "default"
+    )
+    for number, method in enumerate(methods):
+        own = [row for row in rows if row["method"] == method]
+        places = [names.index(_name(row)) - 0.25 * number for row in own]
+        middle, reach = zip(*map(_bar, own), strict=True)
         axis.errorbar(
-            middle, place, xerr=[[part] for part in reach],
-            marker="o", capsize=3, color="C0",
+            middle, places, xerr=tuple(zip(*reach, strict=True)),
+            marker="o", markersize=5, capsize=3, linestyle="", label=method,
         )  # fmt: skip
     for level, style in ((1.0, "-"), (0.0, ":")):
         axis.axvline(level, color="0.6", linewidth=0.8, linestyle=style)
-    axis.set_yticks(range(len(rows)), [_name(row) for row in reversed(rows)])
+    axis.set_yticks(range(len(names)), names)
     axis.set(xlabel="fraction of the true reward")
+    if len(methods) > 1:
+        axis.legend(fontsize=7, loc="lower left")
 
 
 def _name(row: Row) -> str:
-    """Of a row that is drawn beside those of other tasks; what is usual is not said."""
+    """Of what is drawn beside other tasks; a perfect rater is not said."""
     told = [row["task"], f"{row['answers']} answers"]
-    told += [row["rater"]] if row["rater"] != "perfect" else []
-    told += [row["method"]] if row["method"] != "default" else []
-    return ", ".join(told)
+    return ", ".join(told + ([row["rater"]] if row["rater"] != "perfect" else []))
 
 
 def publish_rows(rows: Sequence[Row], docs: Path, json_file: Path | None) -> None:
