@@ -85,11 +85,18 @@ class Cell:
     rater: str
     method: str
     seed: int
+    robot: str | None = None
+    """Name of the robot; None is the one that ships."""
 
     @property
     def name(self) -> str:
         """Of its files; tells all that decides its outcome."""
-        return f"{self.task}-{self.answers}-{self.rater}-{self.method}-seed{self.seed}"
+        what = f"{self.task}-{self.answers}-{self.rater}-{self.method}"
+        return f"{self.of_robot(what)}-seed{self.seed}"
+
+    def of_robot(self, name: str) -> str:
+        """`name` for what another robot does not share."""
+        return name if self.robot is None else f"{name}-{self.robot}"
 
     @property
     def from_scratch(self) -> bool:
@@ -119,6 +126,7 @@ def plan(
     methods: tuple[str, ...] = (),
     raters: tuple[str, ...] = (),
     answers: tuple[int, ...] = (),
+    robot: str | None = None,
     seeds: int | None,
 ) -> list[Cell]:
     """The cells to run: first seeds first, so that every row soon has a figure.
@@ -128,11 +136,19 @@ def plan(
         methods: Only these; by default `default`.
         raters: Only these; by default all.
         answers: Only rows with so many; by default all.
+        robot: Name of another robot than the one that ships.
         seeds: At most so many of every row.
     """
     chosen = tasks or tuple(task for task in TASKS if task not in HELD_BACK)
     cells = [
-        Cell(task=task, answers=labels, rater=rater, method=method, seed=seed)
+        Cell(
+            task=task,
+            answers=labels,
+            rater=rater,
+            method=method,
+            seed=seed,
+            robot=robot,
+        )
         for task, labels, rater, count in _BUDGETS
         if task in chosen
         and rater in (raters or RATERS)
@@ -143,12 +159,15 @@ def plan(
     return sorted(cells, key=lambda cell: cell.seed)
 
 
-def loop_cfg(cell: Cell, base: Path | None, *, quick: bool) -> LoopCfg:
+def loop_cfg(
+    cell: Cell, base: Path | None, *, robot: Path | None = None, quick: bool
+) -> LoopCfg:
     """The loop of a cell.
 
     Args:
         cell: Which.
-        base: Walking policy of the style tasks.
+        base: Walking policy of the style tasks, which knows its robot.
+        robot: MJCF of another robot than the one that ships, where there is no base.
         quick: Thousands of steps instead of millions; the figures mean nothing.
     """
     options = Loop(
@@ -156,6 +175,7 @@ def loop_cfg(cell: Cell, base: Path | None, *, quick: bool) -> LoopCfg:
         labels=cell.answers,
         criterion=TASKS[cell.task],
         base="none" if cell.from_scratch else str(base),
+        robot=robot if base is None else None,
         preset="quick",
         seed=cell.seed,
     )

@@ -33,6 +33,7 @@ from gaitpref.setting import setting_of
 from gaitpref.sides import in_mirror
 from gaitpref.tracking_limit import limit_beside
 from policy.checkpoint import Policy, load_policy
+from policy.commands import env_for
 from policy.evaluate import Evaluation, rollout_features, summarise
 from policy.ppo import PpoCfg, RewardFn
 from policy.rollout import Actor, hold_home
@@ -56,6 +57,8 @@ class Places:
     """Runs; what is finished there is not repeated."""
     results: Path
     """One JSON file for every finished row."""
+    robot: Path | None = None
+    """MJCF of the robot of cells that name one."""
     quick: bool = False
     """A version of thousands of steps; its figures mean nothing."""
 
@@ -73,10 +76,12 @@ def run_cell(cell: Cell, places: Places) -> None:
     if places.result(cell).exists():
         return
     torch.set_num_threads(1)
-    base = None if cell.from_scratch else walking_base(places)
-    cfg = loop_cfg(cell, base, quick=places.quick)
-    if base is not None:
-        setting = setting_of(base, None)
+    base = None if cell.from_scratch else walking_base(cell, places)
+    cfg = loop_cfg(cell, base, robot=places.robot, quick=places.quick)
+    setting = setting_of(base, places.robot if base is None else None)
+    if base is None:
+        cfg = replace(cfg, env=env_for(setting.robot, cfg.env))
+    else:
         hidden_sizes = setting.hidden_sizes
         cfg = replace(
             cfg, env=setting.env, ppo=replace(cfg.ppo, hidden_sizes=hidden_sizes)
@@ -143,20 +148,21 @@ def _score(cfg: LoopCfg, policy: Policy) -> RewardFn:
     return score_of_criterion(_criterion(cfg, policy))
 
 
-def walking_base(places: Places) -> Path:
-    """The policy all style tasks start from: PPO on the hand-written walking reward."""
-    cell = Cell(task="crouch", answers=60, rater="perfect", method="default", seed=0)
-    cfg = loop_cfg(cell, None, quick=places.quick)
+def walking_base(cell: Cell, places: Places) -> Path:
+    """The policy all style tasks of a robot start from: PPO on the hand-written walking
+    reward."""
+    crouch = Cell(task="crouch", answers=60, rater="perfect", method="default", seed=0)
+    cfg = loop_cfg(crouch, None, robot=places.robot, quick=places.quick)
 
     def make(out: Path) -> None:
-        robot = setting_of(None, None).robot
-        ppo = in_mirror(cfg.ppo, robot) if cfg.mirror else cfg.ppo
+        setting = setting_of(None, places.robot)
+        ppo = in_mirror(cfg.ppo, setting.robot) if cfg.mirror else cfg.ppo
         train_cfg = TrainCfg(
-            steps=cfg.base_steps, env=cfg.env, ppo=ppo, seed=REFERENCE_SEED
+            steps=cfg.base_steps, env=setting.env, ppo=ppo, seed=REFERENCE_SEED
         )
-        train(out, robot, train_cfg, resume=True)
+        train(out, setting.robot, train_cfg, resume=True)
 
-    return _made_once(places.work / "base", make) / "policy.pt"
+    return _made_once(places.work / cell.of_robot("base"), make) / "policy.pt"
 
 
 def _references(
@@ -167,7 +173,7 @@ def _references(
     The start is the home pose, or the walking base; PPO goes on from the same start for
     as many steps with the same settings.
     """
-    name = f"true-{cell.task}-{steps_of(cfg)}"
+    name = cell.of_robot(f"true-{cell.task}-{steps_of(cfg)}")
 
     def make(out: Path) -> None:
         # A loop decides by its reward whether noise comes down; here whichever is
@@ -195,7 +201,8 @@ def _references(
 def _train_on_criterion(
     out: Path, cfg: LoopCfg, base: Path | None, *, calm: bool
 ) -> None:
-    setting = setting_of(base, None)
+    xml = None if cfg.robot is None else Path(cfg.robot)
+    setting = setting_of(base, xml)
     ppo = in_mirror(cfg.ppo, setting.robot) if cfg.mirror else cfg.ppo
     reward_fn = None
     if base is not None:

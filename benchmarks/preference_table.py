@@ -24,7 +24,8 @@ BEGIN, END = "<!-- preferences: begin -->", "<!-- preferences: end -->"
 """What stands between them in the page is replaced."""
 
 Row = dict[str, Any]
-KEY = ("task", "answers", "rater", "method")
+KEY = ("task", "robot", "answers", "rater", "method")
+"""What makes rows one; without a robot it is the one that ships."""
 
 
 def read_rows(results: Path) -> list[Row]:
@@ -36,7 +37,7 @@ def together(rows: Sequence[Row]) -> list[Row]:
     """Rows that differ by their seed only, as one; medians where not said otherwise."""
     groups: dict[tuple[Any, ...], list[Row]] = defaultdict(list)
     for row in rows:
-        groups[tuple(row[name] for name in KEY)].append(row)
+        groups[tuple(row.get(name) for name in KEY)].append(row)
     return [
         dict(zip(KEY, key, strict=True))
         | {
@@ -75,7 +76,7 @@ def markdown(rows: Sequence[Row]) -> str:
     for row in rows:
         spread = f"{row['fraction_min']:.2f} to {row['fraction_max']:.2f}"
         cells = (
-            row["task"],
+            _task(row),
             row["answers"],
             row["rater"],
             row["method"],
@@ -89,6 +90,10 @@ def markdown(rows: Sequence[Row]) -> str:
         )
         lines.append(f"| {' | '.join(map(str, cells))} |")
     return "\n".join(lines)
+
+
+def _task(row: Row) -> str:
+    return row["task"] if row["robot"] is None else f"{row['task']}, {row['robot']}"
 
 
 def _shown(value: float | None, digits: int) -> str:
@@ -106,13 +111,13 @@ def plot(rows: Sequence[Row], path: Path) -> None:
     with several budgets, a line each for all others."""
     by_task: dict[str, list[Row]] = defaultdict(list)
     for row in rows:
-        by_task[row["task"]].append(row)
+        by_task[_task(row)].append(row)
     several = [
         task
         for task, own in by_task.items()
         if len({row["answers"] for row in own}) > 1
     ]
-    alone = [row for row in rows if row["task"] not in several]
+    alone = [row for row in rows if _task(row) not in several]
     panels = len(several) + bool(alone)
     height = max(4.2, 0.3 * len(set(map(_name, alone))) + 0.8)
     size = (5.2 * panels, height)
@@ -169,7 +174,7 @@ def _one_line_each(axis: Axes, rows: Sequence[Row]) -> None:
 
 def _name(row: Row) -> str:
     """Of what is drawn beside other tasks; a perfect rater is not said."""
-    told = [row["task"], f"{row['answers']} answers"]
+    told = [_task(row), f"{row['answers']} answers"]
     return ", ".join(told + ([row["rater"]] if row["rater"] != "perfect" else []))
 
 

@@ -41,6 +41,8 @@ class Options:
     """Only these; by default all."""
     answers: tuple[int, ...] = ()
     """Only rows with so many answers; by default all."""
+    robot: tuple[str, Path] | None = None
+    """Another robot than the one that ships: a name for it, and its MJCF."""
     seeds: int | None = None
     """At most so many of every row."""
     workers: int = os.cpu_count() or 1
@@ -74,7 +76,12 @@ def end_with(parent: int) -> None:
 
 def run_cells(cells: list[Cell], options: Options) -> int:
     """Run all unfinished cells in processes of their own; gives how many failed."""
-    places = Places(work=options.work, results=options.results, quick=options.quick)
+    places = Places(
+        work=options.work,
+        results=options.results,
+        robot=options.robot[1] if options.robot else None,
+        quick=options.quick,
+    )
     places.results.mkdir(parents=True, exist_ok=True)
     failed = 0
     # Forked children would inherit torch's threads in an unknown state.
@@ -119,6 +126,7 @@ def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> int:
             methods=options.methods,
             raters=options.raters,
             answers=options.answers,
+            robot=options.robot[0] if options.robot else None,
             seeds=options.seeds,
         )
         if options.quick:

@@ -143,6 +143,29 @@ def test_preferences(tmp_path: Path) -> None:
     assert (tmp_path / "benchmarks.md").read_text().count("| nose_up |") == 1
 
 
+def test_preferences_of_another_robot(tmp_path: Path) -> None:
+    """Start, reference and loop are that robot's, at speeds that suit it, and its row
+    stands beside that of the robot that ships."""
+    xml, results = tmp_path / "other.xml", tmp_path / "results"
+    xml.write_text(mjcf(Drawing()))
+    command = [sys.executable, "-m", "benchmarks.preferences", "--quick"]
+    command += ["--tasks", "crouch", "--seeds", "1", "--workers", "1", "--keep-runs"]
+    command += ["--robot", "tall", str(xml), "--results", str(results)]
+    command += ["--work", str(tmp_path / "work"), "--docs", str(tmp_path)]
+    subprocess.run(command, check=True)
+    (row,) = (json.loads(path.read_text()) for path in results.glob("*.json"))
+    assert (row["task"], row["robot"]) == ("crouch", "tall")
+    policies = [load_policy(path) for path in (tmp_path / "work").rglob("policy.pt")]
+    assert len(policies) > 4
+    assert len({policy.robot().model_sha256 for policy in policies}) == 1
+    assert all(p.info.env.commands.evaluated_m_s[1] > 1.1 for p in policies)
+    ours = {**row, "robot": None}
+    publish_rows([row, ours], tmp_path, None)
+    page = (tmp_path / "benchmarks.md").read_text()
+    assert "| crouch, tall | 60 | perfect | default | 1 |" in page
+    assert "| crouch | 60 | perfect | default | 1 |" in page
+
+
 def test_a_table_of_several_seeds(tmp_path: Path) -> None:
     """Median and worst over the seeds; a figure nobody has stays open."""
     rows = [
