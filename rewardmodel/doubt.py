@@ -49,7 +49,8 @@ def without_doubted(
     how many these are.
 
     They stay among the answers, so that a reward is still measured by them: it would be
-    right about all that is left if whatever it gets wrong were left out.
+    right about all that is left if whatever it gets wrong were left out. Held-out
+    answers have a say in which of the others are doubted, and in nothing else.
     """
     doubted = likelihoods(pairs, cfg, seed=seed) < cfg.doubted_below
     share = torch.where(doubted, _RANDOM, pairs.errors.share)
