@@ -16,18 +16,19 @@ import torch
 from torch import Tensor
 
 from .cfg import FitCfg
+from .held_out import opinion_without
 from .likelihood import (
     Errors,
     answer_log_probabilities,
     answer_weights,
 )
-from .linear import fit_linear
-from .normaliser import Normaliser
 from .training import TrainingPairs
 
 _FOLDS = 5
 _PASSES = 20
 _MAX_SHARE = 0.98
+_MEMBERS = 4
+"""Of a sum of curves that raters are compared with: it is fitted a dozen times."""
 
 
 def with_reliability(
@@ -35,21 +36,30 @@ def with_reliability(
 ) -> tuple[TrainingPairs, tuple[tuple[str, float], ...]]:
     """`pairs` with the errors of their raters, and the share of each by name.
 
-    Reward and errors are estimated in turn. An answer is judged by a linear reward that
-    has not seen it: one that has would agree with everybody. With one rater nothing
-    can be compared, and nothing is changed.
+    Reward and errors are estimated in turn. An answer is judged by a reward that has
+    not seen it: one that has would agree with everybody. It is a sum of curves where
+    `cfg` asks for one, else linear: to weights that cannot say what is wanted everybody
+    seems to answer at random. With one rater nothing can be compared, and nothing is
+    changed.
     """
     names = sorted(set(raters))
     if len(names) < 2 or not cfg.reliability.enabled:
         return pairs, ()
+    judge = _judge(cfg)
     of = torch.tensor([names.index(rater) for rater in raters])
     for _ in range(cfg.reliability.rounds):
-        seen = pairs.seen_by(replace(cfg, kind="linear"))
-        leads = _cross_fitted(seen, cfg, seed)
+        leads = _cross_fitted(pairs, judge, seed)
         pairs = replace(pairs, errors=_estimated(pairs, leads, of, len(names), cfg))
     firsts = [int((of == index).nonzero()[0]) for index in range(len(names))]
     shares = pairs.errors.share[firsts].tolist()
     return pairs, tuple(zip(names, shares, strict=True))
+
+
+def _judge(cfg: FitCfg) -> FitCfg:
+    """The settings of the reward that answers are compared with."""
+    if cfg.kind != "sparse":
+        return replace(cfg, kind="linear")
+    return replace(cfg, sparse=replace(cfg.sparse, num_members=_MEMBERS, shared=False))
 
 
 def _cross_fitted(pairs: TrainingPairs, cfg: FitCfg, seed: int) -> Tensor:
@@ -58,13 +68,10 @@ def _cross_fitted(pairs: TrainingPairs, cfg: FitCfg, seed: int) -> Tensor:
     fold = torch.randperm(len(pairs), generator=generator) % _FOLDS
     leads = torch.zeros(len(pairs))
     for left_out in range(_FOLDS):
-        fitted, asked = pairs.subset(fold != left_out), pairs.subset(fold == left_out)
-        if len(fitted) == 0 or len(asked) == 0:
-            continue
-        normaliser = Normaliser(pairs.steps.shape[-1]).fit(fitted.scored_steps)
-        scorer = fit_linear(fitted.transformed(normaliser), cfg, generator=generator)
-        of_members = asked.transformed(normaliser).leads(scorer)
-        leads[fold == left_out] = of_members.mean(dim=0)
+        fitted, asked = fold != left_out, fold == left_out
+        if fitted.any() and asked.any():
+            opinion = opinion_without(pairs, fitted, asked, cfg, seed)
+            leads[asked] = opinion.lead.to(leads.dtype)
     return leads
 
 

@@ -252,6 +252,28 @@ def test_it_tells_the_errors_of_raters_from_its_own() -> None:
     assert cfg.error_share >= 0.3
 
 
+def test_raters_are_judged_by_a_reward_that_can_say_what_they_want() -> None:
+    """Two who want the same height of the middle: to weights they would seem to answer
+    at random. One who does is told from one who wants little effort."""
+    pairs, fresh = asked(best_height, 80, seed=1), asked(best_height, 300, seed=99)
+    raters = ("ada", "bob") * 40
+    model, report = fit_reward(
+        replace(pairs, raters=raters), SPARSE, seed=0, measured=False
+    )
+    assert max(share for _, share in report.raters) < 0.2
+    assert accuracy(model, fresh) > 0.85
+    pairs, fresh = asked(effort, 80, seed=1), asked(effort, 300, seed=99)
+    chance = torch.rand(80, generator=torch.Generator().manual_seed(0)) < 0.5
+    careless = torch.where(torch.arange(80) % 2 == 0, pairs.target, chance.float())
+    model, report = fit_reward(
+        replace(pairs, raters=raters, target=careless), SPARSE, seed=0, measured=False
+    )
+    shares = dict(report.raters)
+    assert shares["ada"] < 0.3
+    assert shares["bob"] > 0.5
+    assert accuracy(model, fresh) > 0.9
+
+
 @pytest.mark.parametrize("frequency_hz", [1.5, 2.5, 3.5])
 def test_the_stride_rate_is_the_one_of_the_feet(frequency_hz: float) -> None:
     """Counted over a second, after which two strides and more have been seen."""
