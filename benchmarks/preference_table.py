@@ -153,9 +153,9 @@ def _against_answers(axis: Axes, task: str, rows: Sequence[Row]) -> None:
 def _one_line_each(axis: Axes, rows: Sequence[Row]) -> None:
     """A line for all methods of a task, those beside the usual one below it."""
     names = list(dict.fromkeys(map(_name, reversed(rows))))
-    methods = sorted(
-        {row["method"] for row in rows}, key=lambda name: name != "default"
-    )
+    methods = sorted({row["method"] for row in rows} - {"default"})
+    if any(row["method"] == "default" for row in rows):
+        methods.insert(0, "default")
     for number, method in enumerate(methods):
         own = [row for row in rows if row["method"] == method]
         places = [names.index(_name(row)) - 0.25 * number for row in own]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from data.answers import Pair
 from data.dataset import Dataset
 from rewardmodel.acquisition import AGAIN
@@ -14,9 +16,16 @@ from rewardmodel.training import training_pairs
 
 
 def ask_again(
-    dataset: Dataset, count: int, *, model: RewardModel, round_number: int, seed: int
+    dataset: Dataset,
+    count: int,
+    *,
+    known: Sequence[Pair],
+    model: RewardModel,
+    round_number: int,
+    seed: int,
 ) -> list[Pair]:
-    """The `count` pairs whose answers look most wrong, with their sides swapped.
+    """The `count` pairs of `known` whose answers look most wrong, with their sides
+    swapped.
 
     An answer looks wrong to a reward like `model` that was fitted to others. Swapped,
     a pair is a new question to every rater, and its answers count beside the old ones;
@@ -27,8 +36,7 @@ def ask_again(
     """
     cfg = model.provenance.cfg
     answered, asked = load_pairs([dataset]), pairs_behind([dataset])
-    with dataset.answers_copy() as store:
-        known = {(pair.a, pair.b) for pair in store.pairs()}
+    taken = {(pair.a, pair.b) for pair in known}
     described = training_pairs(answered, cfg)
     described, _ = with_reliability(described, answered.raters, cfg, seed=seed)
     likely = likelihoods(described, cfg, seed=seed)
@@ -37,7 +45,7 @@ def ask_again(
         pair = asked[row]
         if len(chosen) == count:
             break
-        if (pair.b, pair.a) in known:
+        if (pair.b, pair.a) in taken:
             continue
         info = {"again": pair.pair_id, "likelihood": round(float(likely[row]), 4)}
         swapped = Pair.make(

@@ -65,7 +65,12 @@ def _chosen(
                 "--reward REWARD_DIR, which `gaitpref fit` makes"
             )
         return ask_again(
-            dataset, command.count, model=model, round_number=round, seed=command.seed
+            dataset,
+            command.count,
+            known=known,
+            model=model,
+            round_number=round,
+            seed=command.seed,
         )
     # Refused before anything is chosen at random instead.
     make_strategy(strategy, model, dataset.clip_features)
