@@ -11,7 +11,7 @@ from rewardmodel.doubt import likelihoods
 from rewardmodel.errors import RewardError
 from rewardmodel.model import RewardModel
 from rewardmodel.pairs import load_pairs, pairs_behind
-from rewardmodel.reliability import with_reliability
+from rewardmodel.reliability import judge
 from rewardmodel.training import training_pairs
 
 
@@ -37,8 +37,7 @@ def ask_again(
     cfg = model.provenance.cfg
     answered, asked = load_pairs([dataset]), pairs_behind([dataset])
     taken = {(pair.a, pair.b) for pair in known}
-    described = training_pairs(answered, cfg)
-    described, _ = with_reliability(described, answered.raters, cfg, seed=seed)
+    described = judge(training_pairs(answered, cfg), answered.raters, cfg).pairs
     likely = likelihoods(described, cfg, seed=seed)
     chosen: dict[str, Pair] = {}
     for row in likely.argsort(stable=True).tolist():

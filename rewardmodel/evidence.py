@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from .cfg import FitCfg
+from .cfg import FitCfg, LinearCfg
 from .likelihood import Errors, log_likelihood_derivatives
 from .linear import (
     expected_weights,
@@ -96,9 +96,7 @@ Tried = dict[tuple[float, float], float]
 def _tried(pairs: TrainingPairs, cfg: FitCfg) -> Tried:
     """The evidence of standardised `pairs` for all that is tried."""
     inputs, spread = scaled_differences(pairs)
-    # Whether answers err is asked of all that is expected of raters who do not.
-    plain = replace(cfg.linear, told_most=False, quiet_logit=0.0, hurry=0.0)
-    mean = expected_weights(pairs, spread, plain)
+    mean = expected_weights(pairs, spread, expected_unerring(cfg))
     return {
         (share, precision): evidence(
             inputs, erring(pairs, cfg, share), cfg, precision, mean=mean
@@ -106,6 +104,11 @@ def _tried(pairs: TrainingPairs, cfg: FitCfg) -> Tried:
         for precision in PRECISIONS
         for share in ERROR_SHARES
     }
+
+
+def expected_unerring(cfg: FitCfg) -> LinearCfg:
+    """All that is expected of raters who do not err: of it is asked whether they do."""
+    return replace(cfg.linear, told_most=False, quiet_logit=0.0, hurry=0.0)
 
 
 def _weighed(tried: Tried, precision: float, spread: float) -> Tried:

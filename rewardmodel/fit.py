@@ -23,7 +23,7 @@ from .linear import members_for
 from .model import Provenance, RewardModel, leads_of_pairs, paying
 from .opinion import Opinion
 from .pairs import AnsweredPairs
-from .reliability import with_reliability
+from .reliability import judge
 from .report import FitReport as FitReport
 from .report import wilson_interval
 from .selection import choose
@@ -63,11 +63,14 @@ def fit_reward(
     plain = training_pairs(pairs, cfg)
     kind, considered = choose(plain, pairs, cfg, seed, measured)
     cfg = replace(cfg, kind=kind, linear=members_for(cfg.linear, len(pairs)))
-    if cfg.adapt:
-        sparse = cfg.kind == "sparse"
-        cfg = look(plain, cfg) if sparse else settled(cfg, find(plain, cfg))
+    if cfg.adapt and cfg.kind != "sparse":
+        cfg = settled(cfg, find(plain, cfg))
         plain = erring(plain, cfg, cfg.error_share)
-    described, raters = with_reliability(plain, pairs.raters, cfg, seed=seed)
+    judged = judge(plain, pairs.raters, cfg)
+    described, cfg = judged.pairs, judged.cfg
+    if cfg.adapt:
+        cfg = look(plain, cfg)
+        described = erring(plain, cfg, cfg.error_share)
     described, doubted = described.seen_by(cfg), 0
     if cfg.doubted_below > 0:
         described, doubted = without_doubted(described, cfg, seed=seed)
@@ -89,7 +92,9 @@ def fit_reward(
         cfg,
         time.perf_counter() - started_s,
     )
-    report = replace(report, raters=raters, doubted=doubted, considered=considered)
+    report = replace(
+        report, raters=judged.raters, doubted=doubted, considered=considered
+    )
     seen = frozenset(sha256 for pair in pairs.episodes for sha256 in pair)
     provenance = Provenance(cfg, report, pairs.answers_sha256, seen)
     model = RewardModel(normaliser, scorer, provenance)

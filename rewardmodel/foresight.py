@@ -22,7 +22,7 @@ from .held_out import fold_of, held_out_opinions, opinion_without
 from .model import RewardModel
 from .opinion import Opinion
 from .pairs import AnsweredPairs
-from .reliability import with_reliability
+from .reliability import judge
 from .report import wilson_interval
 from .training import TrainingPairs, training_pairs
 
@@ -126,9 +126,7 @@ def foresee(model: RewardModel, pairs: AnsweredPairs, *, seed: int) -> Foreseen:
     cfg = model.provenance.cfg
     seen = model.provenance.episodes
     unseen = torch.tensor([not seen.intersection(pair) for pair in pairs.episodes])
-    described, _ = with_reliability(
-        training_pairs(pairs, cfg), pairs.raters, cfg, seed=seed
-    )
+    described = judge(training_pairs(pairs, cfg), pairs.raters, cfg).pairs
     opinion = Opinion.none(len(pairs))
     asked = unseen.clone()
     if not unseen.all():

@@ -29,7 +29,7 @@ alike, where a unit shifts a pair by the usual amount."""
 _BENT = 0.3
 """Variance of a bump's weight beside that of the line: most wishes are nearly
 straight."""
-_PRICE = 2.0
+PRICE = 2.0
 """Logarithm of the odds against one more curve."""
 MOST = 6
 """Curves a member takes."""
@@ -70,7 +70,7 @@ def chosen_curves(
         found, modes, which, strength = _next(
             curves, pairs, counts[going], cfg, allowed, taken, own, shape
         )
-        better = found - _PRICE > best[going]
+        better = found - PRICE > best[going]
         going, which, own = going[better], which[better], modes[better]
         best[going] = found[better]
         taken = torch.cat([taken[better], which[:, None]], dim=1)

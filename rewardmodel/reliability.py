@@ -1,111 +1,221 @@
 """How reliable each rater is, estimated together with the reward.
 
-A rater errs in a share of the answers, and then says left, right or equal with habits
-of their own: so one who answers at random, or always the same, is found out and counts
-for next to nothing (after Dawid and Skene 1979, with a reward in place of true labels).
+A rater does not look in a share of the answers, and then says left, right or equal as
+often as in all of them: so one who answers at random, or always the same, is found out
+and counts for next to nothing (after Dawid and Skene 1979, with a reward in place of
+true labels). The shares are those that make all answers most probable, all rewards
+being averaged over: one fitted to an answer agrees with it too readily, one kept from
+it has too few others where questions are hard.
 
-Shapes: B answers; stacked values [3, B] are left, right, tie.
+Who looks and what is wanted depend on each other, and a search ends near where it
+starts. So there are several: from everybody alike, and from each rater being the only
+one who looks. The most probable end is taken.
+
+Shapes: B answers, R raters; stacked values [3, B] are left, right, tie.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import torch
 from torch import Tensor
 
-from .cfg import FitCfg
-from .held_out import opinion_without
-from .likelihood import (
-    Errors,
-    answer_log_probabilities,
-    answer_weights,
-)
+from .cfg import FitCfg, SparseCfg
+from .evidence import ERROR_SHARES, expected_share
+from .likelihood import Errors, answer_weights
+from .sparse_fit import looks
 from .training import TrainingPairs
+from .views import Look, View, linear_look
 
-_FOLDS = 5
-_PASSES = 20
-_MAX_SHARE = 0.98
-_MEMBERS = 4
-"""Of a sum of curves that raters are compared with: it is fitted a dozen times."""
+SHARES = (*ERROR_SHARES, 0.95)
+"""What is tried. One who answers at random says now and then what would be meant."""
+_CARELESS = 0.1
+"""Probability of a share that is not expected, beside one that is."""
+_ROUNDS = 3
+"""Times at most that shares, and what explains the answers, are found in turn."""
+_SWEEPS = 3
+"""Times at most that each rater's share is found beside those of the others."""
+_REFINED = 2
+"""Ends of searches that are gone on from, with what explains the answers found anew for
+every share."""
+_PLENTY = 400
+"""Answers from which on every second, third, ... of each rater is looked at."""
+
+Shares = tuple[float, ...]
+"""[R] of the answers of each rater, given without looking."""
 
 
-def with_reliability(
-    pairs: TrainingPairs, raters: Sequence[str], cfg: FitCfg, *, seed: int
-) -> tuple[TrainingPairs, tuple[tuple[str, float], ...]]:
-    """`pairs` with the errors of their raters, and the share of each by name.
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """Answers, and what was found of those who gave them."""
 
-    Reward and errors are estimated in turn. An answer is judged by a reward that has
-    not seen it: one that has would agree with everybody. It is a sum of curves where
-    `cfg` asks for one, else linear: to weights that cannot say what is wanted everybody
-    seems to answer at random. With one rater nothing can be compared, and nothing is
-    changed.
+    pairs: TrainingPairs
+    """The answers, with the errors of their raters."""
+    cfg: FitCfg
+    """The settings of the fit, where these were still to be found with what was."""
+    raters: tuple[tuple[str, float], ...]
+    """Name of each rater, and the share of answers given without looking; nobody where
+    one rater answered."""
+
+
+def judge(pairs: TrainingPairs, raters: Sequence[str], cfg: FitCfg) -> Judged:
+    """How often each of several raters errs, and what of `cfg` this decides.
+
+    They are judged by curves where `cfg` asks for these, else by linear weights: to
+    weights that cannot say what is wanted everybody seems to answer at random. Which
+    curves may matter is found with it, where it is open. One rater can be compared with
+    nobody, and nothing is changed.
+
+    Args:
+        pairs: The answers, described, and expected to err as `cfg` says.
+        raters: Who gave each.
+        cfg: How a reward is fitted.
     """
     names = sorted(set(raters))
     if len(names) < 2 or not cfg.reliability.enabled:
-        return pairs, ()
-    judge = _judge(cfg)
+        return Judged(pairs, cfg, ())
     of = torch.tensor([names.index(rater) for rater in raters])
-    for _ in range(cfg.reliability.rounds):
-        leads = _cross_fitted(pairs, judge, seed)
-        pairs = replace(pairs, errors=_estimated(pairs, leads, of, len(names), cfg))
-    firsts = [int((of == index).nonzero()[0]) for index in range(len(names))]
-    shares = pairs.errors.share[firsts].tolist()
-    return pairs, tuple(zip(names, shares, strict=True))
+    habits = _habits(pairs, of, len(names), cfg)
+    sparse, found = _most_probable(pairs, of, habits, cfg)
+    errors = _errors(found, of, habits)
+    if cfg.adapt and cfg.kind == "sparse":
+        share = min(float(errors.share.mean()), ERROR_SHARES[-1])
+        cfg = replace(cfg, adapt=False, error_share=share, sparse=sparse)
+    shares = tuple(zip(names, found, strict=True))
+    return Judged(replace(pairs, errors=errors), cfg, shares)
 
 
-def _judge(cfg: FitCfg) -> FitCfg:
-    """The settings of the reward that answers are compared with."""
-    if cfg.kind != "sparse":
-        return replace(cfg, kind="linear")
-    return replace(cfg, sparse=replace(cfg.sparse, num_members=_MEMBERS, shared=False))
+def _most_probable(
+    pairs: TrainingPairs, of: Tensor, habits: Tensor, cfg: FitCfg
+) -> tuple[SparseCfg, Shares]:
+    """Settings of the curves, `cfg`'s where raters are not judged by these, and
+    shares."""
+    some = _some(of)
+    pairs, of = pairs.subset(some), of[some]
+    if cfg.kind == "sparse":
+        standardised, options = looks(pairs, cfg)
+    else:
+        standardised, look = linear_look(pairs, cfg)
+        options = {cfg.sparse: look}
+    answers = _Answers(pairs=standardised, of=of, habits=habits, cfg=cfg)
+    searches = {sparse: _Search(answers, look) for sparse, look in options.items()}
+    sparse = max(searches, key=lambda each: searches[each].log_odds)
+    return sparse, searches[sparse].refined()
 
 
-def _cross_fitted(pairs: TrainingPairs, cfg: FitCfg, seed: int) -> Tensor:
-    """Lead [B] of each pair by rewards fitted without its answer."""
-    generator = torch.Generator().manual_seed(seed)
-    fold = torch.randperm(len(pairs), generator=generator) % _FOLDS
-    leads = torch.zeros(len(pairs))
-    for left_out in range(_FOLDS):
-        fitted, asked = fold != left_out, fold == left_out
-        if fitted.any() and asked.any():
-            opinion = opinion_without(pairs, fitted, asked, cfg, seed)
-            leads[asked] = opinion.lead.to(leads.dtype)
-    return leads
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Answers:
+    """What some raters said."""
+
+    pairs: TrainingPairs
+    """Standardised."""
+    of: Tensor
+    """[B] number of who answered."""
+    habits: Tensor
+    """[3, R] how often each says left, right and equal."""
+    cfg: FitCfg
+
+    def erring(self, shares: Shares) -> TrainingPairs:
+        """The answers, as raters give them who err as often as `shares` say."""
+        return replace(self.pairs, errors=_errors(shares, self.of, self.habits))
+
+    def log_odds(self, view: View, shares: Shares) -> float:
+        """Of the answers, the weights of `view` and the shares, up to a constant."""
+        expected = sum(_expected(self.cfg, share) for share in shares)
+        return view.log_odds(self.erring(shares), self.cfg) + expected
+
+    def starts(self) -> Iterator[Shares]:
+        """Everybody alike, and each the only one who looks."""
+        usual, num_raters = self.cfg.error_share, self.habits.shape[1]
+        yield (usual,) * num_raters
+        for one in range(num_raters):
+            yield tuple(usual if r == one else SHARES[-1] for r in range(num_raters))
 
 
-def _estimated(
-    pairs: TrainingPairs, leads: Tensor, of: Tensor, num_raters: int, cfg: FitCfg
-) -> Errors:
-    """Errors of every answer by expectation-maximisation, the leads [B] being given.
+class _Search:
+    """The most probable shares, as one way of looking at answers finds them."""
 
-    Args:
-        pairs: The answers.
-        leads: What a reward foresees.
-        of: [B] number of the rater who answered.
-        num_raters: How many raters there are.
-        cfg: The prior: errors as often as `error_share`, guesses spread evenly.
-    """
-    weights = answer_weights(pairs.target, tie_threshold=cfg.tie_threshold)
-    log_p = answer_log_probabilities(
-        leads, tie_threshold=cfg.tie_threshold, error_share=0.0
-    )
-    prior = cfg.reliability.prior_answers
-    alike = Errors.alike(cfg.error_share, num_raters, tie_threshold=cfg.tie_threshold)
-    by_rater = alike
-    count = torch.bincount(of, minlength=num_raters)
-    for _ in range(_PASSES):
-        share, guess = by_rater.share[of], by_rater.guess[:, of]
-        meant = (1 - share) * log_p.exp()
-        random = share * guess
-        # Of each kind of answer, the share that was random.
-        blamed = weights * random / (meant + random).clamp_min(1e-12)
-        sums = torch.zeros(3, num_raters).index_add_(1, of, blamed)
-        new_share = (prior * cfg.error_share + sums.sum(dim=0)) / (prior + count)
-        habits = prior * cfg.error_share * alike.guess + sums
-        by_rater = Errors(
-            new_share.clamp(0.0, _MAX_SHARE),
-            habits / habits.sum(dim=0).clamp_min(1e-12),
-        )
-    return by_rater.part(of)
+    def __init__(self, answers: _Answers, look: Look) -> None:
+        self._answers = answers
+        self._look = look
+        self._seen: dict[Shares, tuple[View, float]] = {}
+        ends = {self._end_of(start) for start in answers.starts()}
+        self._ends = sorted(ends, key=self._odds_at, reverse=True)
+
+    @property
+    def log_odds(self) -> float:
+        """Of the best end, up to a constant."""
+        return self._odds_at(self._ends[0])
+
+    def refined(self) -> Shares:
+        """The best near the most probable ends, looked at anew for every share."""
+        found = [_climbed(self._odds_at, end) for end in self._ends[:_REFINED]]
+        return max(found, key=self._odds_at)
+
+    def _odds_at(self, shares: Shares) -> float:
+        return self._at(shares)[1]
+
+    def _at(self, shares: Shares) -> tuple[View, float]:
+        if shares not in self._seen:
+            view = self._look(self._answers.erring(shares))
+            self._seen[shares] = view, self._answers.log_odds(view, shares)
+        return self._seen[shares]
+
+    def _end_of(self, shares: Shares) -> Shares:
+        """Shares and what explains the answers, found in turn."""
+        visited = [shares]
+        for _ in range(_ROUNDS):
+            view = self._at(shares)[0]
+            shares = _climbed(partial(self._answers.log_odds, view), shares)
+            if shares in visited:
+                break
+            visited.append(shares)
+        return max(visited, key=self._odds_at)
+
+
+def _climbed(height: Callable[[Shares], float], shares: Shares) -> Shares:
+    """From `shares` on, one rater's changed at a time as long as it gets higher."""
+    best = height(shares)
+    for _ in range(_SWEEPS):
+        before = shares
+        for rater in range(len(shares)):
+            for share in SHARES:
+                other = (*shares[:rater], share, *shares[rater + 1 :])
+                if (found := height(other)) > best:
+                    best, shares = found, other
+        if shares == before:
+            break
+    return shares
+
+
+def _errors(shares: Shares, of: Tensor, habits: Tensor) -> Errors:
+    """Errors of the answers of raters `of` [B]."""
+    return Errors(torch.tensor(shares)[of], habits[:, of])
+
+
+def _habits(pairs: TrainingPairs, of: Tensor, num_raters: int, cfg: FitCfg) -> Tensor:
+    """How often each rater says left, right and equal, [3, R]."""
+    said = answer_weights(pairs.target, tie_threshold=cfg.tie_threshold)
+    alike = Errors.alike(0.0, num_raters, tie_threshold=cfg.tie_threshold).guess
+    sums = cfg.reliability.prior_answers * alike
+    sums = sums.index_add(1, of, said)
+    return sums / sums.sum(dim=0)
+
+
+def _expected(cfg: FitCfg, share: float) -> float:
+    """Logarithm, up to a constant, of how probable a rater's share is before any
+    answer."""
+    return max(expected_share(cfg, share), math.log(_CARELESS))
+
+
+def _some(of: Tensor) -> Tensor:
+    """[B] bool, every second, third, ... answer of each rater where there are many."""
+    place = torch.empty_like(of)
+    for rater in of.unique():
+        own = of == rater
+        place[own] = torch.arange(int(own.sum()))
+    return place % -(-len(of) // _PLENTY) == 0

@@ -16,7 +16,7 @@ from .cfg import FitCfg, Kind
 from .evidence import FEW_ERRORS, Found, erring, find, settled
 from .held_out import held_out_opinions
 from .pairs import AnsweredPairs
-from .reliability import with_reliability
+from .reliability import judge
 from .training import TrainingPairs
 
 MIN_HELD_OUT = 30
@@ -51,7 +51,7 @@ def choose(
         ):
             return stiffest, ()
     foreseen: dict[Kind, Tensor] = {}
-    described, _ = with_reliability(plain, pairs.raters, cfg, seed=seed)
+    described = judge(plain, pairs.raters, cfg).pairs
     for kind in (stiffest, "gp") if grows else get_args(Kind):
         # It takes as long as all others together, and where what led to a step does
         # not matter to the simpler of the two, it does not matter.
@@ -75,7 +75,7 @@ def _says_something(
     better than who finds no sense in them: then errors are what they miss."""
     own = settled(replace(cfg, kind="linear"), found)
     expected = erring(plain, own, own.error_share)
-    described, _ = with_reliability(expected, pairs.raters, own, seed=seed)
+    described = judge(expected, pairs.raters, own).pairs
     asked, opinion = held_out_opinions(described, pairs.episodes, own, seed)
     leads = opinion.lead
     held_out = described.subset(asked)

@@ -18,12 +18,13 @@ from .clips import mean_over
 from .descriptors import TOLD, names_seen
 from .evidence import ERROR_SHARES, erring, evidence, expected_share
 from .explanations import explanations, shared_out, weights_of
-from .forward import chosen_curves
+from .forward import LEFT_OUT, PRICE, chosen_curves
 from .legs import CONTACTS, ENDS, SINGLE
 from .linear import MIN_SPREAD
 from .normaliser import Normaliser
 from .sparse import CENTRES, WEIGHTS, SparseScorer, curves
 from .training import TrainingPairs, bootstrap_counts
+from .views import Look, View
 
 _SINGLE = tuple(
     index
@@ -152,6 +153,33 @@ def find(pairs: TrainingPairs, cfg: FitCfg) -> FitCfg:
             tried[sparse, share] = expected_share(cfg, share) + found - _price(sparse)
     sparse, share = max(tried, key=lambda settings: tried[settings])
     return replace(cfg, adapt=False, error_share=share, sparse=sparse)
+
+
+def looks(
+    pairs: TrainingPairs, cfg: FitCfg
+) -> tuple[TrainingPairs, dict[SparseCfg, Look]]:
+    """Described `pairs` standardised, and how to look at them under each setting that
+    `cfg` leaves open."""
+    inputs, standardised = standardised_curves(pairs.seen_by(cfg))
+
+    def look_under(sparse: SparseCfg) -> Look:
+        settings = replace(cfg, sparse=sparse)
+
+        def look(answered: TrainingPairs) -> View:
+            counts = inputs.new_ones(1, len(answered))
+            theta, variance = relevant(inputs, answered, counts, settings)
+            chosen = variance[0] > LEFT_OUT
+            num_curves = int(chosen.sum()) // WEIGHTS
+            return View(
+                inputs=inputs[:, chosen],
+                precision=1 / variance[0, chosen],
+                start=theta[:, chosen],
+                price=num_curves * PRICE + _price(sparse),
+            )
+
+        return look
+
+    return standardised, {s: look_under(s) for s in _open_settings(cfg.sparse)}
 
 
 def _price(sparse: SparseCfg) -> float:

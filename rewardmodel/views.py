@@ -1,0 +1,70 @@
+"""What a reward may be made of, and how probable it makes the answers.
+
+Shapes: B pairs, P weights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from torch import Tensor
+
+from .cfg import FitCfg
+from .evidence import PRECISIONS, evidence, expected_unerring
+from .linear import expected_weights, scaled_differences
+from .normaliser import Normaliser
+from .training import TrainingPairs
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class View:
+    """Weights that there may be, and what is expected of them before any answer."""
+
+    inputs: Tensor
+    """[B, P] float64 scaled differences of the clips."""
+    precision: Tensor | float
+    """Of the Gaussian prior on each weight, [P] or one for all."""
+    mean: Tensor | float = 0.0
+    """Of the same."""
+    start: Tensor | None = None
+    """[1, P] where to start looking for the weights, if not at the mean."""
+    price: float = 0.0
+    """Logarithm of the odds against these weights rather than others."""
+
+    def log_odds(self, pairs: TrainingPairs, cfg: FitCfg) -> float:
+        """Of these weights and the answers of `pairs`, up to a constant."""
+        if not self.inputs.shape[1]:
+            leads = pairs.fall_lead.double()
+            return float(pairs.log_likelihood(leads, cfg).sum()) - self.price
+        found = evidence(
+            self.inputs,
+            pairs,
+            cfg,
+            self.precision,
+            mean=self.mean,
+            start=self.start,
+        )
+        return found - self.price
+
+
+Look = Callable[[TrainingPairs], View]
+"""Finds what explains answers best that err as often as those it is given."""
+
+
+def linear_look(pairs: TrainingPairs, cfg: FitCfg) -> tuple[TrainingPairs, Look]:
+    """`pairs` standardised as a linear reward sees them, and how to look at them."""
+    seen = pairs.seen_by(replace(cfg, kind="linear"))
+    normaliser = Normaliser(seen.steps.shape[-1]).fit(seen.scored_steps)
+    standardised = seen.transformed(normaliser)
+    inputs, spread = scaled_differences(standardised)
+    mean = expected_weights(standardised, spread, expected_unerring(cfg))
+
+    def look(answered: TrainingPairs) -> View:
+        views = [
+            View(inputs=inputs, precision=precision, mean=mean)
+            for precision in PRECISIONS
+        ]
+        return max(views, key=lambda view: view.log_odds(answered, cfg))
+
+    return standardised, look
