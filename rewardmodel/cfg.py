@@ -183,12 +183,22 @@ class SparseCfg:
 class ReliabilityCfg:
     """How reliable each of several raters is, estimated together with the reward."""
 
+    REMOVED: ClassVar = ("prior_answers", "rounds")
+    """Settings that older files have: of how raters were judged before."""
+
     enabled: bool = True
     """Off, all raters are expected to err as often as `FitCfg.error_share` says."""
-    prior_answers: float = 10.0
-    """Answers of a rater it takes to count as much as that expectation."""
-    rounds: int = 3
-    """Times reward and reliabilities are estimated in turn."""
+    error_share: float = field(default=0.1, metadata=ADDED_LATER)
+    """Share of the answers expected to be random, of a rater who looks."""
+    careless: float = field(default=0.1, metadata=ADDED_LATER)
+    """How probable any other share is beside that one before any answer, in (0, 1]."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.error_share < 1.0 or not 0.0 < self.careless <= 1.0:
+            raise ValueError(
+                "error_share must lie in (0, 1) and careless in (0, 1], got "
+                f"{self.error_share} and {self.careless}"
+            )
 
 
 Kind = Literal["linear", "sparse", "gp", "mlp", "history", "transformer"]

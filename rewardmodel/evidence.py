@@ -121,7 +121,9 @@ def _weighed(tried: Tried, precision: float, spread: float) -> Tried:
 
 def _best(tried: Tried, cfg: FitCfg) -> Found:
     """The most probable, with what is expected of the share."""
-    best = max(tried, key=lambda each: tried[each] + expected_share(cfg, each[0]))
+    best = max(
+        tried, key=lambda each: tried[each] + expected_share(each[0], cfg.error_share)
+    )
     return Found(*best, cfg.tie_threshold)
 
 
@@ -208,10 +210,10 @@ def erring(pairs: TrainingPairs, cfg: FitCfg, share: float) -> TrainingPairs:
     return replace(pairs, errors=errors)
 
 
-def expected_share(cfg: FitCfg, share: float) -> float:
-    """Logarithm, up to a constant, of how probable a share of random answers is before
-    any answer."""
-    centre = min(max(cfg.error_share, ERROR_SHARES[0]), ERROR_SHARES[-1])
+def expected_share(share: float, centre: float) -> float:
+    """Logarithm of how probable a share of random answers is before any answer, beside
+    the share at the `centre` of what is expected."""
+    centre = min(max(centre, ERROR_SHARES[0]), ERROR_SHARES[-1])
     return -0.5 * ((_logit(share) - _logit(centre)) / _ERROR_SPREAD) ** 2
 
 

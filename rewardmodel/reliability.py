@@ -24,7 +24,7 @@ from functools import partial
 import torch
 from torch import Tensor
 
-from .cfg import FitCfg, SparseCfg
+from .cfg import FitCfg, ReliabilityCfg, SparseCfg
 from .evidence import ERROR_SHARES, expected_share
 from .likelihood import Errors, answer_weights
 from .sparse_fit import looks
@@ -33,8 +33,8 @@ from .views import Look, View, linear_look
 
 SHARES = (*ERROR_SHARES, 0.95)
 """What is tried. One who answers at random says now and then what would be meant."""
-_CARELESS = 0.1
-"""Probability of a share that is not expected, beside one that is."""
+_ALIKE = 10.0
+"""Answers, as many of each kind, that are expected of a rater besides those given."""
 _ROUNDS = 3
 """Times at most that shares, and what explains the answers, are found in turn."""
 _SWEEPS = 3
@@ -125,12 +125,12 @@ class _Answers:
 
     def log_odds(self, view: View, shares: Shares) -> float:
         """Of the answers, the weights of `view` and the shares, up to a constant."""
-        expected = sum(_expected(self.cfg, share) for share in shares)
+        expected = sum(_expected(share, self.cfg.reliability) for share in shares)
         return view.log_odds(self.erring(shares), self.cfg) + expected
 
     def starts(self) -> Iterator[Shares]:
         """Everybody alike, and each the only one who looks."""
-        usual, num_raters = self.cfg.error_share, self.habits.shape[1]
+        usual, num_raters = self.cfg.reliability.error_share, self.habits.shape[1]
         yield (usual,) * num_raters
         for one in range(num_raters):
             yield tuple(usual if r == one else SHARES[-1] for r in range(num_raters))
@@ -201,15 +201,14 @@ def _habits(pairs: TrainingPairs, of: Tensor, num_raters: int, cfg: FitCfg) -> T
     """How often each rater says left, right and equal, [3, R]."""
     said = answer_weights(pairs.target, tie_threshold=cfg.tie_threshold)
     alike = Errors.alike(0.0, num_raters, tie_threshold=cfg.tie_threshold).guess
-    sums = cfg.reliability.prior_answers * alike
-    sums = sums.index_add(1, of, said)
+    sums = (_ALIKE * alike).index_add(1, of, said)
     return sums / sums.sum(dim=0)
 
 
-def _expected(cfg: FitCfg, share: float) -> float:
+def _expected(share: float, cfg: ReliabilityCfg) -> float:
     """Logarithm, up to a constant, of how probable a rater's share is before any
     answer."""
-    return max(expected_share(cfg, share), math.log(_CARELESS))
+    return max(expected_share(share, cfg.error_share), math.log(cfg.careless))
 
 
 def _some(of: Tensor) -> Tensor:

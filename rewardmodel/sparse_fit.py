@@ -150,7 +150,8 @@ def find(pairs: TrainingPairs, cfg: FitCfg) -> FitCfg:
             settings = replace(cfg, sparse=sparse)
             theta, variance = relevant(inputs, own, counts, settings)
             found = evidence(inputs, own, cfg, 1 / variance[0], start=theta)
-            tried[sparse, share] = expected_share(cfg, share) + found - _price(sparse)
+            expected = expected_share(share, cfg.error_share)
+            tried[sparse, share] = expected + found - _price(sparse)
     sparse, share = max(tried, key=lambda settings: tried[settings])
     return replace(cfg, adapt=False, error_share=share, sparse=sparse)
 

@@ -19,6 +19,7 @@ from benchmarks import (
     kinds,
     policy_order,
     preference_fresh,
+    raters,
     robots,
     sureness,
     throughput,
@@ -394,6 +395,31 @@ def test_what_is_done_about_answers_that_look_wrong(tmp_path: Path) -> None:
     skips = replace(asked, answer=lambda pair, rng: None if rng.random() < 0.3 else 1.0)
     with pytest.raises(ValueError, match="skips questions"):
         list(wrong_answers.ways(skips, options, rng, seed=0))
+
+
+def test_answers_are_given_out_to_raters() -> None:
+    """One of three has as many as asked for and answers as told; the others' stay."""
+    pairs = answered(400, seed=0)
+    options = raters.Options(run=(), how="left", raters=3, share=0.3)
+    given, one = raters.given_out(pairs, options, seed=0)
+    assert float(one.float().mean()) == pytest.approx(0.3, abs=0.07)
+    assert {given.raters[row] for row in one.nonzero()[:, 0]} == {"rater 0"}
+    assert set(given.raters) == {"rater 0", "rater 1", "rater 2"}
+    assert (given.target[one] == 1).all()
+    assert torch.equal(given.target[~one], pairs.target[~one])
+    with pytest.raises(ValueError, match="raters must be at least 2"):
+        raters.Options(run=(), raters=1)
+
+
+def test_what_one_who_does_not_look_costs(tmp_path: Path) -> None:
+    run_configured(tmp_path / "run", small_cfg())
+    options = raters.Options(run=(), draws=1, share=0.5)
+    ((answers, found),) = raters.learned(tmp_path / "run", options)
+    assert answers == 24
+    assert len(found.shares) == 2
+    assert all(
+        0.0 <= each <= 1.0 for each in (found.judged, found.alike, found.without)
+    )
 
 
 def test_mistakes_turn_a_share_of_the_answers_round() -> None:

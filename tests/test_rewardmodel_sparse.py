@@ -23,7 +23,7 @@ from rewardmodel import (
     load_reward,
     save_reward,
 )
-from rewardmodel.cfg import SparseCfg
+from rewardmodel.cfg import ReliabilityCfg, SparseCfg
 from rewardmodel.chance import explained_by_chance
 from rewardmodel.clips import pad_clips, read_clips
 from rewardmodel.curves import learned_curves
@@ -254,7 +254,7 @@ def test_it_tells_the_errors_of_raters_from_its_own() -> None:
 
 def test_raters_are_judged_by_a_reward_that_can_say_what_they_want() -> None:
     """Two who want the same height of the middle: to weights they would seem to answer
-    at random. One who does is told from one who wants little effort."""
+    at random."""
     pairs, fresh = asked(best_height, 80, seed=1), asked(best_height, 300, seed=99)
     raters = ("ada", "bob") * 40
     model, report = fit_reward(
@@ -262,16 +262,42 @@ def test_raters_are_judged_by_a_reward_that_can_say_what_they_want() -> None:
     )
     assert max(share for _, share in report.raters) < 0.2
     assert accuracy(model, fresh) > 0.85
-    pairs, fresh = asked(effort, 80, seed=1), asked(effort, 300, seed=99)
+
+
+@pytest.mark.parametrize(
+    ("taste", "single_legs"), [(effort, False), (best_height, False), (one_foot, True)]
+)
+@pytest.mark.parametrize("how", ["at random", "always left"])
+def test_who_does_not_look_is_found_out_whatever_is_wanted(
+    taste: Taste, single_legs: bool, how: str
+) -> None:
+    """Half of the answers say nothing. What the curves are about, and whether one leg
+    matters, is found with who says it; nothing like it is found where nobody looks."""
+    pairs, fresh = asked(taste, 80, seed=1), asked(taste, 300, seed=99)
     chance = torch.rand(80, generator=torch.Generator().manual_seed(0)) < 0.5
-    careless = torch.where(torch.arange(80) % 2 == 0, pairs.target, chance.float())
-    model, report = fit_reward(
-        replace(pairs, raters=raters, target=careless), SPARSE, seed=0, measured=False
-    )
+    said = chance.float() if how == "at random" else torch.ones(80)
+    careless = torch.where(torch.arange(80) % 2 == 0, pairs.target, said)
+    spoiled = replace(pairs, raters=("ada", "bob") * 40, target=careless)
+    model, report = fit_reward(spoiled, SPARSE, seed=0, measured=False)
     shares = dict(report.raters)
     assert shares["ada"] < 0.3
-    assert shares["bob"] > 0.5
-    assert accuracy(model, fresh) > 0.9
+    assert shares["bob"] >= 0.5
+    assert accuracy(model, fresh) > 0.85
+    settings = model.provenance.cfg
+    assert settings.sparse.single_legs == single_legs
+    assert settings.error_share == pytest.approx(sum(shares.values()) / 2)
+    blind = replace(SPARSE, reliability=ReliabilityCfg(enabled=False))
+    alike, _ = fit_reward(spoiled, blind, seed=0, measured=False)
+    assert accuracy(alike, fresh) <= accuracy(model, fresh)
+
+
+def test_nobody_is_preferred_where_nobody_looks() -> None:
+    """Forty answers of either rater, by chance: neither is taken for one who looks."""
+    pairs = asked(effort, 80, seed=4)
+    chance = torch.rand(80, generator=torch.Generator().manual_seed(4)) < 0.5
+    nobody = replace(pairs, raters=("ada", "bob") * 40, target=chance.float())
+    _, report = fit_reward(nobody, SPARSE, seed=0, measured=False)
+    assert min(share for _, share in report.raters) >= 0.5
 
 
 @pytest.mark.parametrize("frequency_hz", [1.5, 2.5, 3.5])
