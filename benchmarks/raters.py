@@ -32,6 +32,7 @@ from rewardmodel.fit import fit_reward
 from rewardmodel.foresight import accuracy_of
 from rewardmodel.pairs import AnsweredPairs, load_pairs
 
+from .kinds import turned_round
 from .preference_fresh import FreshPairs, fresh_pairs
 
 How = Literal["random", "left", "looking"]
@@ -49,6 +50,9 @@ class Options:
     """How many there are."""
     share: float = 0.4
     """Of the answers, that the one gives; the others share the rest."""
+    mistakes: float = 0.0
+    """Share of the others' answers that are turned round, beside what the rater of the
+    run got wrong."""
     draws: int = 3
     """Times the answers of each run are given out."""
 
@@ -97,7 +101,9 @@ def learned(run: Path, options: Options) -> Iterator[tuple[int, Learned]]:
     context = criterion_context(policy.robot(), policy.info.env)
     fresh = fresh_pairs(run, cfg, load_criterion(cfg.criterion, context))
     for seed in range(options.draws):
-        answers, one = given_out(pairs, options, seed=seed)
+        # Another seed than that of who answers what: mistakes are everybody's.
+        meant = turned_round(pairs, options.mistakes, seed=options.draws + seed)
+        answers, one = given_out(meant, options, seed=seed)
         judged, shares = _foreseen(answers, cfg, fresh)
         alike, _ = _foreseen(answers, cfg, fresh, judging=False)
         without, _ = _foreseen(answers.subset(~one), cfg, fresh, judging=False)

@@ -189,9 +189,10 @@ class ReliabilityCfg:
     enabled: bool = True
     """Off, all raters are expected to err as often as `FitCfg.error_share` says."""
     error_share: float = field(default=0.1, metadata=ADDED_LATER)
-    """Share of the answers expected to be random, of a rater who looks."""
+    """Share of the answers expected to be random, of raters who look."""
     careless: float = field(default=0.1, metadata=ADDED_LATER)
-    """How probable any other share is beside that one before any answer, in (0, 1]."""
+    """How probable it is before any answer that one rater's share is another than the
+    others', beside that it is the same, in (0, 1]."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.error_share < 1.0 or not 0.0 < self.careless <= 1.0:

@@ -35,6 +35,8 @@ SHARES = (*ERROR_SHARES, 0.95)
 """What is tried. One who answers at random says now and then what would be meant."""
 _ALIKE = 10.0
 """Answers, as many of each kind, that are expected of a rater besides those given."""
+_BELIEVED = 0.2
+"""Largest share that the most reliable rater counts with."""
 _ROUNDS = 3
 """Times at most that shares, and what explains the answers, are found in turn."""
 _SWEEPS = 3
@@ -81,9 +83,9 @@ def judge(pairs: TrainingPairs, raters: Sequence[str], cfg: FitCfg) -> Judged:
     of = torch.tensor([names.index(rater) for rater in raters])
     habits = _habits(pairs, of, len(names), cfg)
     sparse, found = _most_probable(pairs, of, habits, cfg)
-    errors = _errors(found, of, habits)
+    errors = _errors(_believed(found), of, habits)
     if cfg.adapt and cfg.kind == "sparse":
-        share = min(float(errors.share.mean()), ERROR_SHARES[-1])
+        share = min(float(torch.tensor(found)[of].mean()), ERROR_SHARES[-1])
         cfg = replace(cfg, adapt=False, error_share=share, sparse=sparse)
     shares = tuple(zip(names, found, strict=True))
     return Judged(replace(pairs, errors=errors), cfg, shares)
@@ -125,7 +127,7 @@ class _Answers:
 
     def log_odds(self, view: View, shares: Shares) -> float:
         """Of the answers, the weights of `view` and the shares, up to a constant."""
-        expected = sum(_expected(share, self.cfg.reliability) for share in shares)
+        expected = _expected(shares, self.cfg.reliability)
         return view.log_odds(self.erring(shares), self.cfg) + expected
 
     def starts(self) -> Iterator[Shares]:
@@ -178,7 +180,8 @@ class _Search:
 
 
 def _climbed(height: Callable[[Shares], float], shares: Shares) -> Shares:
-    """From `shares` on, one rater's changed at a time as long as it gets higher."""
+    """From `shares` on, one rater's changed at a time, or all to the same, as long as
+    it gets higher."""
     best = height(shares)
     for _ in range(_SWEEPS):
         before = shares
@@ -187,6 +190,10 @@ def _climbed(height: Callable[[Shares], float], shares: Shares) -> Shares:
                 other = (*shares[:rater], share, *shares[rater + 1 :])
                 if (found := height(other)) > best:
                     best, shares = found, other
+        for share in SHARES:
+            alike = (share,) * len(shares)
+            if (found := height(alike)) > best:
+                best, shares = found, alike
         if shares == before:
             break
     return shares
@@ -205,10 +212,29 @@ def _habits(pairs: TrainingPairs, of: Tensor, num_raters: int, cfg: FitCfg) -> T
     return sums / sums.sum(dim=0)
 
 
-def _expected(share: float, cfg: ReliabilityCfg) -> float:
-    """Logarithm, up to a constant, of how probable a rater's share is before any
-    answer."""
-    return max(expected_share(share, cfg.error_share), math.log(cfg.careless))
+def _expected(shares: Shares, cfg: ReliabilityCfg) -> float:
+    """Logarithm, up to a constant, of how probable shares are before any answer.
+
+    One share is everybody's: a wish that is hard to say makes all seem to err alike.
+    Who has another is an exception.
+    """
+    return max(
+        expected_share(common, cfg.error_share)
+        + sum(math.log(cfg.careless) for share in shares if share != common)
+        for common in SHARES
+    )
+
+
+def _believed(shares: Shares) -> Shares:
+    """`shares`, the odds of all of them lowered alike until somebody is believed.
+
+    Nothing is learned of answers that all count as random. Who is to be believed more
+    than the others is known even where the answers could be chance; whether they are,
+    held-out answers say.
+    """
+    found = torch.tensor(shares).logit()
+    most = torch.tensor(_BELIEVED).logit()
+    return tuple((found - (found.min() - most).clamp_min(0.0)).sigmoid().tolist())
 
 
 def _some(of: Tensor) -> Tensor:
