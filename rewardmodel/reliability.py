@@ -83,8 +83,9 @@ def judge(pairs: TrainingPairs, raters: Sequence[str], cfg: FitCfg) -> Judged:
     of = torch.tensor([names.index(rater) for rater in raters])
     habits = _habits(pairs, of, len(names), cfg)
     sparse, found = _most_probable(pairs, of, habits, cfg)
-    errors = _errors(_believed(found), of, habits)
-    if cfg.adapt and cfg.kind == "sparse":
+    by_curves = cfg.kind == "sparse"
+    errors = _errors(_believed(found) if by_curves else found, of, habits)
+    if cfg.adapt and by_curves:
         share = min(float(torch.tensor(found)[of].mean()), ERROR_SHARES[-1])
         cfg = replace(cfg, adapt=False, error_share=share, sparse=sparse)
     shares = tuple(zip(names, found, strict=True))
@@ -228,9 +229,9 @@ def _expected(shares: Shares, cfg: ReliabilityCfg) -> float:
 def _believed(shares: Shares) -> Shares:
     """`shares`, the odds of all of them lowered alike until somebody is believed.
 
-    Nothing is learned of answers that all count as random. Who is to be believed more
-    than the others is known even where the answers could be chance; whether they are,
-    held-out answers say.
+    No curve is taken that answers speak for which all count as random. Who is to be
+    believed more than the others is known even where the answers could be chance;
+    whether they are, held-out answers say.
     """
     found = torch.tensor(shares).logit()
     most = torch.tensor(_BELIEVED).logit()
