@@ -19,6 +19,7 @@ from rewardmodel.acquisition import unanswered_pairs
 from rewardmodel.cfg import FitCfg, SemiSupervisedCfg, SparseCfg
 from rewardmodel.fit import fit_reward
 from rewardmodel.pairs import load_pairs
+from rewardmodel.reliability import HARDLY_LOOKS
 from rewardmodel.storage import load_reward, save_reward
 
 from . import options
@@ -62,7 +63,10 @@ def _fit(command: options.Fit) -> None:
     if cfg.doubted_below:
         console.print(f"{report.doubted} answers look wrong and are taken for random")
     for rater, share in report.raters:
-        console.print(f"{rater}: {share:.0%} of the answers are taken for random")
+        console.print(
+            f"{rater}: {share:.0%} of the answers are taken for random"
+            + (", and none measures the reward" if share >= HARDLY_LOOKS else "")
+        )
 
 
 def _probability(doubted_below: float) -> float:

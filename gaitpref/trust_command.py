@@ -92,7 +92,12 @@ def _lines(
     lines = [
         f"answers         {len(judged)} in {command.dataset}"
         + ("" if same else ", others than the reward was fitted to"),
-        f"held out        {foreseen.answers} answers, {foreseen.ties} of them ties",
+        f"held out        {foreseen.answers} answers, {foreseen.ties} of them ties"
+        + (
+            f"; not {foreseen.left_out} of who hardly looks"
+            if foreseen.left_out
+            else ""
+        ),
         f"accuracy        {foreseen.accuracy or '-'}",
         f"at random       {foreseen.at_random or '-'}",
         f"by opinion      {foreseen.opinion or '-'}",

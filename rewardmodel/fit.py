@@ -83,6 +83,8 @@ def fit_reward(
         held_out, foreseen = held_out_opinions(
             described, pairs.episodes, cfg, seed, others
         )
+        foreseen = foreseen.subset(judged.measuring[held_out])
+        held_out &= judged.measuring
     report = _report(
         pairs,
         described,

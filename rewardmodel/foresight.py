@@ -22,9 +22,9 @@ from .held_out import fold_of, held_out_opinions, opinion_without
 from .model import RewardModel
 from .opinion import Opinion
 from .pairs import AnsweredPairs
-from .reliability import judge
+from .reliability import Judged, judge
 from .report import wilson_interval
-from .training import TrainingPairs, training_pairs
+from .training import training_pairs
 
 LEAST_SHARE = 0.6
 """Answers that must be foreseen, however sure it is that some are: a reward that misses
@@ -66,6 +66,8 @@ class Foreseen:
     ties: int
     unseen: int
     """Of these, foreseen by the reward itself; the others by models of folds."""
+    left_out: int = 0
+    """Held-out answers besides, of raters who hardly look."""
     accuracy: Accuracy | None
     """None where no held-out answer prefers a clip."""
     opinion: Accuracy | None
@@ -126,7 +128,8 @@ def foresee(model: RewardModel, pairs: AnsweredPairs, *, seed: int) -> Foreseen:
     cfg = model.provenance.cfg
     seen = model.provenance.episodes
     unseen = torch.tensor([not seen.intersection(pair) for pair in pairs.episodes])
-    described = judge(training_pairs(pairs, cfg), pairs.raters, cfg).pairs
+    judged = judge(training_pairs(pairs, cfg), pairs.raters, cfg)
+    described = judged.pairs
     opinion = Opinion.none(len(pairs))
     asked = unseen.clone()
     if not unseen.all():
@@ -136,28 +139,29 @@ def foresee(model: RewardModel, pairs: AnsweredPairs, *, seed: int) -> Foreseen:
     if unseen.any():
         fresh = pairs.subset(unseen)
         opinion.put(unseen, model.opinion(fresh.left, fresh.right))
+    told = asked & judged.measuring
     found = _summary(
-        pairs.subset(asked) if asked.any() else None,
-        opinion.subset(asked),
-        int(unseen.sum()),
-        newest=_newest(described, torch.tensor(pairs.rounds), cfg, seed),
+        pairs.subset(told) if told.any() else None,
+        opinion.subset(told),
+        int((unseen & told).sum()),
+        newest=_newest(judged, torch.tensor(pairs.rounds), cfg, seed),
         cfg=cfg,
     )
+    found = replace(found, left_out=int(asked.sum() - told.sum()))
     if cfg.kind == "sparse" and found.accuracy and found.accuracy.too_low:
         return replace(found, by_chance=explained_by_chance(described, cfg, seed=seed))
     return found
 
 
-def _newest(
-    described: TrainingPairs, rounds: Tensor, cfg: FitCfg, seed: int
-) -> Accuracy | None:
+def _newest(judged: Judged, rounds: Tensor, cfg: FitCfg, seed: int) -> Accuracy | None:
     """Accuracy on the newest round of a model fitted to the rounds before it: what the
     reward that the newest policy was trained on says of that policy's clips."""
     newest = rounds == rounds.max()
-    if newest.all():
+    asked = newest & judged.measuring
+    if newest.all() or not asked.any():
         return None
-    opinion = opinion_without(described, ~newest, newest, cfg, seed)
-    return accuracy_of(opinion.lead, described.target[newest])
+    opinion = opinion_without(judged.pairs, ~newest, asked, cfg, seed)
+    return accuracy_of(opinion.lead, judged.pairs.target[asked])
 
 
 def _summary(

@@ -35,6 +35,8 @@ SHARES = (*ERROR_SHARES, 0.95)
 """What is tried. One who answers at random says now and then what would be meant."""
 _ALIKE = 10.0
 """Answers, as many of each kind, that are expected of a rater besides those given."""
+HARDLY_LOOKS = 0.7
+"""Share of random answers from which on those of a rater do not measure a reward."""
 _BELIEVED = 0.2
 """Largest share that the most reliable rater counts with."""
 _ROUNDS = 3
@@ -62,6 +64,9 @@ class Judged:
     raters: tuple[tuple[str, float], ...]
     """Name of each rater, and the share of answers given without looking; nobody where
     one rater answered."""
+    measuring: Tensor
+    """[B] bool, whether an answer says how good a reward is: not of raters who hardly
+    look, beside others. Foreseen at chance, they would hide what it is right about."""
 
 
 def judge(pairs: TrainingPairs, raters: Sequence[str], cfg: FitCfg) -> Judged:
@@ -79,17 +84,21 @@ def judge(pairs: TrainingPairs, raters: Sequence[str], cfg: FitCfg) -> Judged:
     """
     names = sorted(set(raters))
     if len(names) < 2 or not cfg.reliability.enabled:
-        return Judged(pairs, cfg, ())
+        return Judged(pairs, cfg, (), torch.ones(len(pairs), dtype=torch.bool))
     of = torch.tensor([names.index(rater) for rater in raters])
     habits = _habits(pairs, of, len(names), cfg)
     sparse, found = _most_probable(pairs, of, habits, cfg)
     by_curves = cfg.kind == "sparse"
     errors = _errors(_believed(found) if by_curves else found, of, habits)
+    share = torch.tensor(found)[of]
+    measuring = share < HARDLY_LOOKS
+    if not measuring.any():
+        measuring = torch.ones_like(measuring)
     if cfg.adapt and by_curves:
-        share = min(float(torch.tensor(found)[of].mean()), ERROR_SHARES[-1])
-        cfg = replace(cfg, adapt=False, error_share=share, sparse=sparse)
+        usual = min(share[measuring].mean().item(), ERROR_SHARES[-1])
+        cfg = replace(cfg, adapt=False, error_share=usual, sparse=sparse)
     shares = tuple(zip(names, found, strict=True))
-    return Judged(replace(pairs, errors=errors), cfg, shares)
+    return Judged(replace(pairs, errors=errors), cfg, shares, measuring)
 
 
 def _most_probable(

@@ -49,7 +49,8 @@ class FitReport:
     """Mean squared error of their probabilities at that temperature."""
     raters: tuple[tuple[str, float], ...] = ()
     """Share of random answers of every rater, as estimated; empty where one answered
-    alone."""
+    alone. Who hardly looks (`rewardmodel.reliability.HARDLY_LOOKS`) is not among the
+    held-out answers."""
     agreement: float | None = None
     """Mean rank correlation, over pairs of ensemble members, of the returns of the
     newest round's clips: 1 where no order of clips is left to be learned."""

@@ -29,6 +29,8 @@ from rewardmodel.clips import pad_clips, read_clips
 from rewardmodel.curves import learned_curves
 from rewardmodel.descriptors import TOLD, describe, names_seen
 from rewardmodel.explain import explain
+from rewardmodel.foresight import foresee
+from rewardmodel.reliability import HARDLY_LOOKS
 from rewardmodel.rising import RisingReward, rises
 from rewardmodel.sparse import SparseScorer
 from rewardmodel.sparse_fit import find
@@ -281,14 +283,42 @@ def test_who_does_not_look_is_found_out_whatever_is_wanted(
     model, report = fit_reward(spoiled, SPARSE, seed=0, measured=False)
     shares = dict(report.raters)
     assert shares["ada"] < 0.3
-    assert shares["bob"] >= 0.5
+    assert shares["bob"] > 0.6
     assert accuracy(model, fresh) > 0.85
     settings = model.provenance.cfg
     assert settings.sparse.single_legs == single_legs
-    assert settings.error_share == pytest.approx(sum(shares.values()) / 2)
+    assert settings.error_share == pytest.approx(shares["ada"])
     blind = replace(SPARSE, reliability=ReliabilityCfg(enabled=False))
     alike, _ = fit_reward(spoiled, blind, seed=0, measured=False)
     assert accuracy(alike, fresh) <= accuracy(model, fresh)
+
+
+def test_who_does_not_look_does_not_measure() -> None:
+    """Held-out answers are those of the other, in the fit and when it is asked again;
+    neither a fold nor the newest round is judged by chance."""
+    pairs = asked(apart, 120, seed=1)
+    chance = torch.rand(120, generator=torch.Generator().manual_seed(0)) < 0.5
+    bobs = torch.arange(120) % 2 == 1
+    spoiled = replace(
+        pairs,
+        raters=("ada", "bob") * 60,
+        target=torch.where(bobs, chance.float(), pairs.target),
+        rounds=(0,) * 80 + (1,) * 40,
+    )
+    model, report = fit_reward(spoiled, SPARSE, seed=0)
+    assert dict(report.raters)["bob"] >= HARDLY_LOOKS
+    assert report.held_out_pairs <= 60
+    assert report.held_out_accuracy is not None
+    assert report.held_out_accuracy > 0.8
+    found = foresee(model, spoiled, seed=0)
+    assert found.accuracy is not None
+    assert found.newest is not None
+    assert found.accuracy.answers == report.held_out_pairs
+    assert found.answers + found.left_out > 60
+    assert found.newest.answers == 20
+    assert found.newest.share > 0.8
+    alone = spoiled.subset(bobs)
+    assert foresee(model, alone, seed=0).left_out == 0
 
 
 def test_nobody_is_preferred_where_nobody_looks() -> None:
