@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 
 import torch
@@ -23,7 +24,7 @@ from .linear import members_for
 from .model import Provenance, RewardModel, leads_of_pairs, paying
 from .opinion import Opinion
 from .pairs import AnsweredPairs
-from .reliability import judge
+from .reliability import Judged, judge
 from .report import FitReport as FitReport
 from .report import wilson_interval
 from .selection import choose
@@ -63,15 +64,8 @@ def fit_reward(
     plain = training_pairs(pairs, cfg)
     kind, considered = choose(plain, pairs, cfg, seed, measured)
     cfg = replace(cfg, kind=kind, linear=members_for(cfg.linear, len(pairs)))
-    if cfg.adapt and cfg.kind != "sparse":
-        cfg = settled(cfg, find(plain, cfg))
-        plain = erring(plain, cfg, cfg.error_share)
-    judged = judge(plain, pairs.raters, cfg)
-    described, cfg = judged.pairs, judged.cfg
-    if cfg.adapt:
-        cfg = look(plain, cfg)
-        described = erring(plain, cfg, cfg.error_share)
-    described, doubted = described.seen_by(cfg), 0
+    judged = _judged(plain, pairs.raters, cfg)
+    described, cfg, doubted = judged.pairs.seen_by(judged.cfg), judged.cfg, 0
     if cfg.doubted_below > 0:
         described, doubted = without_doubted(described, cfg, seed=seed)
     others = _described(unanswered, cfg)
@@ -112,6 +106,26 @@ def fit_reward(
         model.provenance = replace(provenance, report=report)
     logger.info("fitted a %s reward: %s", cfg.kind, report)
     return model, report
+
+
+def _judged(plain: TrainingPairs, raters: Sequence[str], cfg: FitCfg) -> Judged:
+    """Described pairs with the errors of their raters, and what of `cfg` the answers
+    decide, where it leaves that to them."""
+    if not cfg.adapt:
+        return judge(plain, raters, cfg)
+    if cfg.kind == "sparse":
+        judged = judge(plain, raters, cfg)
+        if judged.raters:
+            return judged
+        cfg = look(plain, cfg)
+        return replace(judged, pairs=erring(plain, cfg, cfg.error_share), cfg=cfg)
+    found = settled(cfg, find(plain, cfg))
+    judged = judge(erring(plain, found, found.error_share), raters, found)
+    if judged.measuring.all():
+        return judged
+    # How strong opinions may be is for those to say who look.
+    found = settled(cfg, find(plain.subset(judged.measuring), cfg))
+    return replace(judged, cfg=found)
 
 
 def _described(pairs: AnsweredPairs | None, cfg: FitCfg) -> Unanswered | None:

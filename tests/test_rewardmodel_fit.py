@@ -200,14 +200,14 @@ def test_a_rater_who_does_not_look_is_found_out(how: str) -> None:
         pairs = spoiled(answered(160, seed=seed), how, seed=seed)
         model, report = fit_reward(pairs, QUICK, seed=0)
         shares = dict(report.raters)
-        assert shares["ada"] < 0.3
-        assert shares["bob"] > 0.55
+        assert shares["ada"] < 0.2
+        assert shares["bob"] > 0.8
         robust.append(accuracy(model, fresh))
         fooled.append(accuracy(fit_reward(pairs, blind, seed=0)[0], fresh))
         half = answered(80, seed=seed)
         careful.append(accuracy(fit_reward(half, QUICK, seed=0)[0], fresh))
     assert np.mean(robust) > np.mean(fooled) + 0.02
-    assert np.mean(robust) > np.mean(careful) - 0.06
+    assert np.mean(robust) > np.mean(careful) - 0.04
 
 
 def test_one_rater_alone_is_not_judged() -> None:
