@@ -16,7 +16,7 @@ from .cfg import FitCfg, Kind
 from .evidence import FEW_ERRORS, Found, erring, find, settled
 from .held_out import held_out_opinions
 from .pairs import AnsweredPairs
-from .reliability import judge
+from .reliability import Judged, judge
 from .training import TrainingPairs
 
 MIN_HELD_OUT = 30
@@ -51,16 +51,15 @@ def choose(
         ):
             return stiffest, ()
     foreseen: dict[Kind, Tensor] = {}
-    described = judge(plain, pairs.raters, cfg).pairs
+    judged = judge(plain, pairs.raters, cfg)
     for kind in (stiffest, "gp") if grows else get_args(Kind):
         # It takes as long as all others together, and where what led to a step does
         # not matter to the simpler of the two, it does not matter.
         if kind == "transformer" and choose_kind(foreseen) != "history":
             break
         own = replace(cfg, kind=kind)
-        asked, opinion = held_out_opinions(described, pairs.episodes, own, seed)
-        held_out = described.subset(asked)
-        foreseen[kind] = held_out.log_likelihood(opinion.lead, own)
+        held_out, leads = _held_out(judged, pairs, own, seed)
+        foreseen[kind] = held_out.log_likelihood(leads, own)
         if len(foreseen[kind]) < MIN_HELD_OUT:
             return kind, ()
     means = tuple((kind, values.mean().item()) for kind, values in foreseen.items())
@@ -75,13 +74,20 @@ def _says_something(
     better than who finds no sense in them: then errors are what they miss."""
     own = settled(replace(cfg, kind="linear"), found)
     expected = erring(plain, own, own.error_share)
-    described = judge(expected, pairs.raters, own).pairs
-    asked, opinion = held_out_opinions(described, pairs.episodes, own, seed)
-    leads = opinion.lead
-    held_out = described.subset(asked)
+    judged = judge(expected, pairs.raters, own)
+    held_out, leads = _held_out(judged, pairs, own, seed)
     something = held_out.log_likelihood(leads, own)
     nothing = held_out.log_likelihood(torch.zeros_like(leads), own)
     return len(leads) >= MIN_HELD_OUT and _surely_more(something, nothing, errors=2.0)
+
+
+def _held_out(
+    judged: Judged, pairs: AnsweredPairs, cfg: FitCfg, seed: int
+) -> tuple[TrainingPairs, Tensor]:
+    """Held-out answers of raters who look, and what models foresee of them [B]."""
+    asked, opinion = held_out_opinions(judged.pairs, pairs.episodes, cfg, seed)
+    told = judged.measuring[asked]
+    return judged.pairs.subset(asked & judged.measuring), opinion.lead[told]
 
 
 def choose_kind(
