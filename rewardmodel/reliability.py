@@ -72,10 +72,10 @@ class Judged:
 def judge(pairs: TrainingPairs, raters: Sequence[str], cfg: FitCfg) -> Judged:
     """How often each of several raters errs, and what of `cfg` this decides.
 
-    They are judged by curves where `cfg` asks for these, else by linear weights: to
-    weights that cannot say what is wanted everybody seems to answer at random. Which
-    curves may matter is found with it, where it is open. One rater can be compared with
-    nobody, and nothing is changed.
+    They are judged by curves where `cfg` asks for these or leaves the model open, else
+    by linear weights: to weights that cannot say what is wanted everybody seems to
+    answer at random. Which curves may matter is found with it, where it is open. One
+    rater can be compared with nobody, and nothing is changed.
 
     Args:
         pairs: The answers, described, and expected to err as `cfg` says.
@@ -88,17 +88,21 @@ def judge(pairs: TrainingPairs, raters: Sequence[str], cfg: FitCfg) -> Judged:
     of = torch.tensor([names.index(rater) for rater in raters])
     habits = _habits(pairs, of, len(names), cfg)
     sparse, found = _most_probable(pairs, of, habits, cfg)
-    by_curves = cfg.kind == "sparse"
-    errors = _errors(_believed(found) if by_curves else found, of, habits)
+    believed = _believed(found) if _by_curves(cfg) else found
+    errors = _errors(believed, of, habits)
     share = torch.tensor(found)[of]
     measuring = share < HARDLY_LOOKS
     if not measuring.any():
         measuring = torch.ones_like(measuring)
-    if cfg.adapt and by_curves:
+    if cfg.adapt and cfg.kind == "sparse":
         usual = min(share[measuring].mean().item(), ERROR_SHARES[-1])
         cfg = replace(cfg, adapt=False, error_share=usual, sparse=sparse)
     shares = tuple(zip(names, found, strict=True))
     return Judged(replace(pairs, errors=errors), cfg, shares, measuring)
+
+
+def _by_curves(cfg: FitCfg) -> bool:
+    return cfg.kind in ("sparse", "auto")
 
 
 def _most_probable(
@@ -108,7 +112,7 @@ def _most_probable(
     shares."""
     some = _some(of)
     pairs, of = pairs.subset(some), of[some]
-    if cfg.kind == "sparse":
+    if _by_curves(cfg):
         standardised, options = looks(pairs, cfg)
     else:
         standardised, look = linear_look(pairs, cfg)

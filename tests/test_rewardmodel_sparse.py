@@ -30,7 +30,7 @@ from rewardmodel.curves import learned_curves
 from rewardmodel.descriptors import TOLD, describe, names_seen
 from rewardmodel.explain import explain
 from rewardmodel.foresight import foresee
-from rewardmodel.reliability import HARDLY_LOOKS
+from rewardmodel.reliability import HARDLY_LOOKS, judge
 from rewardmodel.rising import RisingReward, rises
 from rewardmodel.sparse import SparseScorer
 from rewardmodel.sparse_fit import find
@@ -291,6 +291,20 @@ def test_who_does_not_look_is_found_out_whatever_is_wanted(
     blind = replace(SPARSE, reliability=ReliabilityCfg(enabled=False))
     alike, _ = fit_reward(spoiled, blind, seed=0, measured=False)
     assert accuracy(alike, fresh) <= accuracy(model, fresh)
+
+
+def test_while_the_model_is_open_raters_are_judged_by_curves() -> None:
+    """Weights cannot say that one height is best, and believe neither."""
+    pairs = asked(best_height, 80, seed=1)
+    chance = torch.rand(80, generator=torch.Generator().manual_seed(0)) < 0.5
+    names = ("ada", "bob") * 40
+    target = torch.where(torch.arange(80) % 2 == 0, pairs.target, chance.float())
+    spoiled = replace(pairs, target=target)
+    for cfg, tells in ((FitCfg(kind="auto"), True), (FitCfg(kind="linear"), False)):
+        judged = judge(training_pairs(spoiled, cfg), names, cfg)
+        shares = dict(judged.raters)
+        assert (shares["ada"] < 0.3 and shares["bob"] >= HARDLY_LOOKS) == tells
+        assert judged.cfg == cfg
 
 
 def test_who_does_not_look_does_not_measure() -> None:
