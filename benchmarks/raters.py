@@ -51,8 +51,8 @@ class Options:
     share: float = 0.4
     """Of the answers, that the one gives; the others share the rest."""
     mistakes: float = 0.0
-    """Share of the others' answers that are turned round, beside what the rater of the
-    run got wrong."""
+    """Share of the answers of who looks that are turned round, beside what the rater of
+    the run got wrong."""
     draws: int = 3
     """Times the answers of each run are given out."""
 

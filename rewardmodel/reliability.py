@@ -8,8 +8,8 @@ being averaged over: one fitted to an answer agrees with it too readily, one kep
 it has too few others where questions are hard.
 
 Who looks and what is wanted depend on each other, and a search ends near where it
-starts. So there are several: from everybody alike, and from each rater being the only
-one who looks. The most probable end is taken.
+starts. So there are several: from everybody alike, and from one rater being the only
+one who looks, for each who answered much. The most probable end is taken.
 
 Shapes: B answers, R raters; stacked values [3, B] are left, right, tie.
 """
@@ -46,6 +46,11 @@ _SWEEPS = 3
 _REFINED = 2
 """Ends of searches that are gone on from, with what explains the answers found anew for
 every share."""
+_CROWD = 8
+"""Raters up to whom that is done: more of them say together what explains the answers,
+whatever one of them does."""
+_STARTS = 4
+"""Raters, those who answered most, each of whom a search starts at."""
 _PLENTY = 400
 """Answers from which on every second, third, ... of each rater is looked at."""
 
@@ -145,10 +150,11 @@ class _Answers:
         return view.log_odds(self.erring(shares), self.cfg) + expected
 
     def starts(self) -> Iterator[Shares]:
-        """Everybody alike, and each the only one who looks."""
+        """Everybody alike, and each who answered much the only one who looks."""
         usual, num_raters = self.cfg.reliability.error_share, self.habits.shape[1]
         yield (usual,) * num_raters
-        for one in range(num_raters):
+        answers = self.of.bincount(minlength=num_raters)
+        for one in answers.argsort(descending=True, stable=True)[:_STARTS].tolist():
             yield tuple(usual if r == one else SHARES[-1] for r in range(num_raters))
 
 
@@ -168,7 +174,10 @@ class _Search:
         return self._odds_at(self._ends[0])
 
     def refined(self) -> Shares:
-        """The best near the most probable ends, looked at anew for every share."""
+        """The best near the most probable ends, looked at anew for every share; of a
+        crowd, the best end."""
+        if len(self._ends[0]) > _CROWD:
+            return self._ends[0]
         found = [_climbed(self._odds_at, end) for end in self._ends[:_REFINED]]
         return max(found, key=self._odds_at)
 

@@ -307,6 +307,21 @@ def test_while_the_model_is_open_raters_are_judged_by_curves() -> None:
         assert judged.cfg == cfg
 
 
+def test_who_does_not_look_is_found_out_in_a_crowd() -> None:
+    """Nine raters with a dozen answers each, one of them by chance."""
+    pairs = asked(effort, 108, seed=1)
+    names = tuple("abcdefghi") * 12
+    chance = torch.rand(108, generator=torch.Generator().manual_seed(0)) < 0.5
+    careless = torch.tensor([name == "c" for name in names])
+    target = torch.where(careless, chance.float(), pairs.target)
+    cfg = replace(SPARSE, sparse=SparseCfg(single_legs=False, ends=False))
+    judged = judge(training_pairs(replace(pairs, target=target), cfg), names, cfg)
+    shares = dict(judged.raters)
+    assert shares.pop("c") >= HARDLY_LOOKS
+    assert max(shares.values()) < 0.3
+    assert torch.equal(judged.measuring, ~careless)
+
+
 def test_who_does_not_look_does_not_measure() -> None:
     """Held-out answers are those of the other, in the fit and when it is asked again;
     neither a fold nor the newest round is judged by chance."""
