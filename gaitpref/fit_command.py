@@ -26,7 +26,7 @@ from . import options
 from .extras import require
 from .fit_summary import fit_summary
 from .opening import address
-from .progress import console
+from .progress import console, working
 
 
 def run(command: options.Command) -> int:
@@ -53,7 +53,8 @@ def _fit(command: options.Fit) -> None:
         cfg = replace(cfg, semi_supervised=semi)
         rng = np.random.default_rng(command.seed)
         unanswered = unanswered_pairs(datasets, pairs, semi, rng=rng)
-    model, report = fit_reward(pairs, cfg, seed=command.seed, unanswered=unanswered)
+    with working(f"fitting {command.model} to {len(pairs)} answers"):
+        model, report = fit_reward(pairs, cfg, seed=command.seed, unanswered=unanswered)
     save_reward(model, command.out)
     kind = model.provenance.cfg.kind
     if command.json:

@@ -11,6 +11,7 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    SpinnerColumn,
     TaskProgressColumn,
     TextColumn,
     TimeElapsedColumn,
@@ -83,3 +84,18 @@ def counting_bar(title: str, total: int) -> Iterator[Progress]:
     ) as progress:
         progress.add_task(title, total=total)
         yield progress
+
+
+@contextmanager
+def working(title: str) -> Iterator[None]:
+    """A spinner and the time it has taken, where nothing says how much is left."""
+    with Progress(
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        TimeElapsedColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    ) as progress:
+        progress.add_task(title, total=None)
+        yield

@@ -19,6 +19,7 @@ from . import options
 from .fit_summary import what_remains
 from .opening import open_dataset
 from .pictures import save_picture
+from .progress import working
 from .reliability import reliability_plot
 
 EPISODES = 16
@@ -30,7 +31,8 @@ def run(command: options.Trust) -> int:
     torch.set_num_threads(1)
     model = load_reward(command.reward)
     judged = load_pairs([open_dataset(command)])
-    foreseen = foresee(model, judged, seed=command.seed)
+    with working(f"foreseeing {len(judged)} answers without their episodes"):
+        foreseen = foresee(model, judged, seed=command.seed)
     reached = None
     if command.policy is not None:
         policy = load_policy(command.policy)
