@@ -96,7 +96,7 @@ def _lines(
         + ("" if same else ", others than the reward was fitted to"),
         f"held out        {foreseen.answers} answers, {foreseen.ties} of them ties"
         + (
-            f"; not {foreseen.left_out} of who hardly looks"
+            f"; {foreseen.left_out} of who hardly looks are left out"
             if foreseen.left_out
             else ""
         ),

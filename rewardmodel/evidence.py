@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from .cfg import FitCfg, LinearCfg
+from .cfg import FitCfg
 from .likelihood import Errors, log_likelihood_derivatives
 from .linear import (
     expected_weights,
@@ -70,11 +70,7 @@ def find(pairs: TrainingPairs, cfg: FitCfg) -> Found:
     teaches what nobody wants. So where they err, both are expected.
     """
     some = torch.arange(len(pairs)) % -(-len(pairs) // PLENTY) == 0
-    seen = pairs.subset(some).seen_by(replace(cfg, kind="linear"))
-    standardised = seen.transformed(
-        Normaliser(seen.steps.shape[-1]).fit(seen.scored_steps)
-    )
-    tried = _tried(standardised, cfg)
+    tried = _tried(pairs.subset(some), cfg)
     weak = _ERRING_TIMES * cfg.linear.prior_precision
     weakly = _weighed(tried, weak, _ERRING_SPREAD)
     found = _best(weakly, cfg)
@@ -94,21 +90,29 @@ Tried = dict[tuple[float, float], float]
 
 
 def _tried(pairs: TrainingPairs, cfg: FitCfg) -> Tried:
-    """The evidence of standardised `pairs` for all that is tried."""
-    inputs, spread = scaled_differences(pairs)
-    mean = expected_weights(pairs, spread, expected_unerring(cfg))
+    """The evidence of described `pairs` for all that is tried."""
+    standardised, inputs, mean = as_linear(pairs, cfg)
     return {
         (share, precision): evidence(
-            inputs, erring(pairs, cfg, share), cfg, precision, mean=mean
+            inputs, erring(standardised, cfg, share), cfg, precision, mean=mean
         )
         for precision in PRECISIONS
         for share in ERROR_SHARES
     }
 
 
-def expected_unerring(cfg: FitCfg) -> LinearCfg:
-    """All that is expected of raters who do not err: of it is asked whether they do."""
-    return replace(cfg.linear, told_most=False, quiet_logit=0.0, hurry=0.0)
+def as_linear(
+    pairs: TrainingPairs, cfg: FitCfg
+) -> tuple[TrainingPairs, Tensor, Tensor]:
+    """Described `pairs` standardised as a linear reward sees them, their scaled
+    differences [B, D], and the weights [D] expected of raters who do not err: of these
+    it is asked whether they do."""
+    seen = pairs.seen_by(replace(cfg, kind="linear"))
+    normaliser = Normaliser(seen.steps.shape[-1]).fit(seen.scored_steps)
+    standardised = seen.transformed(normaliser)
+    inputs, spread = scaled_differences(standardised)
+    plain = replace(cfg.linear, told_most=False, quiet_logit=0.0, hurry=0.0)
+    return standardised, inputs, expected_weights(standardised, spread, plain)
 
 
 def _weighed(tried: Tried, precision: float, spread: float) -> Tried:

@@ -6,14 +6,12 @@ Shapes: B pairs, P weights.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from torch import Tensor
 
 from .cfg import FitCfg
-from .evidence import PRECISIONS, evidence, expected_unerring
-from .linear import expected_weights, scaled_differences
-from .normaliser import Normaliser
+from .evidence import PRECISIONS, as_linear, evidence
 from .training import TrainingPairs
 
 
@@ -53,12 +51,8 @@ Look = Callable[[TrainingPairs], View]
 
 
 def linear_look(pairs: TrainingPairs, cfg: FitCfg) -> tuple[TrainingPairs, Look]:
-    """`pairs` standardised as a linear reward sees them, and how to look at them."""
-    seen = pairs.seen_by(replace(cfg, kind="linear"))
-    normaliser = Normaliser(seen.steps.shape[-1]).fit(seen.scored_steps)
-    standardised = seen.transformed(normaliser)
-    inputs, spread = scaled_differences(standardised)
-    mean = expected_weights(standardised, spread, expected_unerring(cfg))
+    """Described `pairs` standardised as a linear reward sees them, and how to look."""
+    standardised, inputs, mean = as_linear(pairs, cfg)
 
     def look(answered: TrainingPairs) -> View:
         views = [

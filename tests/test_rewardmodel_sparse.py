@@ -267,11 +267,12 @@ def test_raters_are_judged_by_a_reward_that_can_say_what_they_want() -> None:
 
 
 @pytest.mark.parametrize(
-    ("taste", "single_legs"), [(effort, False), (best_height, False), (one_foot, True)]
+    ("taste", "least", "single_legs"),
+    [(effort, 0.9, False), (best_height, 0.85, False), (one_foot, 0.9, True)],
 )
 @pytest.mark.parametrize("how", ["at random", "always left"])
 def test_who_does_not_look_is_found_out_whatever_is_wanted(
-    taste: Taste, single_legs: bool, how: str
+    taste: Taste, least: float, single_legs: bool, how: str
 ) -> None:
     """Half of the answers say nothing. What the curves are about, and whether one leg
     matters, is found with who says it; nothing like it is found where nobody looks."""
@@ -284,7 +285,7 @@ def test_who_does_not_look_is_found_out_whatever_is_wanted(
     shares = dict(report.raters)
     assert shares["ada"] < 0.3
     assert shares["bob"] > 0.6
-    assert accuracy(model, fresh) > 0.85
+    assert accuracy(model, fresh) > least
     settings = model.provenance.cfg
     assert settings.sparse.single_legs == single_legs
     assert settings.error_share == pytest.approx(shares["ada"])
