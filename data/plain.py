@@ -5,7 +5,15 @@ from __future__ import annotations
 import types
 from collections.abc import Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
-from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import (
+    Any,
+    Literal,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 T = TypeVar("T")
 
@@ -14,12 +22,26 @@ ADDED_LATER = {"added_later": True}
 does not use it is the same file to the last byte, name and hash."""
 
 
-def to_plain(record: Any) -> dict[str, Any]:
-    """Dictionaries, lists, strings, numbers, booleans and None only."""
+_IN_WORDS = {
+    int: "a whole number",
+    float: "a number",
+    str: "a text",
+    bool: "true or false",
+}
+
+
+def to_plain(record: Any, *, whole: bool = False) -> dict[str, Any]:
+    """Dictionaries, lists, strings, numbers, booleans and None only.
+
+    Args:
+        record: The dataclass.
+        whole: Write fields that were added later too where they have their default: a
+            default may change, and what is written is what was in force.
+    """
     return {
-        field.name: _plain(getattr(record, field.name))
+        field.name: _plain(getattr(record, field.name), whole)
         for field in fields(record)
-        if not _left_out(field, getattr(record, field.name))
+        if whole or not _left_out(field, getattr(record, field.name))
     }
 
 
@@ -47,35 +69,77 @@ def from_plain(cls: type[T], values: Mapping[str, Any]) -> T:
     if unknown:
         raise ValueError(f"{cls.__name__} has no field {', '.join(unknown)}")
     try:
-        return cls(**{name: _typed(hints[name], v) for name, v in values.items()})
+        return cls(**{name: _typed(hints[name], v, name) for name, v in values.items()})
     except TypeError as error:
         raise ValueError(f"{cls.__name__}: {error}") from None
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: Any, whole: bool) -> Any:
     if is_dataclass(value):
-        return to_plain(value)
+        return to_plain(value, whole=whole)
     if isinstance(value, Mapping):
-        return {str(key): _plain(entry) for key, entry in value.items()}
+        return {str(key): _plain(entry, whole) for key, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(entry) for entry in value]
+        return [_plain(entry, whole) for entry in value]
     return value if isinstance(value, bool | int | float | None) else str(value)
 
 
-def _typed(hint: Any, value: Any) -> Any:
-    origin = get_origin(hint)
+def _typed(hint: Any, value: Any, name: str) -> Any:
+    """`value` as what `hint` asks for.
+
+    Raises:
+        ValueError: it is something else.
+    """
+    origin, arguments = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
-        options = [option for option in get_args(hint) if option is not type(None)]
-        return None if value is None else _typed(options[0], value)
+        return _first_that_fits(arguments, value, name)
+    if origin is Literal:
+        if value in arguments:
+            return value
+        allowed = ", ".join(map(str, arguments))
+        raise ValueError(f"{name} must be one of {allowed}; got {value!r}")
     if is_dataclass(hint) and isinstance(hint, type):
+        if not isinstance(value, Mapping):
+            raise ValueError(f"{name} must hold settings, got {value!r}")
         return from_plain(hint, value)
     if origin is tuple:
-        entries = get_args(hint)
-        if len(entries) == 2 and entries[1] is ...:
-            return tuple(_typed(entries[0], entry) for entry in value)
-        return tuple(_typed(e, v) for e, v in zip(entries, value, strict=True))
-    if hint in (int, float, str, bool):
-        return hint(value)
+        return _tuple(arguments, value, name)
+    if hint in _IN_WORDS:
+        return _simple(hint, value, name)
     if isinstance(hint, type) and not isinstance(value, hint):
         return hint(value)
     return value
+
+
+def _first_that_fits(options: tuple[Any, ...], value: Any, name: str) -> Any:
+    if value is None and type(None) in options:
+        return None
+    reasons = []
+    for option in options:
+        if option is not type(None):
+            try:
+                return _typed(option, value, name)
+            except ValueError as error:
+                reasons.append(str(error))
+    raise ValueError("; or ".join(reasons))
+
+
+def _tuple(entries: tuple[Any, ...], value: Any, name: str) -> tuple[Any, ...]:
+    if not isinstance(value, list | tuple):
+        raise ValueError(f"{name} must be a list, got {value!r}")
+    if len(entries) == 2 and entries[1] is ...:
+        return tuple(_typed(entries[0], entry, name) for entry in value)
+    if len(value) != len(entries):
+        raise ValueError(f"{name} must have {len(entries)} entries, got {len(value)}")
+    return tuple(_typed(e, v, name) for e, v in zip(entries, value, strict=True))
+
+
+def _simple(kind: type, value: Any, name: str) -> Any:
+    """`value`, which only a number may change for: 1 is a float, 2.0 an integer."""
+    if kind is float and isinstance(value, int | float) and not isinstance(value, bool):
+        return float(value)
+    if kind is int and isinstance(value, float) and value.is_integer():
+        return int(value)
+    if isinstance(value, kind) and (kind is bool or not isinstance(value, bool)):
+        return value
+    raise ValueError(f"{name} must be {_IN_WORDS[kind]}, got {value!r}")

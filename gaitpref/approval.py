@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import shutil
 from dataclasses import asdict
+from pathlib import Path
 
 from data.dataset import Dataset
 from data.files import replace_directory, write_atomically
-from policy.checkpoint import Policy, load_policy
 from policy.train import POLICY_NAME
 
 from .asking import Patience, answered
@@ -35,8 +35,13 @@ for the next training to begin from it, and to be the last one where answers err
 def verdict_stage(round: Round, dataset: Dataset) -> None:
     """What the round's answers say of its policy, where they were asked about it."""
     if not round.approval.exists():
-        new = load_policy(round.policy)
-        _judge(round, dataset, new, ODDS_TO_GO_ON, otherwise="training goes on from")
+        _judge(
+            round,
+            dataset,
+            round.policy,
+            ODDS_TO_GO_ON,
+            otherwise="training goes on from",
+        )
 
 
 def approval_stage(
@@ -54,10 +59,9 @@ def approval_stage(
             pairs = pairs_of_both(cfg, round, dataset, both, known=known)
             asked = store.add_pairs(pairs[: labels_kept(cfg, round, dataset)])
     answered(cfg, round, dataset, criterion, Patience(people), asked, last=True)
-    new = load_policy(file)
     # A policy no clip shows, as one whose simulations diverge, is not approved either.
     needed = ODDS_TO_STAY if first_erred(round) else ODDS_TO_GO_ON
-    if _judge(round, dataset, new, needed, otherwise="what stays is"):
+    if _judge(round, dataset, file, needed, otherwise="what stays is"):
         replace_directory(round.candidate, round.policy.parent)
         return
     partial = round.root / "policy.partial"
@@ -68,9 +72,10 @@ def approval_stage(
 
 
 def _judge(
-    round: Round, dataset: Dataset, new: Policy, needed: float, *, otherwise: str
+    round: Round, dataset: Dataset, new: Path, needed: float, *, otherwise: str
 ) -> bool:
-    """Write down what the answers say of `new`, if asked; whether they approve it."""
+    """Write down what the answers say of the policy file `new`, if asked; whether they
+    approve it."""
     verdict = verdict_of(round, dataset, new, needed=needed)
     if verdict is None:
         return False

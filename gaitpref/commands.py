@@ -11,6 +11,7 @@ import torch
 from data.dataset import Dataset
 from data.episode_chunks import Compression
 from data.errors import DatasetError, GaitprefError
+from data.lock import only_writer
 from policy.checkpoint import PolicyError, load_policy
 from policy.config import RANDOMISE, EnvCfg, getup_env
 from policy.curriculum import CurriculumCfg
@@ -61,6 +62,11 @@ def run(command: options.Command) -> int:
 
 
 def _train(command: options.Train) -> int:
+    with only_writer(command.out, console.print):
+        return _train_alone(command)
+
+
+def _train_alone(command: options.Train) -> int:
     names = (POLICY_NAME, RESUME_NAME)
     if not command.resume and any((command.out / name).exists() for name in names):
         raise PolicyError(
@@ -103,7 +109,7 @@ def _train(command: options.Train) -> int:
             robot,
             cfg,
             reward_fn=reward_fn,
-            reward_name=command.reward + " and task" * command.keep_task,
+            reward_name=command.reward + (" and task" if command.keep_task else ""),
             init=command.init,
             resume=command.resume,
             on_iteration=bar,

@@ -14,6 +14,7 @@ import torch
 
 from data.dataset import Dataset
 from data.errors import GaitprefError
+from data.lock import LOCK_NAME, only_writer
 from data.manifest_file import writable
 from rewardmodel.acquisition import unanswered_pairs
 from rewardmodel.cfg import FitCfg, SemiSupervisedCfg, SparseCfg
@@ -40,6 +41,14 @@ def run(command: options.Command) -> int:
 
 
 def _fit(command: options.Fit) -> None:
+    out = command.out.resolve()
+    # Beside it, because the directory itself is replaced as a whole.
+    lock = out.with_name(f".{out.name}{LOCK_NAME}")
+    with only_writer(command.out, console.print, lock=lock):
+        _fit_alone(command)
+
+
+def _fit_alone(command: options.Fit) -> None:
     answers = address(command.answers)
     datasets = [Dataset.open(path, answers=answers) for path in command.dataset]
     cfg = FitCfg(

@@ -8,14 +8,19 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from data.answer_backend import Address
 from data.dataset import Dataset
+from data.files import sha256_file
+from data.lock import only_writer
 from policy.config import EnvCfg, getup_env
+from policy.identity import content_of
+from policy.robot import Robot
 
 from .approval import approval_stage, verdict_stage
 from .asking import questions_stage
-from .criteria import load_criterion
+from .criteria import Criterion, load_criterion
 from .extras import require
 from .loop_cfg import LoopCfg, RunError
 from .opening import address
@@ -75,9 +80,15 @@ def run_configured(
         answers: Where pairs and answers are kept, if not in a file of the run. It is
             no part of the configuration: it may hold a password.
     """
+    with only_writer(run, console.print):
+        _run(run, cfg, open_page, answers)
+    return run / PAGE_NAME
+
+
+def _run(run: Path, cfg: LoopCfg, open_page: OpenPage, answers: Address | None) -> None:
     robot = _setting(cfg).robot
     criterion = load_criterion(cfg.criterion, criterion_context(robot, cfg.env))
-    claim(run, cfg)
+    claim(run, cfg, _inputs(cfg, robot, criterion))
     dataset = Dataset.create(run / "dataset", answers=answers)
     with open_page(dataset) as people:
         for number in range(cfg.rounds + 1):
@@ -95,7 +106,16 @@ def run_configured(
                 approval_stage(cfg, round, dataset, criterion, people)
             report_stage(cfg, round, dataset, criterion)
             write_report(run)
-    return run / PAGE_NAME
+
+
+def _inputs(cfg: LoopCfg, robot: Robot, criterion: Criterion) -> dict[str, Any]:
+    """What the names in the configuration stand for, by content."""
+    base = None if cfg.base in ("task", "none") else sha256_file(Path(cfg.base))
+    return {
+        "base": base,
+        "robot": robot.model_sha256,
+        "criterion": content_of(criterion),
+    }
 
 
 @contextmanager

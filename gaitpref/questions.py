@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -90,7 +91,7 @@ def ask(
     _require_long_enough(entries, cfg)
     clips = clips_of(entries, cfg)
     blind = model is None and strategy in NEEDS_MODEL
-    at_random = count if blind else -int(-uniform_share * count // 1)
+    at_random = count if blind else math.ceil(uniform_share * count)
     plan: list[tuple[int, Strategy]] = [(at_random, Uniform())]
     if not blind:
         chooser = make_strategy(strategy, model, dataset.clip_features)

@@ -44,8 +44,6 @@ from .standstill import Standstill, standstill_before
 from .tracking_limit import TrackingLimit, limit_beside
 from .watch import WatchedReward, deserves_training, watched
 
-LearnedReward = CautiousReward | RisingReward
-
 _EPISODES_LOOKED_AT = 32
 """Of a round, to see whether a reward tells left from right."""
 
@@ -128,7 +126,6 @@ def _train(
 def _untrained(cfg: LoopCfg, round: Round) -> bytes | None:
     """The policy file of a round that trains nothing; None where it does."""
     if round.number == 0 and cfg.base not in ("task", "none"):
-        load_policy(Path(cfg.base))
         return Path(cfg.base).read_bytes()
     if round.number and not deserves_training(round.before):
         asks = round.number < cfg.rounds
@@ -220,7 +217,7 @@ def _is_judged(cfg: LoopCfg, round: Round, dataset: Dataset) -> bool:
 
 def learned_reward(
     cfg: LoopCfg, round: int, model: RewardModel, *, judged: bool
-) -> LearnedReward:
+) -> RewardFn:
     """What of `model` the retraining of `round`, counted from 1, is paid.
 
     Args:

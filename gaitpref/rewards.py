@@ -71,7 +71,7 @@ class TotalReward:
     tracking_limit: TrackingLimit | None = None
     """How badly commands may be followed before `score` counts less; None: it never
     does."""
-    figures: dict[str, float] = field(default_factory=dict)
+    figures: dict[str, float] = field(default_factory=dict, compare=False)
     """Of the rollout scored last: each part per second (`reward/NAME`), its share of
     the magnitudes of all (`share/NAME`), and how unsure an ensemble is of the score
     (`reward/spread`, in its standard deviations)."""

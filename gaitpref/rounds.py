@@ -72,6 +72,13 @@ class Round:
 
     @property
     def before(self) -> Round:
+        """The round before.
+
+        Raises:
+            ValueError: this is the first.
+        """
+        if not self.number:
+            raise ValueError("before round 0 there is none")
         return Round(self.run, self.number - 1)
 
     @property

@@ -11,13 +11,14 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
+from pathlib import Path
 
 import numpy as np
 
 from data.answers import Pair
 from data.clips import Clip
 from data.dataset import Dataset
-from data.files import write_atomically
+from data.files import sha256_file, write_atomically
 from policy.checkpoint import Policy, load_policy
 from policy.record import record
 from policy.train import POLICY_NAME
@@ -193,9 +194,10 @@ def _nearest(clip: Clip, others: Sequence[Clip]) -> Clip | None:
 
 
 def verdict_of(
-    round: Round, dataset: Dataset, new: Policy, *, needed: float
+    round: Round, dataset: Dataset, new: Path, *, needed: float
 ) -> Verdict | None:
-    """What the round's answers say of its new policy; None where nobody was asked."""
+    """What the round's answers say of its new policy, the file `new`; None where nobody
+    was asked."""
     with dataset.answers() as store:
         if all(pair.strategy != STRATEGY for pair in store.pairs(round=round.number)):
             return None
@@ -208,8 +210,9 @@ def verdict_of(
     by_sha256 = {entry.sha256: entry for entry in dataset.entries()}
     # However sure a fit is that nobody errs, one answer is no proof.
     share = load_reward(round.before.reward).provenance.cfg.error_share
+    new_sha256 = sha256_file(new)
     for_new = sum(
-        by_sha256[clip.rollout].meta.policy_sha256 == new.sha256 for clip in preferred
+        by_sha256[clip.rollout].meta.policy_sha256 == new_sha256 for clip in preferred
     )
     return Verdict(
         for_new=for_new,

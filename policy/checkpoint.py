@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 from dataclasses import dataclass
@@ -16,11 +15,17 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 
 from data.errors import GaitprefError
-from data.files import write_atomically
+from data.files import sha256_bytes, write_atomically
 from data.plain import from_plain, to_plain
+from data.weights import misfits, not_finite
 
 from .config import EnvCfg
 from .features import OBS_DIM
+from .others import (
+    writer_of_bytes,
+    writer_of_payload,
+    writer_without_description,
+)
 from .ppo import PpoCfg, RewardPpo, to_rsl_rl
 from .robot import Robot, load_robot_xml
 
@@ -121,44 +126,77 @@ def read_plain(path: Path) -> dict[str, Any]:
     """The dictionary in a file of ours, without running code from it.
 
     Raises:
-        PolicyError: the file is missing, damaged, or not ours.
+        PolicyError: the file is missing, damaged, or not ours, or one of its weights is
+            no finite number.
     """
-    try:
-        return _checked(torch.load(io.BytesIO(path.read_bytes()), weights_only=True))
-    except (FileNotFoundError, IsADirectoryError):
-        raise PolicyError(
-            f"there is no policy file {path}; `gaitpref train --out DIR --reward task` "
-            f"makes DIR/policy.pt"
-        ) from None
-    except Exception as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise PolicyError(
-            f"{path} is not a policy file of gaitpref, or is damaged ({reason[:120]}); "
-            f"give a policy.pt or a file of a checkpoints/ folder"
-        ) from None
+    return _plain(path, _bytes_of(path))
 
 
 def load_policy(path: Path) -> Policy:
     """Read a policy file.
 
     Raises:
-        PolicyError: the file is missing, damaged, or not ours.
+        PolicyError: the file is missing, damaged, or not ours, or one of its weights is
+            no finite number.
     """
-    payload = read_plain(path)
+    content = _bytes_of(path)
+    payload = _plain(path, content)
     info = policy_info(path, payload)
     cfg = to_rsl_rl(info.ppo)
     actor_class, actor_cfg = resolve_class(cfg["actor"])
     obs = TensorDict({"policy": torch.zeros(1, OBS_DIM)}, batch_size=[1])
     actor = actor_class(obs, cfg["obs_groups"], "actor", 12, **actor_cfg)
-    try:
-        actor.load_state_dict(payload["actor_state_dict"])
-    except (RuntimeError, KeyError, TypeError) as error:
-        reason = str(error).splitlines()[0]
+    weights = payload["actor_state_dict"]
+    if differences := misfits(weights, actor.state_dict()):
         raise PolicyError(
-            f"{path} does not hold the network it names: {reason}"
+            f"{path} does not hold the network it names: {differences}; give a policy "
+            "of this version of gaitpref"
+        )
+    actor.load_state_dict(weights)
+    return Policy(actor, info, sha256_bytes(content))
+
+
+def _bytes_of(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise PolicyError(
+            f"there is no policy file {path}; `gaitpref train --out DIR --reward task` "
+            f"makes DIR/policy.pt"
         ) from None
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    return Policy(actor, info, digest)
+    except IsADirectoryError:
+        raise PolicyError(
+            f"{path} is a directory, not a policy file; give the policy.pt in it"
+        ) from None
+
+
+def _plain(path: Path, content: bytes) -> dict[str, Any]:
+    if writer := writer_of_bytes(content):
+        raise _of_another(path, writer)
+    try:
+        payload = torch.load(io.BytesIO(content), weights_only=True)
+    except Exception as error:
+        raise PolicyError(
+            f"{path} is not a policy file of gaitpref, or is damaged "
+            f"({type(error).__name__}); give a policy.pt or a file of a checkpoints/ "
+            "folder"
+        ) from None
+    if writer := writer_of_payload(payload):
+        raise _of_another(path, writer)
+    states = {name: payload[name] for name in payload if name.endswith("_state_dict")}
+    if bad := not_finite(states):
+        raise PolicyError(
+            f"{path} holds weights that are no finite numbers: {bad}; its training "
+            "diverged, so give an earlier file of its checkpoints/ folder"
+        )
+    return payload
+
+
+def _of_another(path: Path, writer: str) -> PolicyError:
+    return PolicyError(
+        f"{path} is {writer}, not a policy file of gaitpref: give the policy.pt that "
+        "`gaitpref train` wrote"
+    )
 
 
 def policy_info(path: Path, payload: dict[str, Any]) -> PolicyInfo:
@@ -167,8 +205,11 @@ def policy_info(path: Path, payload: dict[str, Any]) -> PolicyInfo:
     Raises:
         PolicyError: it says nothing usable, or was written by a newer version.
     """
+    infos = payload.get("infos")
+    if not isinstance(infos, dict) or "gaitpref" not in infos:
+        raise _of_another(path, writer_without_description(payload))
     try:
-        values = json.loads(payload["infos"]["gaitpref"])
+        values = json.loads(infos["gaitpref"])
         if values["format_version"] > FORMAT_VERSION:
             raise PolicyError(
                 f"{path} has policy format {values['format_version']}, this gaitpref "
@@ -177,7 +218,8 @@ def policy_info(path: Path, payload: dict[str, Any]) -> PolicyInfo:
         return from_plain(PolicyInfo, values)
     except (KeyError, TypeError, ValueError) as error:
         raise PolicyError(
-            f"{path} lacks the description gaitpref writes into its policies ({error})"
+            f"{path} has a description that this gaitpref cannot read ({error}); give "
+            "a policy of this version, or train it anew"
         ) from None
 
 
@@ -185,9 +227,3 @@ def _saved(payload: dict[str, Any]) -> bytes:
     buffer = io.BytesIO()
     torch.save(payload, buffer)
     return buffer.getvalue()
-
-
-def _checked(payload: Any) -> dict[str, Any]:
-    if not isinstance(payload, dict) or "actor_state_dict" not in payload:
-        raise ValueError("no actor_state_dict inside")
-    return payload

@@ -13,6 +13,7 @@ from rsl_rl.env import VecEnv
 from tensordict import TensorDict
 from torch import Tensor
 
+from .chance import spawned
 from .config import EnvCfg, Range
 from .curriculum import Curriculum
 from .features import BaseState, base_state, feature_row, observation
@@ -59,7 +60,8 @@ class QuadrupedEnv(VecEnv):
         self.num_actions = 12
         self.max_episode_length = cfg.episode_steps
         self.device = self.sim.device
-        self._rng = torch.Generator(device=self.device).manual_seed(seed)
+        env_seed, dropped_seed = spawned(seed, 2)
+        self._rng = torch.Generator(device=self.device).manual_seed(env_seed)
         self._home_joint_pos = self._constant(robot.home_joint_pos)
         home_qpos = torch.tensor(robot.home_qpos, dtype=torch.float64)
         self._home_qpos = home_qpos.to(self.device)
@@ -69,7 +71,9 @@ class QuadrupedEnv(VecEnv):
         self._foot_radius = self._constant(robot.foot_radius)
         ground = robot.ground
         self._starts = None if ground is None else Starts(robot, ground)
-        self._lying = None if cfg.getup is None else Lying(robot, cfg.getup, seed=seed)
+        self._lying = None
+        if cfg.getup is not None:
+            self._lying = Lying(robot, cfg.getup, seed=dropped_seed)
         self._curriculum = None
         if cfg.curriculum is not None:
             self._curriculum = Curriculum(cfg.curriculum, control_dt_s=cfg.control_dt_s)
@@ -111,7 +115,7 @@ class QuadrupedEnv(VecEnv):
 
     def reset(self, *, seed: int) -> TensorDict:
         """Start new episodes everywhere, the same for the same `seed`."""
-        self._rng.manual_seed(seed)
+        self._rng.manual_seed(spawned(seed, 2)[0])
         self._reset(torch.arange(self.num_envs, device=self.device))
         self._starting = torch.ones_like(self._starting)
         self._obs = self._observe(self.sim.read())

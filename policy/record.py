@@ -17,6 +17,7 @@ from data.episode_records import COMMAND_CHANGE
 from data.plain import ADDED_LATER
 
 from .babble import BABBLE_SHA256, Babble
+from .chance import spawned
 from .checkpoint import Policy, load_policy
 from .config import CommandCfg, EnvCfg
 from .env import QuadrupedEnv
@@ -157,14 +158,15 @@ def _record_one(
     info = policy.info
     env_cfg = replace(info.env, episode_s=cfg.episode_s)
     robot = policy.robot()
-    env = QuadrupedEnv(robot, env_cfg, count, seed=seed, keep_final=True)
+    env_seed, actor_seed = spawned(seed, 2)
+    env = QuadrupedEnv(robot, env_cfg, count, seed=env_seed, keep_final=True)
     # Who lies is asked for nothing but to get up.
     walks = env_cfg.getup is None
     choices = recorded_commands(
         env_cfg.commands, cfg.babble_m_s if babble and walks else None
     )
     noisy = _noisy(count, len(choices), 0.0 if babble else cfg.noisy_share)
-    rng = torch.Generator().manual_seed(seed)
+    rng = torch.Generator().manual_seed(actor_seed)
     varied = np.zeros(count, dtype=bool)
     actor: Actor = policy
     if babble:

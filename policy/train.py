@@ -15,11 +15,20 @@ import torch
 from torch import Tensor
 from torch.utils.tensorboard.writer import SummaryWriter
 
-from data.files import write_atomically
+from data.files import sha256_file, write_atomically
 from data.plain import ADDED_LATER, to_plain
+from data.weights import misfits, not_finite
 
-from .checkpoint import PolicyError, PolicyInfo, read_plain, save_policy
+from .chance import spawned
+from .checkpoint import (
+    PolicyError,
+    PolicyInfo,
+    policy_info,
+    read_plain,
+    save_policy,
+)
 from .config import EnvCfg
+from .identity import content_of, differences
 from .ppo import IterationStats, PpoCfg, RewardFn, Runner
 from .randomise import make_env
 from .robot import Robot
@@ -119,12 +128,13 @@ def train(
         PolicyError: `init` or the state to resume cannot be used.
     """
     out.mkdir(parents=True, exist_ok=True)
+    torch_seed, env_seed = spawned(cfg.seed, 2)
     with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(cfg.seed)
-        env = make_env(robot, cfg.env, cfg.ppo.num_envs, seed=cfg.seed)
+        torch.manual_seed(torch_seed)
+        env = make_env(robot, cfg.env, cfg.ppo.num_envs, seed=env_seed)
         runner = Runner(env, cfg.ppo)
-        session = _Session(out, robot, cfg, runner, reward_name)
         runner.alg.reward_fn = reward_fn
+        session = _Session(out, robot, cfg, runner, reward_name)
         if init is not None:
             session.start_from(init)
         if not (resume and session.resume()):
@@ -141,22 +151,27 @@ class _Session:
         self.out, self.robot, self.cfg, self.runner = out, robot, cfg, runner
         self.reward_name = reward_name
         self.steps_before = 0
+        # Before anything is scored: what a reward keeps of a rollout is not what it is.
+        self.identity = self._identity()
+        """What must be equal for a run to be the same run."""
 
     def start_from(self, init: Path) -> None:
         """Take over the networks of a policy file, and hold it as the reference."""
         payload = read_plain(init)
+        info = policy_info(init, payload)
         alg = self.runner.alg
         self._require_same_critic(init, payload)
-        try:
-            info = json.loads(payload["infos"]["gaitpref"])
-            alg.load(payload, {"actor": True, "critic": True}, strict=True)
-            self.steps_before = int(info["steps"])
-        except (RuntimeError, KeyError, TypeError, ValueError) as error:
-            reason = str(error).splitlines()[0]
-            raise PolicyError(
-                f"{init} cannot be trained further with networks of "
-                f"{self.cfg.ppo.hidden_sizes}: {reason}"
-            ) from None
+        for part, network in (("actor", alg.actor), ("critic", alg.critic)):
+            found = payload.get(f"{part}_state_dict", {})
+            if differences := misfits(found, network.state_dict()):
+                raise PolicyError(
+                    f"{init} cannot be trained further with networks of "
+                    f"{self.cfg.ppo.hidden_sizes}, its {part} does not fit: "
+                    f"{differences}"
+                )
+        alg.load(payload, {"actor": True, "critic": True}, strict=True)
+        self.steps_before = info.steps
+        self.identity["init"] = sha256_file(init)
         self._hold_reference()
 
     def _require_same_critic(self, init: Path, payload: dict[str, Any]) -> None:
@@ -205,10 +220,18 @@ class _Session:
             return False
         state = read_plain(path)
         runner = self.runner
-        if state["identity"] != self._identity():
+        if "identity" not in state:
             raise PolicyError(
-                f"{path} was left by a run with other settings, so it cannot go on: "
-                f"give the same settings, or another --out"
+                f"{path} is not the state of a training: give another --out, or the "
+                "directory that `gaitpref train` wrote"
+            )
+        changed = differences(json.loads(state["identity"]), self.identity)
+        if changed:
+            more = f", and {len(changed) - 4} more" if len(changed) > 4 else ""
+            raise PolicyError(
+                f"{path} was left by a run with other settings "
+                f"({', '.join(changed[:4])}{more}), so it cannot go on: give the same "
+                "settings, or another --out"
             )
         runner.alg.load(state, None, strict=True)
         runner.current_learning_iteration = int(state["iteration"])
@@ -258,21 +281,43 @@ class _Session:
             finished=finished, steps=steps, policy=self.out / POLICY_NAME, stats=last
         )
 
-    def _identity(self) -> str:
-        """What must be equal for a run to be the same run; its length may differ."""
-        settings = to_plain(self.cfg)
+    def _identity(self) -> dict[str, Any]:
+        """Settings, robot and reward by their contents; the length is left free."""
+        settings = to_plain(self.cfg, whole=True)
         for free in ("steps", "checkpoints", "save_every"):
             del settings[free]
-        return json.dumps(
-            {**settings, "robot": self.robot.model_sha256, "reward": self.reward_name},
-            sort_keys=True,
-        )
+        told = {
+            **settings,
+            "robot": self.robot.model_sha256,
+            "reward_name": self.reward_name,
+            "reward": content_of(self.runner.alg.reward_fn),
+            "init": None,
+        }
+        # As a file gives it back: a tuple is a list there.
+        return json.loads(json.dumps(told))
+
+    def _weights(self) -> dict[str, Any]:
+        """The state of the algorithm, fit to be saved.
+
+        Raises:
+            PolicyError: a weight is no finite number any more.
+        """
+        state = self.runner.alg.save()
+        if bad := not_finite({k: v for k, v in state.items() if k.endswith("_dict")}):
+            steps = self.runner.current_learning_iteration
+            steps *= self.cfg.ppo.steps_per_iteration
+            raise PolicyError(
+                f"the training in {self.out} diverged before step {steps:,}: {bad} are "
+                "no finite numbers. What was saved before is kept; look for a reward "
+                "that is very large, or try another --seed"
+            )
+        return state
 
     def _save_state(self) -> None:
         runner, buffer = self.runner, io.BytesIO()
         state = {
-            **runner.alg.save(),
-            "identity": self._identity(),
+            **self._weights(),
+            "identity": json.dumps(self.identity, sort_keys=True),
             "iteration": runner.current_learning_iteration,
             "env": runner.env.snapshot(),
             "torch_rng": torch.get_rng_state(),
@@ -281,6 +326,7 @@ class _Session:
         write_atomically(self.out / RESUME_NAME, buffer.getvalue())
 
     def _save_policy(self, path: Path, steps: int) -> None:
+        self._weights()
         path.parent.mkdir(parents=True, exist_ok=True)
         info = PolicyInfo(
             steps=self.steps_before + steps,

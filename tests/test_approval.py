@@ -230,7 +230,7 @@ def test_however_sure_a_fit_is_one_answer_is_no_proof(
     round = Round(run, 2)
     new = load_policy(round.policy)
     dataset = Dataset.open(run / "dataset")
-    verdict = verdict_of(round, dataset, new, needed=ODDS_TO_STAY)
+    verdict = verdict_of(round, dataset, round.policy, needed=ODDS_TO_STAY)
     assert verdict is not None
     assert verdict.error_share == ERROR_SHARES[0] > 0.0
 
