@@ -7,7 +7,7 @@ import fcntl
 import os
 import socket
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from .errors import GaitprefError
@@ -31,7 +31,8 @@ def only_writer(
     lock is removed afterwards.
 
     Args:
-        directory: What is written; made if it is missing.
+        directory: What is written; made if it is missing, and gone again if nothing
+            was written into it.
         tell: Gets a sentence where the file system has no locks.
         lock: The file that is locked, for a directory that is replaced as a whole;
             otherwise `LOCK_NAME` inside of it.
@@ -40,11 +41,9 @@ def only_writer(
         Busy: another process is at it; the message says which.
         OSError: the file cannot be made.
     """
-    if lock is None:
-        directory.mkdir(parents=True, exist_ok=True)
-        lock = directory / LOCK_NAME
-    else:
-        lock.parent.mkdir(parents=True, exist_ok=True)
+    lock = lock or directory / LOCK_NAME
+    missing = [path for path in lock.parents if not path.exists()]
+    lock.parent.mkdir(parents=True, exist_ok=True)
     descriptor = _locked(directory, lock, tell)
     try:
         os.ftruncate(descriptor, 0)
@@ -56,6 +55,9 @@ def only_writer(
         # While it is still locked: whoever opens it meanwhile sees that it is gone.
         lock.unlink(missing_ok=True)
         os.close(descriptor)
+        with suppress(OSError):
+            for path in missing:
+                path.rmdir()
 
 
 def _locked(directory: Path, lock: Path, tell: Callable[[str], None]) -> int:

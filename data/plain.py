@@ -104,7 +104,7 @@ def _typed(hint: Any, value: Any, name: str) -> Any:
         return from_plain(hint, value)
     if origin is tuple:
         return _tuple(arguments, value, name)
-    if hint in _IN_WORDS:
+    if isinstance(hint, type) and hint in _IN_WORDS:
         return _simple(hint, value, name)
     if isinstance(hint, type) and not isinstance(value, hint):
         return hint(value)

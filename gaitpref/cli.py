@@ -12,6 +12,7 @@ import tyro
 from data.errors import GaitprefError
 
 from . import options
+from .bounds import require_bounds
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
@@ -52,7 +53,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def run(command: options.Command) -> int:
     """Hand the command to its function."""
-    options.check(command)
+    require_bounds(command)
     if isinstance(command, options.Data):
         from . import data_commands
 

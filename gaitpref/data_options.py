@@ -10,6 +10,8 @@ import tyro
 
 from data.card import OPEN
 
+from .bounds import CountOrZero, Seed
+
 
 @dataclass(frozen=True, kw_only=True)
 class _OnDataset:
@@ -76,7 +78,7 @@ class Split(_ReportingAnswers):
         "test=0.2",
     )
     """NAME=SHARE of a part; give it again for each. The shares make 1."""
-    seed: int = 0
+    seed: Seed = 0
     """Which episodes go where."""
 
 
@@ -88,7 +90,7 @@ class Subset(_ReportingAnswers):
     """Data set to copy to; made if it is not there."""
     policy: str | None = None
     """Beginning of the policy's hash."""
-    round: int | None = None
+    round: CountOrZero | None = None
     """Round of the loop that recorded the episode."""
     robot: str | None = None
     """Name of the robot."""

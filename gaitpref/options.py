@@ -11,8 +11,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from data.errors import GaitprefError
-
+from .bounds import AtLeast, Count, Seed
 from .data_options import Data as Data
 from .policy_options import Evaluate as Evaluate
 from .policy_options import Export as Export
@@ -56,9 +55,9 @@ class Loop:
 
     run: Path
     """Directory of the run; everything it makes is in there."""
-    rounds: int | None = None
+    rounds: Count | None = None
     """Times questions are asked and the policy retrained; the preset's by default."""
-    labels: int | None = None
+    labels: Count | None = None
     """Answers in all, over all rounds; the preset's by default."""
     clip_s: float = 1.2
     """Length of a clip; 5 to 20 to ask about a whole manoeuvre. Episodes are recorded
@@ -69,7 +68,7 @@ class Loop:
     """End a round's questions early where more answers will not help now."""
     rater: Literal["simulated", "human"] = "simulated"
     """Who answers: a program, or people on a labeling page that is up all the time."""
-    patience: float | None = None
+    patience: Annotated[float, AtLeast(0)] | None = None
     """Minutes a round waits for people; then it goes on with the answers there are.
     Without it, a round waits until all its pairs are answered."""
     criterion: str = "high_step"
@@ -90,7 +89,7 @@ class Loop:
     answers: str | None = None
     """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
     file by default."""
-    seed: int = 0
+    seed: Seed = 0
     """Where all chance comes from: equal seeds give equal files."""
     erring: Erring = field(default_factory=Erring)
     """How the simulated rater errs: what would come of answers like yours?"""
@@ -134,31 +133,6 @@ class Label(Serving):
     answers: str | None = None
     """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
     file by default."""
-
-
-_MINIMUM = {
-    "count": 1,
-    "envs": 1,
-    "episodes": 1,
-    "gold": 0,
-    "labels": 1,
-    "patience": 0,
-    "rounds": 1,
-    "seed": 0,
-    "steps": 0,
-}
-
-
-def check(command: object) -> None:
-    """Refuse numbers no command can work with.
-
-    Raises:
-        GaitprefError: an option is below its smallest value.
-    """
-    for name, smallest in _MINIMUM.items():
-        value = getattr(command, name, None)
-        if value is not None and value < smallest:
-            raise GaitprefError(f"--{name} must be at least {smallest}, got {value}")
 
 
 Command = (

@@ -8,6 +8,8 @@ from typing import Literal
 
 import tyro
 
+from .bounds import Count, CountOrZero, Seed
+
 
 @dataclass(frozen=True, kw_only=True)
 class Train:
@@ -18,11 +20,11 @@ class Train:
     reward: str
     """`task`, a criterion (built-in name or package.module:function), or the directory
     of a learned reward. Others than `task` are added to the known safety terms."""
-    steps: int = 1_500_000
+    steps: CountOrZero = 1_500_000
     """Environment steps, counted over all environments."""
-    envs: int = 128
+    envs: Count = 128
     """Environments side by side."""
-    checkpoints: int = 4
+    checkpoints: CountOrZero = 4
     """Policies kept on the way, evenly spaced."""
     init: Path | None = None
     """Policy file to start from."""
@@ -51,7 +53,7 @@ class Train:
     """Go on from where an interrupted run in the same directory stopped."""
     robot: Path | None = None
     """MJCF of the robot; the Go1 that ships by default."""
-    seed: int = 0
+    seed: Seed = 0
     """Where all chance comes from."""
 
 
@@ -63,7 +65,7 @@ class Record:
     """Policy file."""
     dataset: Path
     """Data set directory; made if it is not there."""
-    episodes: int = 64
+    episodes: Count = 64
     """Episodes in all."""
     episode_s: float = 6.0
     """Length of an episode that does not fall."""
@@ -75,7 +77,7 @@ class Record:
     what a policy never varies itself, no answer about its clips tells."""
     compression: Literal["none", "zstd"] = "none"
     """zstd saves a fifth of the space and takes about eight times as long to write."""
-    seed: int = 0
+    seed: Seed = 0
     """Start states and exploration noise."""
 
 
@@ -87,13 +89,13 @@ class Evaluate:
     """Policy file."""
     reward: str = "task"
     """Criterion or learned reward the return is measured under."""
-    episodes: int = 64
+    episodes: Count = 64
     """Episodes, spread evenly over the grid."""
     terrain: Literal["flat", "slopes", "steps", "rough"] | None = None
     """What is walked on; by default what the policy was trained on."""
     json: bool = False
     """Print one JSON object and nothing else."""
-    seed: int = 0
+    seed: Seed = 0
     """Start states."""
 
 

@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 
 import tyro
 
+from .bounds import Count, CountOrZero, Seed
+
 
 @dataclass(frozen=True, kw_only=True)
 class Pairs:
@@ -15,9 +17,9 @@ class Pairs:
 
     dataset: Path
     """Data set directory."""
-    count: int
+    count: Count
     """Pairs to add."""
-    gold: int = 0
+    gold: CountOrZero = 0
     """Pairs with a known answer to add as well, to measure raters: of the two robots,
     one falls. Fewer where not so many fell."""
     clip_s: float = 1.2
@@ -50,7 +52,7 @@ class Pairs:
     answers: str | None = None
     """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
     file by default."""
-    seed: int = 0
+    seed: Seed = 0
     """Which of equally good pairs are taken."""
 
 
@@ -89,7 +91,7 @@ class Answer:
     answers: str | None = None
     """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
     file by default."""
-    seed: int = 0
+    seed: Seed = 0
     """All chance of the answers, and which clip of a pair was shown left."""
 
 
@@ -123,7 +125,7 @@ class Fit:
     answers: str | None = None
     """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
     file by default."""
-    seed: int = 0
+    seed: Seed = 0
     """Bootstrap draws."""
 
 
@@ -164,7 +166,7 @@ class Trust:
     """Write the reliability plot to this file, .svg or .png."""
     json: bool = False
     """Print one JSON object and nothing else; `alarm` is a reason, or null."""
-    seed: int = 0
+    seed: Seed = 0
     """Bootstrap draws and start states."""
 
 
@@ -183,7 +185,7 @@ class Explain:
     clip: str | None = None
     """One clip instead: EPISODE:START+STEPS, or the beginning of the hash of an
     episode, which is then shown whole."""
-    count: int = 3
+    count: Count = 3
     """Best and worst clips that are drawn."""
     method: Literal["auto", "exact", "gradients", "occlusion"] = "auto"
     """How the reward is shared among habits: exact where the model is linear, else

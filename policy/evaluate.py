@@ -13,10 +13,10 @@ from torch import Tensor
 
 from data.features import column
 
-from .checkpoint import Policy
+from .checkpoint import Policy, PolicyError
 from .config import EnvCfg
 from .env import QuadrupedEnv
-from .ppo import RewardFn
+from .reward_ppo import RewardFn, require_finite
 from .robot import Robot
 from .rollout import Actor, first_episodes
 
@@ -130,12 +130,16 @@ def summarise(
     """`Evaluation` of rows [T, N, F] of episodes with `lengths` [N]; 0 is aborted."""
     kept = lengths > 0
     if not kept.any():
-        raise ValueError("every simulation diverged: there is nothing to evaluate")
+        raise PolicyError(
+            "every simulation diverged, so there is nothing to evaluate: the policy's "
+            "actions are wild, or the robot's model is unstable; give an earlier "
+            "checkpoint, or look at the robot with `gaitpref robot inspect`"
+        )
     features, lengths_kept = features[:, kept], lengths[kept]
     steps = torch.arange(len(features))[:, None]
     valid = (steps < lengths_kept).float()
     starts = (steps == 0).expand_as(valid)
-    scores = score_fn(features, starts) * valid
+    scores = require_finite(score_fn(features, starts)) * valid
     returns = (scores.sum(dim=0) * control_dt_s).double().numpy()
     velocity_error = torch.linalg.vector_norm(
         features[..., column("command")][..., :2]

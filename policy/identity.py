@@ -57,7 +57,7 @@ def content_of(value: Any) -> Any:
             if f.compare
         }
         return {"class": type(value).__qualname__, **told}
-    if inspect.isfunction(value) or inspect.ismethod(value):
+    if inspect.isroutine(value):
         return _of_function(value)
     told = content_of(vars(value)) if hasattr(value, "__dict__") else {}
     return {"class": type(value).__qualname__, "source": _source(type(value)), **told}

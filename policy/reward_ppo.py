@@ -13,12 +13,17 @@ from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 from torch import Tensor
 
+from data.errors import GaitprefError
 from data.features import FEATURE_DIM
 
 from .clipped_update import clipped_update
 from .exploration import ExplorationBonus
 from .kl_penalty import KlPenalty
 from .mirror import Mirror
+
+
+class RewardNotFinite(GaitprefError, FloatingPointError):
+    """A reward that is no number."""
 
 
 class RewardFn(Protocol):
@@ -108,7 +113,7 @@ class RewardPpo(PPO):
                     f"the reward of features {tuple(self.features.shape)} must be "
                     f"{tuple(self._time_outs.shape)}, got {tuple(rewards.shape)}"
                 )
-        rewards = _require_finite(rewards) * self.valid
+        rewards = require_finite(rewards) * self.valid
         self.mean_reward = float(rewards.mean())
         rewards = rewards - self._reference_penalty()
         if self.bonus is not None:
@@ -191,9 +196,12 @@ class RewardPpo(PPO):
         return self.reference_kl_weight * log_ratio
 
 
-def _require_finite(rewards: Tensor) -> Tensor:
+def require_finite(rewards: Tensor) -> Tensor:
     """`rewards` [T, N] unchanged, or an error that names the environments."""
     if not rewards.isfinite().all():
         bad = (~rewards.isfinite()).any(dim=0).nonzero().flatten().tolist()
-        raise FloatingPointError(f"the reward is not finite in environments {bad[:8]}")
+        raise RewardNotFinite(
+            f"the reward is not finite in environments {bad[:8]}: it must be a number "
+            "for every row, so look for a division by 0 or a root of what is negative"
+        )
     return rewards

@@ -209,6 +209,12 @@ class _Session:
         )
 
     @property
+    def _steps(self) -> int:
+        """Environment steps so far."""
+        done = self.runner.current_learning_iteration
+        return done * self.cfg.ppo.steps_per_iteration
+
+    @property
     def _std(self) -> Tensor:
         policy = self.runner.alg.get_policy()
         return policy.distribution.std_param.data  # type: ignore[union-attr]
@@ -246,6 +252,7 @@ class _Session:
 
         def after(stats: IterationStats) -> bool:
             nonlocal ended, last
+            self._require_sound()
             last = stats
             limit = cfg.std_limit(stats.iteration)
             if limit is not None:
@@ -265,11 +272,14 @@ class _Session:
         try:
             with _interrupts(interrupted):
                 self.runner.learn(cfg.iterations, after)
+        except (RuntimeError, ValueError):
+            # What torch says of ruined weights depends on where it meets them.
+            self._require_sound()
+            raise
         finally:
             writer.close()
-        iteration = self.runner.current_learning_iteration
-        steps = iteration * cfg.ppo.steps_per_iteration
-        finished = ended or iteration >= cfg.iterations
+        steps = self._steps
+        finished = ended or self.runner.current_learning_iteration >= cfg.iterations
         self._save_state()
         self._save_policy(self.out / POLICY_NAME, steps)
         if last is not None:
@@ -296,27 +306,28 @@ class _Session:
         # As a file gives it back: a tuple is a list there.
         return json.loads(json.dumps(told))
 
-    def _weights(self) -> dict[str, Any]:
-        """The state of the algorithm, fit to be saved.
+    def _require_sound(self) -> None:
+        """Stop before anything is saved of networks that an update has ruined.
 
         Raises:
-            PolicyError: a weight is no finite number any more.
+            PolicyError: a weight is no finite number, or the noise is not positive.
         """
-        state = self.runner.alg.save()
-        if bad := not_finite({k: v for k, v in state.items() if k.endswith("_dict")}):
-            steps = self.runner.current_learning_iteration
-            steps *= self.cfg.ppo.steps_per_iteration
+        alg = self.runner.alg
+        networks = {"actor": alg.actor.state_dict(), "critic": alg.critic.state_dict()}
+        ruined = not_finite(networks)
+        if not ruined and (self._std <= 0).any():
+            ruined = f"exploration noise of {float(self._std.min()):.3g}"
+        if ruined:
             raise PolicyError(
-                f"the training in {self.out} diverged before step {steps:,}: {bad} are "
-                "no finite numbers. What was saved before is kept; look for a reward "
-                "that is very large, or try another --seed"
+                f"the training in {self.out} diverged at step {self._steps:,} "
+                f"({ruined}); what was saved before is kept. Is the reward very large "
+                "somewhere? Else try another --seed"
             )
-        return state
 
     def _save_state(self) -> None:
         runner, buffer = self.runner, io.BytesIO()
         state = {
-            **self._weights(),
+            **runner.alg.save(),
             "identity": json.dumps(self.identity, sort_keys=True),
             "iteration": runner.current_learning_iteration,
             "env": runner.env.snapshot(),
@@ -326,7 +337,6 @@ class _Session:
         write_atomically(self.out / RESUME_NAME, buffer.getvalue())
 
     def _save_policy(self, path: Path, steps: int) -> None:
-        self._weights()
         path.parent.mkdir(parents=True, exist_ok=True)
         info = PolicyInfo(
             steps=self.steps_before + steps,

@@ -20,6 +20,7 @@ from safetensors.torch import save as save_tensors
 from data.features import FEATURES, features_sha256
 from data.files import replace_directory, sha256_bytes
 from data.plain import from_plain, to_plain
+from data.weights import misfits, not_finite
 
 from .cfg import FitCfg, sight_of
 from .descriptors import names_seen
@@ -78,11 +79,19 @@ def load_reward(directory: Path) -> RewardModel:
         )
         count = len(names_seen(provenance.cfg.sight))
         model = RewardModel(Normaliser(count), make_scorer(provenance.cfg), provenance)
-        model.load_state_dict(load_tensors(tensors_bytes))
+        tensors = load_tensors(tensors_bytes)
+        if differences := misfits(tensors, model.state_dict()):
+            raise ValueError(differences)
+        if bad := not_finite(tensors):
+            raise ValueError(f"weights that are no finite numbers: {bad}")
+        model.load_state_dict(tensors)
     except (ValueError, KeyError, TypeError, RuntimeError, SafetensorError) as error:
-        found = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        found = " ".join(f"{error}".split())[:400]
+        told = (
+            found if type(error) is ValueError else f"{type(error).__name__}: {found}"
+        )
         raise RewardError(
-            f"{directory} holds a damaged reward model ({found}); fit it again"
+            f"{directory} holds a damaged reward model ({told}); fit it again"
         ) from error
     return model
 

@@ -228,7 +228,6 @@ def test_however_sure_a_fit_is_one_answer_is_no_proof(
     sure.provenance = found
     monkeypatch.setattr("gaitpref.side_by_side.load_reward", lambda _: sure)
     round = Round(run, 2)
-    new = load_policy(round.policy)
     dataset = Dataset.open(run / "dataset")
     verdict = verdict_of(round, dataset, round.policy, needed=ODDS_TO_STAY)
     assert verdict is not None

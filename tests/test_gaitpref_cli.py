@@ -6,7 +6,9 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import is_dataclass
 from pathlib import Path
+from typing import get_args, get_type_hints
 
 import pytest
 
@@ -264,7 +266,47 @@ def test_numbers_that_cannot_be(
     assert "--seed" in _refused([*train, "--seed", "-1"], capsys)
     loop = ["loop", "--run", str(tmp_path / "o"), "--rounds", "0"]
     assert "--rounds must be at least 1, got 0" in _refused(loop, capsys)
+    split = ["data", "split", "--dataset", "d", "--out", str(tmp_path / "o")]
+    assert "--seed must be at least 0, got -2" in _refused(
+        [*split, "--seed", "-2"], capsys
+    )
+    assert "--patience must be at least 0, got nan" in _refused(
+        [*loop[:-2], "--patience", "nan"], capsys
+    )
     assert not (tmp_path / "o").exists()
+
+
+def test_every_whole_number_says_how_small_it_may_be() -> None:
+    """Wherever it is declared, also in records of options inside of others."""
+
+    def unbounded(kind: type) -> list[str]:
+        found = []
+        for name, hint in get_type_hints(kind, include_extras=True).items():
+            kinds = {hint, *get_args(hint)}
+            found += [f"{kind.__name__}.{name}"] if int in kinds else []
+            for part in kinds:
+                if isinstance(part, type) and is_dataclass(part):
+                    found += unbounded(part)
+        return found
+
+    data_actions = get_type_hints(options.Data, include_extras=True)["action"]
+    commands = [*get_args(options.Command), *_members(data_actions)]
+    kinds = [get_args(command)[0] for command in commands]
+    assert len(kinds) > 25
+    # A port has a largest value as well, which is looked at where it is opened.
+    assert {name for kind in kinds for name in unbounded(kind)} == {
+        "Serving.port",
+        "Label.port",
+        "Play.port",
+    }
+
+
+def _members(hint: object) -> list[object]:
+    """The annotated members of a union, however it is wrapped."""
+    parts = get_args(hint)
+    if parts and isinstance(parts[0], type) and is_dataclass(parts[0]):
+        return [hint]
+    return [member for part in parts for member in _members(part)]
 
 
 def test_a_finished_training_is_not_overwritten(

@@ -1,0 +1,49 @@
+"""The smallest value of an option, told where the option is declared."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, is_dataclass
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+from data.errors import GaitprefError
+
+
+@dataclass(frozen=True)
+class AtLeast:
+    """Marks the type of an option: no command can work with less."""
+
+    smallest: int
+
+
+Count = Annotated[int, AtLeast(1)]
+CountOrZero = Annotated[int, AtLeast(0)]
+Seed = Annotated[int, AtLeast(0)]
+
+
+def require_bounds(command: Any) -> None:
+    """Refuse numbers no command can work with, in records of options too.
+
+    Raises:
+        GaitprefError: an option is below its smallest value.
+    """
+    for name, hint in get_type_hints(type(command), include_extras=True).items():
+        value = getattr(command, name)
+        if is_dataclass(value):
+            require_bounds(value)
+            continue
+        for bound in _bounds(hint):
+            # Also what is no number at all, as NaN.
+            if value is not None and not value >= bound.smallest:
+                option = name.replace("_", "-")
+                raise GaitprefError(
+                    f"--{option} must be at least {bound.smallest}, got {value}"
+                )
+
+
+def _bounds(hint: Any) -> Iterator[AtLeast]:
+    """The marks in a type, those of its alternatives included."""
+    if get_origin(hint) is Annotated:
+        yield from (mark for mark in hint.__metadata__ if isinstance(mark, AtLeast))
+    for part in get_args(hint):
+        yield from _bounds(part)
