@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -11,9 +13,12 @@ from typing import Literal
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import load as load_tensors
+from safetensors.torch import save as save_tensors
 from torch import Tensor
 
 from data.features import FEATURE_DIM, FEATURES, column
+from data.files import sha256_bytes
 from rewardmodel import (
     AnsweredPairs,
     FitCfg,
@@ -493,6 +498,38 @@ def test_a_damaged_file_is_refused(saved: Path, tmp_path: Path, name: str) -> No
     (directory / name).write_bytes(content[: -20 if name == "reward.json" else None])
     with pytest.raises(RewardError, match=r"holds a damaged reward model .*fit it"):
         load_reward(directory)
+
+
+def reweighted(saved: Path, directory: Path, change: Callable[[Tensor], Tensor]) -> str:
+    """A copy whose files agree, its largest tensor changed; the tensor's name."""
+    tensors = load_tensors((saved / "reward.safetensors").read_bytes())
+    name = max(tensors, key=lambda name: tensors[name].numel())
+    tensors[name] = change(tensors[name].clone()).contiguous()
+    content = save_tensors(tensors)
+    rewrite(saved, directory, tensors_sha256=sha256_bytes(content))
+    (directory / "reward.safetensors").write_bytes(content)
+    return name
+
+
+@pytest.mark.parametrize("value", [math.nan, -math.inf])
+def test_a_weight_that_is_no_number_is_refused_by_name(
+    saved: Path, tmp_path: Path, value: float
+) -> None:
+    """Such a reward would be paid to a policy for every step."""
+
+    def spoil(weights: Tensor) -> Tensor:
+        weights.flatten()[:2] = value
+        return weights
+
+    name = reweighted(saved, tmp_path / "copy", spoil)
+    with pytest.raises(RewardError, match=rf"no finite numbers: {name} \(2 of "):
+        load_reward(tmp_path / "copy")
+
+
+def test_weights_of_another_shape_are_told_whole(saved: Path, tmp_path: Path) -> None:
+    name = reweighted(saved, tmp_path / "copy", lambda weights: weights[..., :-1])
+    with pytest.raises(RewardError, match=rf"{name} is .* in the file and .* network"):
+        load_reward(tmp_path / "copy")
 
 
 def chance_in_the_fit(pairs: AnsweredPairs, cfg: FitCfg) -> float:
