@@ -19,6 +19,8 @@ class Drawing:
     """Whether the joints have ranges."""
     folded: bool = False
     """Whether the file draws the legs stretched to the side and not downwards."""
+    damping: float = 0.2
+    """Of the joints themselves, N m s/rad."""
     actuator: str = "motor"
     """motor, geared, position, filtered or none."""
     floor: str = '<geom type="plane" size="0 0 1" contype="2" conaffinity="4"/>'
@@ -43,7 +45,7 @@ def mjcf(drawing: Drawing) -> str:
   {drawing.assets}
   <default>
     <default class="robot">
-      <joint armature="0.01" damping="0.2"/>
+      <joint armature="0.01" damping="{drawing.damping}"/>
       <default class="robot_seen">
         <geom contype="0" conaffinity="0" group="2"/>
       </default>
