@@ -113,7 +113,7 @@ def describe(info: PolicyInfo, robot: Robot, sha256: str) -> dict[str, Any]:
         "action_limit": info.env.action_limit,
         "law": (
             "joint_target = clip(home_joint_pos + action_scale * action, joint_range); "
-            "torque = kp * (joint_target - angle) - kd * velocity, within torque_limit, "
+            "torque = kp * (joint_target - angle) - kd * velocity within torque_limit, "
             "computed anew every physics_dt_s or more often; kp, kd and torque_limit "
             "are those above, nothing has to be added to them"
         ),
