@@ -302,7 +302,7 @@ def _imported(action: options.Import, facts: dict[str, Any]) -> None:
     left_out, told = facts.pop("left_out"), facts.pop("told")
     _say(False, facts | {"missing": missing})
     for kind, count in left_out.items():
-        print(f"left out: {count:,} {kind}")
+        print(f"left out: {kind}: {count:,}")
     for line in told:
         print(f"note: {line}")
 

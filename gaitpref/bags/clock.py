@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +21,9 @@ from .findings import Findings
 DISORDER_S = 0.1
 """Messages of one topic may be late by this much; a clock that goes back by more
 starts anew."""
+
+_RESTART_S = 1.0
+"""All topics start anew within this time of one another."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,12 +63,12 @@ def runs_of(samples: list[Sample], bag_map: BagMap, findings: Findings) -> list[
         for topic, indices in found.items()
     }
     order = _in_order(topics, log_s)
-    run_of = _numbered(samples, order, own_s)
+    run_of = _numbered(topics, order, own_s, log_s)
     count = int(run_of[order].max(initial=-1)) + 1
     if count > 1:
         findings.tell(
-            f"the clock goes back {count - 1} times: what lies between is in episodes "
-            "of its own"
+            f"the clock goes back, {count - 1} times in all: each time, what follows "
+            "is in episodes of its own"
         )
     _tell_clocks(topics, own_s, log_s, bag_map, findings)
     time_s = _placed(topics, run_of, own_s, log_s, bag_map)
@@ -121,26 +124,43 @@ def _in_order(topics: Mapping[str, np.ndarray], log_s: np.ndarray) -> np.ndarray
 
 
 def _numbered(
-    samples: list[Sample], order: np.ndarray, own_s: np.ndarray
+    topics: Mapping[str, np.ndarray],
+    order: np.ndarray,
+    own_s: np.ndarray,
+    log_s: np.ndarray,
 ) -> np.ndarray:
-    """The run [M] of every sample: one for all topics, begun by the first to go back.
-
-    A topic that is still in the run before begins one more when it goes back itself:
-    the few samples between are a run too short to be used.
-    """
-    run_of = np.zeros(len(samples), dtype=int)
-    run = 0
-    newest: dict[str, float] = defaultdict(lambda: -math.inf)
-    for index in order:
-        topic, time_s = samples[index].topic, own_s[index]
-        # A time that is not known, NaN, is neither earlier nor later.
-        if time_s < newest[topic] - DISORDER_S:
-            run += 1
-            newest.clear()
-        if time_s > newest[topic]:
-            newest[topic] = time_s
-        run_of[index] = run
+    """The run [M] of every sample; each topic begins one where it goes back itself."""
+    rank_of = np.zeros(len(own_s), dtype=int)
+    rank_of[order] = np.arange(len(order))
+    went_back = sorted(
+        (rank, topic)
+        for topic, indices in topics.items()
+        for rank in _goes_back(np.sort(rank_of[indices]), own_s[order])
+    )
+    restarts: list[dict[str, int]] = []
+    for rank, topic in went_back:
+        first = min(restarts[-1].values()) if restarts else rank
+        at_once = abs(log_s[order[rank]] - log_s[order[first]]) <= _RESTART_S
+        if not restarts or topic in restarts[-1] or not at_once:
+            restarts.append({})
+        restarts[-1][topic] = rank
+    run_of = np.zeros(len(own_s), dtype=int)
+    for topic, indices in topics.items():
+        begins = [ranks.get(topic, min(ranks.values())) for ranks in restarts]
+        run_of[indices] = np.searchsorted(begins, rank_of[indices], side="right")
     return run_of
+
+
+def _goes_back(ranks: np.ndarray, time_s: np.ndarray) -> Iterator[int]:
+    """Those of the `ranks` of a topic at which its clock starts anew."""
+    newest = -math.inf
+    for rank in ranks.tolist():
+        # A time that is not known, NaN, is neither earlier nor later.
+        if time_s[rank] < newest - DISORDER_S:
+            newest = -math.inf
+            yield rank
+        if time_s[rank] > newest:
+            newest = float(time_s[rank])
 
 
 def _placed(
@@ -192,7 +212,7 @@ def _tell_clocks(
                 f"{topic} has no stamps; it is placed by when it was recorded"
             )
     if len(lags) == 2:
-        apart_s = abs(float(np.subtract(*lags.values())))
+        apart_s = max(lags.values()) - min(lags.values())
         if apart_s > bag_map.max_gap_s:
             findings.tell(
                 f"the stamps of {' and '.join(lags)} are {apart_s:.3g} s apart at the "

@@ -28,7 +28,7 @@ class Findings:
     def reasons(self, topic: str) -> str:
         """What was left out of a topic, for an error that says it was too much."""
         counts = [
-            f"{count} {what}"
+            f"{what}: {count}"
             for what, count in self.left_out.items()
             if what.startswith(f"{topic} ")
         ]

@@ -10,12 +10,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
+import mcap.records
 import yaml
+from mcap.data_stream import ReadDataStream
 from mcap.decoder import DecoderFactory
-from mcap.exceptions import DecoderNotFoundError
-from mcap.reader import McapReader, NonSeekingReader, make_reader
-from mcap.records import Channel
-from mcap.stream_reader import StreamReader
+from mcap.reader import NonSeekingReader, make_reader
+from mcap.records import Channel, Chunk, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
 from data.files import sha256_bytes, sha256_file
@@ -33,6 +35,7 @@ _OTHERS = {
     b"#ROSBAG V": "a bag of ROS 1; `rosbags-convert` makes a ROS 2 bag of it",
 }
 """How files begin that are bags, but none in MCAP."""
+_SUFFIXES = {".db3": "sqlite3", ".zstd": "MCAP compressed with zstd", ".bag": "ROS 1"}
 _ADVICE = "`ros2 bag convert` turns other bags into MCAP"
 
 
@@ -70,11 +73,11 @@ def files_of(bag: Path, findings: Findings) -> list[Path]:
             f"{len(found)} .mcap files are taken in the order of their names"
         )
     others = [name for name in names if not name.endswith(".mcap")]
-    if others or not names:
-        raise BagError(
-            f"{bag} holds {', '.join(others) or 'no file'} where a bag in MCAP has "
-            f".mcap files; {_ADVICE}"
-        )
+    if others:
+        what = _SUFFIXES.get(Path(others[0]).suffix, "another form")
+        raise BagError(f"{bag} is a bag in {what} ({', '.join(others)}); {_ADVICE}")
+    if not names:
+        raise BagError(f"{bag} holds no .mcap file; give a bag in MCAP")
     missing = [name for name in names if not (bag / name).is_file()]
     if missing:
         raise BagError(
@@ -98,11 +101,13 @@ def messages(
     Raises:
         BagError: a file is no bag in MCAP, or cannot be read at all.
     """
-    decoder = require("mcap_ros2.decoder", "view").DecoderFactory()
+    decoders = require("mcap_ros2.decoder", "view")
     for path in files:
         with path.open("rb") as file:
             _require_mcap(path, file.read(16))
-            yield from _of_file(path, file, topics, decoder, findings)
+            # It remembers messages by a number that means another one in each file.
+            factory = decoders.DecoderFactory()
+            yield from _of_file(path, file, topics, factory, findings)
 
 
 def topics_in(files: list[Path]) -> list[str]:
@@ -124,24 +129,23 @@ def _of_file(
     path: Path,
     file: IO[bytes],
     topics: list[str],
-    decoder: DecoderFactory,
+    decoders: DecoderFactory,
     findings: Findings,
 ) -> Iterator[Message]:
-    count, last_s = 0, 0.0
+    count = 0
     try:
-        reader = _reader(file, decoder)
-        for schema, channel, message, content in reader.iter_decoded_messages(
-            topics, log_time_order=False
-        ):
-            last_s = message.log_time / 1e9
-            kind = schema.name if schema else ""
-            yield Message(channel.topic, kind, last_s, content)
+        for schema, channel, message in _undecoded(file, topics):
+            decode = decoders.decoder_for(channel.message_encoding, schema)
+            if decode is None or schema is None:
+                raise BagError(
+                    f"{path}: {channel.topic} is not in CDR with a ros2msg definition, "
+                    f"but in {channel.message_encoding!r}; {_ADVICE}"
+                )
+            content = decode(message.data)
+            yield Message(channel.topic, schema.name, message.log_time / 1e9, content)
             count += 1
-    except DecoderNotFoundError as error:
-        raise BagError(
-            f"{path} holds messages in another form than CDR with a ros2msg "
-            f"definition ({_short(error)}); {_ADVICE}"
-        ) from None
+    except BagError:
+        raise
     except Exception as error:
         # Cut or damaged bytes fail in any way.
         size = path.stat().st_size
@@ -158,18 +162,41 @@ def _of_file(
         )
 
 
-def _reader(file: IO[bytes], decoder: DecoderFactory) -> McapReader:
-    """Reads by the index where there is one, else from the first byte on."""
+def _undecoded(
+    file: IO[bytes], topics: list[str]
+) -> Iterator[tuple[Schema | None, Channel, mcap.records.Message]]:
+    """Messages of `topics` as they were written.
+
+    Found by the index where there is one, so that pictures are not unpacked, else by
+    reading everything from the first byte on.
+    """
+    summary = _summary(file)
+    if summary is None or not summary.chunk_indexes:
+        file.seek(0)
+        reader = NonSeekingReader(file, validate_crcs=True)
+        yield from reader.iter_messages(topics, log_time_order=False)
+        return
+    wanted = {id for id, c in summary.channels.items() if c.topic in topics}
+    # One chunk at a time: mcap's own reader would hold all of them.
+    for index in sorted(summary.chunk_indexes, key=lambda i: i.chunk_start_offset):
+        held = index.message_index_offsets
+        if held and wanted.isdisjoint(held):
+            continue
+        file.seek(index.chunk_start_offset + 9)
+        chunk = Chunk.read(ReadDataStream(file))
+        for record in breakup_chunk(chunk, validate_crc=True):
+            if isinstance(record, mcap.records.Message) and record.channel_id in wanted:
+                channel = summary.channels[record.channel_id]
+                yield summary.schemas.get(channel.schema_id), channel, record
+
+
+def _summary(file: IO[bytes]) -> Summary | None:
     try:
         file.seek(0)
-        reader = make_reader(file, validate_crcs=True, decoder_factories=[decoder])
-        if reader.get_summary() is not None:
-            return reader
+        return make_reader(file).get_summary()
     except Exception:
         # Without an end, the bytes where the index should be are anything.
-        pass
-    file.seek(0)
-    return NonSeekingReader(file, validate_crcs=True, decoder_factories=[decoder])
+        return None
 
 
 def _require_mcap(path: Path, head: bytes) -> None:
@@ -214,4 +241,4 @@ def _by_number(name: str) -> list[tuple[int, str]]:
 
 
 def _short(error: Exception) -> str:
-    return " ".join(f"{type(error).__name__}: {error}".split())[:120]
+    return " ".join(f"{type(error).__name__}: {error}".split())[:120].strip(": ")

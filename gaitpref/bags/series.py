@@ -167,14 +167,10 @@ def _pose(topic: str, samples: list[Timed], findings: Findings) -> Series | None
     zero = length == 0
     good = np.abs(length - 1) <= UNIT_TOLERANCE
     findings.leave_out(f"{topic} quaternion all zero", int(zero.sum()))
-    wrong = ~good & ~zero
-    if wrong.any():
-        low, high = length[wrong].min(), length[wrong].max()
-        findings.tell(
-            f"{topic} has quaternions of length {low:.3g} to {high:.3g}, where an "
-            "attitude has length 1"
-        )
-    findings.leave_out(f"{topic} quaternion not of length 1", int(wrong.sum()))
+    wrong = length[~good & ~zero]
+    if len(wrong):
+        spread = f"{wrong.min():.3g} to {wrong.max():.3g} in place of 1"
+        findings.leave_out(f"{topic} quaternion of length {spread}", len(wrong))
     values = found.values[good]
     values[:, 3:] /= length[good, None]
     return Series(found.times_s[good], values) if good.any() else None
