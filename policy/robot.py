@@ -34,6 +34,7 @@ from .robots.hints import RobotError as RobotError
 from .robots.inline import flatten
 from .robots.servos import ensure_servos
 from .robots.stance import ensure_home
+from .robots.urdf import require_floating_base
 
 SHIPPED_XML = Path(__file__).parent / "robots" / "go1.xml"
 """The robot that is used when none is brought."""
@@ -124,6 +125,7 @@ def load_robot(xml: Path | None = None, *, physics_dt_s: float) -> Robot:
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
         raise _not_compiling(str(path), error) from None
+    require_floating_base(spec, path)
     hints = read_hints(hints_path(path))
     return _completed(spec, hints, str(path), path.stem, physics_dt_s)
 
