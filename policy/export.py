@@ -21,7 +21,7 @@ from data.features import JOINTS
 from data.files import write_atomically
 
 from .checkpoint import Policy, PolicyInfo
-from .features import OBS_DIM
+from .features import OBS_DIM, OBSERVATION, obs_column
 from .robot import Robot
 
 FORMAT_VERSION = 2
@@ -29,17 +29,6 @@ FORMAT_VERSION = 2
 
 ONNX_NAME, SCRIPT_NAME = "policy.onnx", "policy.pt"
 JSON_NAME, MJCF_NAME = "policy.json", "robot.xml"
-
-OBSERVATION = (
-    ("base_lin_vel_b", 3, "m/s", "velocity of the base in its own frame"),
-    ("base_ang_vel_b", 3, "rad/s", "turning rates of the base in its own frame"),
-    ("gravity_b", 3, "1", "unit vector, world down in the frame of the base"),
-    ("joint_pos_offset", 12, "rad", "angles less home_joint_pos_rad"),
-    ("joint_vel", 12, "rad/s", "angular velocities of the joints"),
-    ("last_action", 12, "1", "the action before, clipped to action_limit; 0 at first"),
-    ("command", 3, "m/s, m/s, rad/s", "forward, left and turning speed asked for"),
-)
-"""Name, width, unit and meaning of the parts of an observation, in their order."""
 
 
 class _Deployed(nn.Module):
@@ -94,7 +83,6 @@ def describe(info: PolicyInfo, robot: Robot, sha256: str) -> dict[str, Any]:
     joints = [
         int(np.flatnonzero(mj_model.jnt_qposadr == adr)[0]) for adr in robot.qpos_adr
     ]
-    starts = np.cumsum([0, *(width for _, width, _, _ in OBSERVATION)]).tolist()
     return {
         "format_version": FORMAT_VERSION,
         "policy_sha256": sha256,
@@ -127,10 +115,14 @@ def describe(info: PolicyInfo, robot: Robot, sha256: str) -> dict[str, Any]:
             ),
         },
         "observation": [
-            {"name": name, "start": start, "width": width, "unit": unit, "is": meaning}
-            for (name, width, unit, meaning), start in zip(
-                OBSERVATION, starts[:-1], strict=True
-            )
+            {
+                "name": part.name,
+                "start": obs_column(part.name).start,
+                "width": part.width,
+                "unit": part.unit,
+                "is": part.meaning,
+            }
+            for part in OBSERVATION
         ],
         "commands": {
             "forward_m_s": list(info.env.commands.forward_m_s),
