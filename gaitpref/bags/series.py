@@ -19,6 +19,9 @@ MIN_SAMPLES = 6
 UNIT_TOLERANCE = 0.01
 """By how much the length of a quaternion may differ from 1: it is made 1."""
 
+_LARGEST = 1e9
+"""No angle, speed, torque or place of a robot is larger, in whatever unit."""
+
 
 @dataclass(frozen=True, eq=False)
 class Series:
@@ -137,12 +140,12 @@ def _once(topic: str, samples: list[Timed], findings: Findings) -> list[Timed]:
 
 
 def _all(samples: list[Timed], name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Times and values that are finite, those of one time included."""
+    """Times and values that can be, those of one time included."""
     told = [(time_s, numbers[name]) for time_s, numbers in samples if name in numbers]
     times_s = np.array([time_s for time_s, _ in told])
     values = np.array([value for _, value in told], dtype=float)
-    finite = np.isfinite(values).all(axis=1)
-    return times_s[finite], values[finite]
+    possible = (np.abs(values) < _LARGEST).all(axis=1)  # NaN is not less.
+    return times_s[possible], values[possible]
 
 
 def _series(
@@ -154,7 +157,9 @@ def _series(
         return None
     times_s, values = _all(samples, name)
     findings.leave_out(f"{topic} without a {name}", len(samples) - told)
-    findings.leave_out(f"{topic} {name} not finite", told - len(times_s))
+    findings.leave_out(
+        f"{topic} {name} not finite or above {_LARGEST:.0e}", told - len(times_s)
+    )
     return Series(times_s, values) if len(times_s) else None
 
 
