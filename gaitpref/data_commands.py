@@ -59,7 +59,7 @@ def run(action: options.Action) -> int:
         case options.View():
             _view(action)
         case options.Import():
-            _say(action.json, import_into(action))
+            _imported(action, import_into(action))
         case options.Export():
             _say(action.json, asdict(export(action)))
     return 0
@@ -291,6 +291,20 @@ def _write(path: Path, content: bytes) -> None:
             raise DatasetError(f"{path.parent} is no directory; make it first")
         write_atomically(path, content)
     console.print(f"{path} is written")
+
+
+def _imported(action: options.Import, facts: dict[str, Any]) -> None:
+    """Print what was taken in, then each kind that was left out, then what is odd."""
+    if action.json or "left_out" not in facts:
+        _say(action.json, facts)
+        return
+    missing = ", ".join(facts.pop("missing")) or "nothing"
+    left_out, told = facts.pop("left_out"), facts.pop("told")
+    _say(False, facts | {"missing": missing})
+    for kind, count in left_out.items():
+        print(f"left out: {kind}: {count:,}")
+    for line in told:
+        print(f"note: {line}")
 
 
 def _say(as_json: bool, facts: dict[str, Any]) -> None:

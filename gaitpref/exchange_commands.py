@@ -46,14 +46,17 @@ def _import_bag(action: options.Import) -> dict[str, Any]:
 
     # Read first: a bag that cannot be used leaves no empty data set behind.
     bag_map = load_map(action.map)
-    episodes = list(bag_episodes(action.source, bag_map, action.map.parent))
+    found = bag_episodes(action.source, bag_map, action.map.parent)
     dataset = Dataset.create(action.dataset, answers=address(action.answers))
-    entries = dataset.add_episodes(episodes)
+    entries = dataset.add_episodes(found.episodes)
     missing = {entry.meta.extra["missing_features"] for entry in entries}
     return {
         "episodes": len(entries),
         "steps": sum(entry.num_steps for entry in entries),
+        "stretches": found.stretches,
         "missing": sorted({name for names in missing for name in names.split()}),
+        "left_out": dict(found.findings.left_out),
+        "told": found.findings.told,
     }
 
 

@@ -58,22 +58,13 @@ def describe(robot: Robot) -> str:
 def _joint_line(robot: Robot, index: int) -> str:
     mj_model = robot.mj_model
     joint = int(np.flatnonzero(mj_model.jnt_qposadr == robot.qpos_adr[index])[0])
-    servo = int(robot.actuator_ids[index])
     low, high = robot.joint_range[index]
     return (
         f"{LEGS[index // 3] if index % 3 == 0 else '':4} "
         f"{mj_model.joint(joint).name:24} {robot.home_joint_pos[index]:7.2f} "
         f"{low:7.2f} {high:7.2f}       {robot.torque_limit[index]:8.1f}     "
-        f"{mj_model.actuator_gainprm[servo, 0]:8.1f} "
-        f"{_damping(robot, index):7.2f}"
+        f"{robot.kp[index]:8.1f} {robot.kd[index]:7.2f}"
     )
-
-
-def _damping(robot: Robot, index: int) -> float:
-    """Derivative gain of a joint, its own damping included, N m s/rad."""
-    mj_model = robot.mj_model
-    own = float(mj_model.dof_damping[robot.qvel_adr[index]])
-    return own - float(mj_model.actuator_biasprm[robot.actuator_ids[index], 2])
 
 
 def _foot_lines(robot: Robot) -> list[str]:

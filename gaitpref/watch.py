@@ -69,6 +69,10 @@ class WatchedReward:
             return self._reward.of_rollout(features, starts, steps)
         return self._reward(features, starts)[-steps:]
 
+    def identity(self) -> Any:
+        """What it is made of, without what it has seen."""
+        return [type(self).__name__, self._reward, self._limit]
+
     @property
     def history_steps(self) -> int:
         """How far the reward looks back."""

@@ -13,6 +13,8 @@ from rsl_rl.env import VecEnv
 from tensordict import TensorDict
 from torch import Tensor
 
+from data.features import column
+
 from .chance import spawned
 from .config import EnvCfg, Range
 from .curriculum import Curriculum
@@ -239,7 +241,8 @@ class QuadrupedEnv(VecEnv):
         terms = weighted(features, self.task, control_dt_s=self.step_dt) * self.step_dt
         means = terms.flatten(1).mean(dim=1) / self.step_dt
         log = {f"task/{k}": v for k, v in zip(self.task.weights, means, strict=True)}
-        missed = features[..., 10:12] - features[..., 0:2]
+        asked, moved = column("command"), column("base_lin_vel_b")
+        missed = features[..., asked][..., :2] - features[..., moved][..., :2]
         error = torch.linalg.vector_norm(missed, dim=-1).mean()
         return terms.sum(dim=0), {**log, "track/planar_error_m_s": error}
 

@@ -21,24 +21,14 @@ from data.features import JOINTS
 from data.files import write_atomically
 
 from .checkpoint import Policy, PolicyInfo
-from .features import OBS_DIM
+from .features import OBS_DIM, OBSERVATION, obs_column
 from .robot import Robot
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
+"""Of policy.json. In version 1 `kd_nm_s_per_rad` lacked the damping of the joints."""
 
 ONNX_NAME, SCRIPT_NAME = "policy.onnx", "policy.pt"
 JSON_NAME, MJCF_NAME = "policy.json", "robot.xml"
-
-OBSERVATION = (
-    ("base_lin_vel_b", 3, "m/s", "velocity of the base in its own frame"),
-    ("base_ang_vel_b", 3, "rad/s", "turning rates of the base in its own frame"),
-    ("gravity_b", 3, "1", "unit vector, world down in the frame of the base"),
-    ("joint_pos_offset", 12, "rad", "angles less home_joint_pos_rad"),
-    ("joint_vel", 12, "rad/s", "angular velocities of the joints"),
-    ("last_action", 12, "1", "the action before, clipped to action_limit; 0 at first"),
-    ("command", 3, "m/s, m/s, rad/s", "forward, left and turning speed asked for"),
-)
-"""Name, width, unit and meaning of the parts of an observation, in their order."""
 
 
 class _Deployed(nn.Module):
@@ -74,7 +64,7 @@ def export(policy: Policy, out: Path) -> list[Path]:
     out.mkdir(parents=True, exist_ok=True)
     described = json.dumps(describe(policy.info, robot, policy.sha256), indent=1)
     contents = {
-        ONNX_NAME: _onnx(deployed),
+        ONNX_NAME: _onnx(deployed, described),
         SCRIPT_NAME: _torchscript(deployed),
         JSON_NAME: described.encode() + b"\n",
         MJCF_NAME: robot.mjcf.encode(),
@@ -89,11 +79,10 @@ def describe(info: PolicyInfo, robot: Robot, sha256: str) -> dict[str, Any]:
 
     What is infinite, a joint without limits, is None.
     """
-    mj_model, servos = robot.mj_model, robot.actuator_ids
+    mj_model = robot.mj_model
     joints = [
         int(np.flatnonzero(mj_model.jnt_qposadr == adr)[0]) for adr in robot.qpos_adr
     ]
-    starts = np.cumsum([0, *(width for _, width, _, _ in OBSERVATION)]).tolist()
     return {
         "format_version": FORMAT_VERSION,
         "policy_sha256": sha256,
@@ -106,20 +95,34 @@ def describe(info: PolicyInfo, robot: Robot, sha256: str) -> dict[str, Any]:
         "home_base_height_m": float(robot.home_qpos[2]),
         "joint_range_rad": [_plain(row) for row in robot.joint_range],
         "torque_limit_nm": _plain(robot.torque_limit),
-        "kp_nm_per_rad": _plain(mj_model.actuator_gainprm[servos, 0]),
-        "kd_nm_s_per_rad": _plain(0.0 - mj_model.actuator_biasprm[servos, 2]),
-        "joint_damping_nm_s_per_rad": _plain(mj_model.dof_damping[robot.qvel_adr]),
+        "kp_nm_per_rad": _plain(robot.kp),
+        "kd_nm_s_per_rad": _plain(robot.kd),
         "action_scale_rad": info.env.action_scale_rad,
         "action_limit": info.env.action_limit,
         "law": (
             "joint_target = clip(home_joint_pos + action_scale * action, joint_range); "
-            "torque = kp * (joint_target - angle) - kd * velocity, within torque_limit"
+            "torque = kp * (joint_target - angle) - kd * velocity within torque_limit, "
+            "computed anew every physics_dt_s or more often; kp, kd and torque_limit "
+            "are those above, nothing has to be added to them"
         ),
+        "robot_xml": {
+            "joint_damping_nm_s_per_rad": _plain(robot.joint_damping),
+            "joint_friction_nm": _plain(mj_model.dof_frictionloss[robot.qvel_adr]),
+            "is": (
+                "what the joints of robot.xml have of their own. Its damping is in kd "
+                "already: set it to 0 in a simulation whose motors follow the law. Its "
+                "friction is in no gain: a real joint has its own"
+            ),
+        },
         "observation": [
-            {"name": name, "start": start, "width": width, "unit": unit, "is": meaning}
-            for (name, width, unit, meaning), start in zip(
-                OBSERVATION, starts[:-1], strict=True
-            )
+            {
+                "name": part.name,
+                "start": obs_column(part.name).start,
+                "width": part.width,
+                "unit": part.unit,
+                "is": part.meaning,
+            }
+            for part in OBSERVATION
         ],
         "commands": {
             "forward_m_s": list(info.env.commands.forward_m_s),
@@ -129,7 +132,7 @@ def describe(info: PolicyInfo, robot: Robot, sha256: str) -> dict[str, Any]:
     }
 
 
-def _onnx(deployed: nn.Module) -> bytes:
+def _onnx(deployed: nn.Module, described: str) -> bytes:
     # It would tell of every package it could export for and does not find.
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     batch = torch.export.Dim("batch", min=1)
@@ -148,6 +151,8 @@ def _onnx(deployed: nn.Module) -> bytes:
             dynamic_shapes={"obs": {0: batch}},
         )
     assert program is not None
+    # One file that is copied alone still says what its numbers mean.
+    program.model.metadata_props[JSON_NAME] = described
     # Serialised whole, the weights are inside and no second file is needed.
     return program.model_proto.SerializeToString()
 

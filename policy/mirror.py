@@ -9,6 +9,7 @@ Shapes: 48 numbers of an observation, 12 joints of an action, F feature columns.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -16,8 +17,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.features import FEATURES
+from data.features import FEATURES, Feature
 
+from .features import OBSERVATION
 from .robot import Robot
 from .robots.hints import RobotError
 
@@ -28,6 +30,29 @@ _OTHER_FOOT = np.array([1, 0, 3, 2])
 _VECTOR, _AXIAL = (1.0, -1.0, 1.0), (-1.0, 1.0, -1.0)
 """Signs of x forward, y left, z up of a velocity, and of a turning rate."""
 _COMMAND = (1.0, -1.0, -1.0)
+
+_SIGNS = {
+    "base_lin_vel_b": _VECTOR,
+    "base_ang_vel_b": _AXIAL,
+    "gravity_b": _VECTOR,
+    "command": _COMMAND,
+}
+"""Columns that stay where they are, and the signs they get."""
+_OF_JOINTS = frozenset(
+    {
+        "joint_pos_offset",
+        "joint_vel",
+        "joint_torque",
+        "action",
+        "last_action",
+        "action_rate",
+    }
+)
+"""Columns of the twelve joints, which sides exchange, with the signs of the joints."""
+_OF_FEET = frozenset({"foot_contact", "foot_height", "foot_speed", "foot_air_time"})
+"""Columns of the four feet, which sides exchange."""
+_OF_NO_SIDE = frozenset({"base_height", "fallen"})
+"""Columns that are the same in the mirror."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,12 +102,10 @@ def mirror_of(robot: Robot) -> Mirror:
             f"{np.abs(cosine).min():.2f}, the home pose to {off_rad:.3f} rad): train "
             "without the mirror"
         )
-    joints = [_SWAPPED + 9 + 12 * part for part in range(3)]
-    idx = np.concatenate([np.arange(9), *joints, np.arange(45, 48)])
-    obs_sign = np.concatenate([_VECTOR, _AXIAL, _VECTOR, *[signs] * 3, _COMMAND])
-    row_idx, row_sign = _rows(signs)
+    obs_idx, obs_sign = mirrored(OBSERVATION, signs)
+    row_idx, row_sign = mirrored(FEATURES, signs)
     return Mirror(
-        obs_idx=torch.from_numpy(idx),
+        obs_idx=torch.from_numpy(obs_idx),
         obs_sign=torch.from_numpy(obs_sign).float(),
         joint_idx=torch.from_numpy(_SWAPPED),
         joint_sign=torch.from_numpy(signs).float(),
@@ -100,27 +123,35 @@ def has_mirror(robot: Robot) -> bool:
     return True
 
 
-def _rows(joint_signs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where the columns [F] of a mirrored feature row come from, and their signs."""
-    signs = {
-        "base_lin_vel_b": _VECTOR,
-        "base_ang_vel_b": _AXIAL,
-        "gravity_b": _VECTOR,
-        "command": _COMMAND,
-    }
+def mirrored(
+    table: Sequence[Feature], joint_signs: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where the mirrored columns [D] of `table` come from, and their signs.
+
+    Raises:
+        ValueError: it has columns of which nobody said what the mirror makes of them.
+    """
     idx, sign, start = [], [], 0
-    for feature in FEATURES:
-        width = feature.width
-        own, factor = np.arange(width), np.ones(width)
-        if width == len(_SWAPPED):
+    for part in table:
+        own, factor = np.arange(part.width), np.ones(part.width)
+        if part.name in _OF_JOINTS:
             own, factor = _SWAPPED, joint_signs
-        elif width == len(_OTHER_FOOT):
+        elif part.name in _OF_FEET:
             own = _OTHER_FOOT
-        elif feature.name in signs:
-            factor = np.array(signs[feature.name])
+        elif part.name in _SIGNS:
+            factor = np.array(_SIGNS[part.name])
+        elif part.name not in _OF_NO_SIDE:
+            raise ValueError(
+                f"policy/mirror.py does not say what the mirror makes of {part.name!r}"
+            )
+        if not len(own) == len(factor) == part.width:
+            raise ValueError(
+                f"the mirror makes {len(own)} columns of {part.name!r}, which has "
+                f"{part.width}"
+            )
         idx.append(start + own)
         sign.append(factor)
-        start += width
+        start += part.width
     return np.concatenate(idx), np.concatenate(sign)
 
 

@@ -12,18 +12,32 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import torch
 from tensordict import TensorDict
 from torch import Tensor
 
+from data.features import LEGS
+
 from .config import EnvCfg, NoiseCfg, RandomiseCfg
 from .env import QuadrupedEnv
-from .features import BaseState
+from .features import OBS_DIM, BaseState, obs_column
 from .robot import Robot
 from .robots.anatomy import bodies_below
 from .sim import BatchSim, SimState
 from .world import in_world
+
+DRAWN = {
+    "friction": 1,
+    "mass": 1,
+    "com_m": 3,
+    "strength": 1,
+    "delayed": 1,
+    "encoder_bias_rad": 12,
+}
+"""Columns of what differs between robots, in their order."""
+DRAWN_DIM = sum(DRAWN.values())
+PRIVILEGED_DIM = OBS_DIM + 1 + 2 * len(LEGS) + DRAWN_DIM
+"""Columns of the critic's own group."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,13 +59,14 @@ class Draw:
 
     @property
     def columns(self) -> Tensor:
-        """[K, 19] all of it."""
-        return torch.cat(tuple(vars(self).values()), dim=-1)
+        """[K, 19] all of it, in the order of `DRAWN`."""
+        return torch.cat([getattr(self, name) for name in DRAWN], dim=-1)
 
     @staticmethod
     def of_columns(columns: Tensor) -> Draw:
         """The draws in `columns` [K, 19]."""
-        return Draw(*columns.split([1, 1, 3, 1, 1, 12], dim=-1))
+        parts = columns.split(list(DRAWN.values()), dim=-1)
+        return Draw(**dict(zip(DRAWN, parts, strict=True)))
 
 
 class VariedSim(BatchSim):
@@ -67,9 +82,10 @@ class VariedSim(BatchSim):
         names += ("pair_friction",) if mj_model.npair else ()
         self._nominal = {name: getattr(mj_model, name).copy() for name in names}
         self._fields = {name: batch.expand(name) for name in names}
-        nobody = torch.zeros(num_envs, 19)
-        nobody[:, [0, 1, 5]] = 1.0
-        self.draw = Draw.of_columns(nobody)
+        nobody = {name: torch.zeros(num_envs, width) for name, width in DRAWN.items()}
+        for factor in ("friction", "mass", "strength"):
+            nobody[factor] += 1.0
+        self.draw = Draw(**nobody)
         home = torch.tensor(robot.home_joint_pos, dtype=torch.float32)
         self.late_targets = home.repeat(num_envs, 1)
 
@@ -141,7 +157,7 @@ class RandomisedEnv(QuadrupedEnv):
         self._cfg = cfg.randomise
         self._amplitudes = _amplitudes(self._cfg.noise)
         self._foot_radii = torch.tensor(robot.foot_radius, dtype=torch.float32)
-        self._privileged = torch.zeros(num_envs, 76)
+        self._privileged = torch.zeros(num_envs, PRIVILEGED_DIM)
         robot = in_world(robot, cfg)
         sim = VariedSim(robot, num_envs)
         super().__init__(
@@ -215,7 +231,7 @@ class RandomisedEnv(QuadrupedEnv):
             dim=-1,
         )
         seen = true.clone()
-        seen[:, 9:21] += draw.encoder_bias_rad
+        seen[:, obs_column("joint_pos_offset")] += draw.encoder_bias_rad
         noise = self._uniform(self.num_envs, true.shape[1], (-1.0, 1.0))
         return seen + noise * self._amplitudes
 
@@ -230,13 +246,14 @@ def make_env(
 
 def _amplitudes(cfg: NoiseCfg) -> Tensor:
     """Noise [48] of every column of an observation; actions and commands are known."""
-    widths = np.array([3, 3, 3, 12, 12, 15])
-    sizes = [
-        cfg.lin_vel_m_s,
-        cfg.ang_vel_rad_s,
-        cfg.gravity,
-        cfg.joint_pos_rad,
-        cfg.joint_vel_rad_s,
-        0.0,
-    ]
-    return torch.tensor(np.repeat(sizes, widths), dtype=torch.float32)
+    sizes = {
+        "base_lin_vel_b": cfg.lin_vel_m_s,
+        "base_ang_vel_b": cfg.ang_vel_rad_s,
+        "gravity_b": cfg.gravity,
+        "joint_pos_offset": cfg.joint_pos_rad,
+        "joint_vel": cfg.joint_vel_rad_s,
+    }
+    amplitudes = torch.zeros(OBS_DIM)
+    for name, size in sizes.items():
+        amplitudes[obs_column(name)] = size
+    return amplitudes

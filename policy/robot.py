@@ -34,6 +34,7 @@ from .robots.hints import RobotError as RobotError
 from .robots.inline import flatten
 from .robots.servos import ensure_servos
 from .robots.stance import ensure_home
+from .robots.urdf import require_floating_base
 
 SHIPPED_XML = Path(__file__).parent / "robots" / "go1.xml"
 """The robot that is used when none is brought."""
@@ -84,6 +85,24 @@ class Robot:
         mujoco.mj_kinematics(self.mj_model, mj_data)
         return mj_data.site_xpos[self.foot_site_ids]
 
+    @property
+    def kp(self) -> np.ndarray:
+        """[12] N m/rad, stiffness of the servos."""
+        return self.mj_model.actuator_gainprm[self.actuator_ids, 0]
+
+    @property
+    def joint_damping(self) -> np.ndarray:
+        """[12] N m s/rad that the model damps the joints with beside the servos' kd."""
+        mj_model = self.mj_model
+        of_servos = mj_model.actuator_damping[self.actuator_ids]
+        return mj_model.dof_damping[self.qvel_adr] + of_servos
+
+    @property
+    def kd(self) -> np.ndarray:
+        """[12] N m s/rad, all that damps the joints: of the servos and of the model."""
+        servo_kd = -self.mj_model.actuator_biasprm[self.actuator_ids, 2]
+        return servo_kd + self.joint_damping
+
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
@@ -106,6 +125,7 @@ def load_robot(xml: Path | None = None, *, physics_dt_s: float) -> Robot:
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
         raise _not_compiling(str(path), error) from None
+    require_floating_base(spec, path)
     hints = read_hints(hints_path(path))
     return _completed(spec, hints, str(path), path.stem, physics_dt_s)
 

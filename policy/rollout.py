@@ -40,7 +40,7 @@ class RolloutStep:
     obs: Tensor
     """[N, 48] before the step"""
     action: Tensor
-    """[N, 12] as the policy gave it"""
+    """[N, 12] as the robot got it, clipped to the action limit"""
     targets: Tensor
     """[N, 12] joint targets, rad"""
     features: Tensor
@@ -80,7 +80,8 @@ def first_episodes(
         draws = None
         if noise is not None:
             draws = noise[:, None] * torch.randn(env.num_envs, 12, generator=rng)
-        action = actor(obs, draws)
+        limit = env.cfg.action_limit
+        action = actor(obs, draws).clamp(-limit, limit)
         _, reward, dones, extras = env.step(action)
         yield RolloutStep(
             qpos=qpos,

@@ -19,6 +19,8 @@ class Drawing:
     """Whether the joints have ranges."""
     folded: bool = False
     """Whether the file draws the legs stretched to the side and not downwards."""
+    damping: float = 0.2
+    """Of the joints themselves, N m s/rad."""
     actuator: str = "motor"
     """motor, geared, position, filtered or none."""
     floor: str = '<geom type="plane" size="0 0 1" contype="2" conaffinity="4"/>'
@@ -43,7 +45,7 @@ def mjcf(drawing: Drawing) -> str:
   {drawing.assets}
   <default>
     <default class="robot">
-      <joint armature="0.01" damping="0.2"/>
+      <joint armature="0.01" damping="{drawing.damping}"/>
       <default class="robot_seen">
         <geom contype="0" conaffinity="0" group="2"/>
       </default>
@@ -106,3 +108,42 @@ def _actuators(drawing: Drawing) -> str:
     }
     joints = [f"{leg}_j{index}" for index in range(3) for leg in drawing.order]
     return "".join(kinds[drawing.actuator].format(joint) for joint in joints)
+
+
+def urdf(more: str = "") -> str:
+    """A quadruped as a URDF, with `more` in it."""
+    parts = [_link("trunk", '<box size="0.44 0.12 0.1"/>', 6.0)]
+    for leg, (x, y) in _CORNERS.items():
+        hip, thigh, calf, foot = (
+            f"{leg}_{n}" for n in ("hip", "thigh", "calf", "foot")
+        )
+        parts += [
+            _link(hip, '<sphere radius="0.01"/>', 0.5),
+            _link(thigh, '<box size="0.03 0.03 0.03"/>', 0.8),
+            _link(calf, '<box size="0.02 0.02 0.02"/>', 0.2),
+            _link(foot, '<sphere radius="0.02"/>', 0.05),
+            _joint("trunk", hip, f"{0.2 * x} {0.06 * y} 0", "1 0 0", -0.9, 0.9),
+            _joint(hip, thigh, f"0 {0.08 * y} 0", "0 1 0", -1.0, 3.0),
+            _joint(thigh, calf, "0 0 -0.2", "0 1 0", -2.6, -0.3),
+            _joint(calf, foot, "0 0 -0.2", "0 1 0", 0.0, 0.0),
+        ]
+    return f'<robot name="stranger">{"".join(parts)}{more}</robot>'
+
+
+def _link(name: str, shape: str, mass_kg: float) -> str:
+    return (
+        f'<link name="{name}"><inertial><mass value="{mass_kg}"/><inertia ixx="0.01" '
+        'ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial>'
+        f"<collision><geometry>{shape}</geometry></collision></link>"
+    )
+
+
+def _joint(
+    parent: str, child: str, place: str, axis: str, low: float, high: float
+) -> str:
+    kind = "revolute" if high > low else "fixed"
+    return (
+        f'<joint name="{child}_joint" type="{kind}"><parent link="{parent}"/>'
+        f'<child link="{child}"/><origin xyz="{place}"/><axis xyz="{axis}"/>'
+        f'<limit lower="{low}" upper="{high}" effort="30" velocity="20"/></joint>'
+    )

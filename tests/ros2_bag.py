@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +48,9 @@ _MAIN = {
 }
 PARTS_TEXT = "".join(f"{_LINE}\nMSG: {n}\n{t}" for n, t in _PARTS.items())
 START_S = 1_700_000_000
+
+Alter = Callable[[float, str, dict[str, Any]], Iterable[dict[str, Any]]]
+"""Time in s, topic and message to what is sent in its place."""
 
 
 class Motion:
@@ -96,12 +100,16 @@ def write_bag(
     base: str = "pose",
     duration_s: float = 8.0,
     full: bool = False,
+    alter: Alter = lambda t, topic, message: [message],
+    chunk_bytes: int | None = None,
 ) -> None:
     """Write joints at about 200 Hz and the base at about 100 Hz.
 
     Stamps jitter, messages are recorded late and out of order, a tenth is lost, and so
     is 0.1 s at 2 s and 0.8 s at 5 s. The names of the joints are in another order in
-    every message. `full` adds what a good driver tells besides.
+    every message. `full` adds what a good driver tells besides; `alter` gives what is
+    sent in the place of a message. With `chunk_bytes` the file is in such chunks and
+    in the order of recording, else topic after topic.
     """
     rng = np.random.default_rng(0)
     texts = {n: main + PARTS_TEXT for n, main in _MAIN.items()}
@@ -111,7 +119,10 @@ def write_bag(
         lost = 2.0 < t < 2.1 or 5.0 < t < 5.8
         if not lost and rng.random() > 0.1:
             late_s = rng.exponential(0.004)
-            rows.append((round((START_S + t + late_s) * 1e9), topic, kind, message))
+            time_ns = round((START_S + t + late_s) * 1e9)
+            rows.extend(
+                (time_ns, topic, kind, sent) for sent in alter(t, topic, message)
+            )
 
     def times(rate_hz: float) -> np.ndarray:
         even = np.arange(0, duration_s, 1 / rate_hz)
@@ -144,7 +155,10 @@ def write_bag(
             send(t, "/cmd_vel", "geometry_msgs/msg/Twist", asked)
             forces = {"data": [30.0, 0.0, 0.0, 40.0 if t < 4 else 0.0]}
             send(t, "/feet", "std_msgs/msg/Float32MultiArray", forces)
-    with path.open("wb") as file, Writer(file) as writer:
+    if chunk_bytes is not None:
+        rows.sort(key=lambda row: row[0])
+    size = chunk_bytes or 2**20
+    with path.open("wb") as file, Writer(file, chunk_size=size) as writer:
         texts |= definitions()
         schemas = {n: writer.register_msgdef(n, text) for n, text in texts.items()}
         for time_ns, topic, kind, message in rows:

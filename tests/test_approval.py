@@ -242,7 +242,7 @@ def test_training_goes_on_from_the_policy_that_was_preferred(
     second did, and is judged beside that."""
     monkeypatch.setattr("gaitpref.approval.ODDS_TO_GO_ON", math.inf)
     run = tmp_path / "run"
-    cfg = replace(erring_cfg(), rounds=3, labels=90, optimism=0.0)
+    cfg = replace(erring_cfg(), rounds=3, labels=90, optimism=0.0, seed=1)
     run_configured(run, cfg)
     first, second = (load_policy(run / f"rounds/0{n}/policy/policy.pt") for n in (1, 2))
     judged = [run / "rounds/03/policy", run / "rounds/03/candidate"]

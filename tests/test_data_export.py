@@ -22,6 +22,11 @@ from data.features import column
 from data.schema import feature_columns
 from gaitpref.cli import main
 from gaitpref.exchange.pickles import load_plain_pickle
+from policy.config import EnvCfg
+from policy.ppo import PpoCfg
+from policy.record import RecordCfg, record
+from policy.robot import load_robot
+from policy.train import TrainCfg, train
 
 from .motion import trotting_dataset
 
@@ -65,6 +70,47 @@ def test_minari_reads_every_episode(
         assert bool(episode.terminations[-1]) == (entry.end_reason == "terminated")
         assert bool(episode.truncations[-1]) == (entry.end_reason == "truncated")
         assert about["rollout_sha256"] == entry.sha256
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning")
+def test_minari_makes_the_environment_of_the_recordings(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its actions are those recorded, which lie within the bounds that are told."""
+    minari = pytest.importorskip("minari", reason="needs the package minari")
+    env = EnvCfg()
+    robot = load_robot(physics_dt_s=env.physics_dt_s)
+    ppo = PpoCfg(num_envs=4, hidden_sizes=(8,), init_std=2.0)
+    cfg = TrainCfg(steps=1, env=env, ppo=ppo)
+    policy = train(tmp_path / "policy", robot, cfg).policy
+    recorded = RecordCfg(episodes=4, episode_s=0.4, noisy_share=1.0, checkpoints=0)
+    dataset = Dataset.create(tmp_path / "set")
+    dataset.add_episodes(record(policy, recorded, seed=0))
+    exported(dataset, "minari", tmp_path / "out", capsys)
+    found = minari.MinariDataset(tmp_path / "out" / "data")
+    episode = next(found.iterate_episodes())
+    assert np.abs(episode.actions).max() == env.action_limit, "noise was clipped"
+    assert found.action_space.high.tolist() == [env.action_limit] * 12
+    assert all(found.action_space.contains(action) for action in episode.actions)
+    made = found.recover_environment()
+    assert made.action_space == found.action_space
+    made.reset(seed=0)
+    observed, *_ = made.step(episode.actions[0])
+    assert observed[33:45] == pytest.approx(episode.actions[0], abs=1e-5)
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning")
+def test_minari_names_no_environment_that_is_another(
+    dataset: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """These episodes have another rate of physics, and an action beyond the limit."""
+    minari = pytest.importorskip("minari", reason="needs the package minari")
+    exported(dataset, "minari", tmp_path / "out", capsys)
+    found = minari.MinariDataset(tmp_path / "out" / "data")
+    with pytest.raises(ValueError, match="env_spec is None"):
+        found.recover_environment()
+    largest = max(np.abs(e.actions).max() for e in found.iterate_episodes())
+    assert found.action_space.high.tolist() == [max(3.0, largest)] * 12
 
 
 def test_d4rl_lies_in_one_piece(

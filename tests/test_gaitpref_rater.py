@@ -174,5 +174,5 @@ def test_a_run_remembers_how_its_rater_errs(tmp_path: Path) -> None:
     """Also one that never does: the settings come back out of the file as they were."""
     for name, rater in (("perfect", RaterCfg()), ("human", RaterCfg(beta=1.0))):
         cfg = replace(resolve(Loop(run=Path("r"))), simulated=rater, strategy="bald")
-        claim(tmp_path / name, cfg)
+        claim(tmp_path / name, cfg, {})
         assert read_config(tmp_path / name) == cfg

@@ -17,7 +17,7 @@ from labeling_ui.live import Drive
 from policy.config import EnvCfg
 from policy.reward import TaskRewardCfg, size_of, task_reward_for
 from policy.robot import load_robot, load_robot_xml
-from tests.foreign_robots import Drawing, mjcf
+from tests.foreign_robots import Drawing, mjcf, urdf
 
 
 def test_inspect_prints_what_was_found_and_draws_it(
@@ -90,3 +90,35 @@ def test_a_stranger_is_trained_recorded_drawn_and_driven(tmp_path: Path) -> None
     drive = Drive(command=(0.3, 0.0, 0.0))
     assert np.isfinite(step(drive).qpos).all()
     assert np.isfinite(live_policy(policy, xml).new_step()(drive).qpos).all()
+
+
+def test_a_urdf_whose_base_is_fixed_is_told_the_elements_that_free_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What the message says, written into the file, makes a robot of it."""
+    path = tmp_path / "dog.urdf"
+    path.write_text(urdf())
+    assert main(["robot", "inspect", str(path)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "its base, here 'trunk', to the world" in line
+    elements = line.split("to <robot>: ")[1].split(" and ")
+    assert [element[:6] for element in elements] == ["<link ", "<joint"]
+    path.write_text(urdf("".join(elements)))
+    assert main(["robot", "inspect", str(path)]) == 0
+    assert "12.2 kg, of which 'trunk' weighs 6.0 kg" in capsys.readouterr().out
+
+
+def test_a_urdf_that_is_held_to_its_world_is_told_the_joint(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "dog.urdf"
+    held = '<link name="world"/><joint name="mount" type="fixed"><parent link="world"/>'
+    path.write_text(urdf(held + '<child link="trunk"/></joint>'))
+    assert main(["robot", "inspect", str(path)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "its joint 'mount' holds 'trunk' to the world" in line
+    floating = path.read_text().replace(
+        '"mount" type="fixed"', '"mount" type="floating"'
+    )
+    path.write_text(floating)
+    assert main(["robot", "inspect", str(path)]) == 0

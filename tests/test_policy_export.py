@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -26,7 +27,7 @@ onnxruntime = pytest.importorskip(
 STEPS = 50
 
 
-@pytest.fixture(scope="module", params=["go1", "stranger"])
+@pytest.fixture(scope="module", params=["go1", "stranger", "damped"])
 def exported(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Path, Policy]:
@@ -37,6 +38,11 @@ def exported(
     if request.param == "stranger":
         drawing = Drawing(order=("rr", "fr", "rl", "fl"), sign=-1.0)
         robot = load_robot_xml(mjcf(drawing), name="stranger", physics_dt_s=dt_s)
+    if request.param == "damped":
+        # As Menagerie draws the Go2: its servos get no kd, the joints have it all.
+        drawing = Drawing(damping=3.0)
+        robot = load_robot_xml(mjcf(drawing), name="damped", physics_dt_s=dt_s)
+        assert robot.kd.tolist() == robot.joint_damping.tolist() == [3.0] * 12
     ppo = PpoCfg(num_envs=32, hidden_sizes=(16,))
     cfg = TrainCfg(steps=5 * ppo.steps_per_iteration, env=EnvCfg(), ppo=ppo)
     file = train(folder / "run", robot, cfg).policy
@@ -131,6 +137,75 @@ def test_the_exported_policy_walks_the_same_in_plain_mujoco(
     assert min(heights) > 0.5 * told["home_base_height_m"]
 
 
+def _least_upright_on_plain_motors(
+    folder: Path, told: dict[str, Any], kd: np.ndarray
+) -> float:
+    """Dropped from 5 cm, with no damping in any joint; 1 is upright."""
+    spec = mujoco.MjSpec.from_file(str(folder / "robot.xml"))
+    for element in [*spec.actuators, *spec.keys]:
+        spec.delete(element)
+    for name in told["joint_names"]:
+        spec.joint(name).damping = [0.0, 0.0, 0.0]
+        motor = spec.add_actuator(trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name)
+        motor.set_to_motor()
+    mj_model = spec.compile()
+    mj_data = mujoco.MjData(mj_model)
+    joints = [mj_model.joint(name) for name in told["joint_names"]]
+    qpos_adr = [int(joint.qposadr[0]) for joint in joints]
+    qvel_adr = [int(joint.dofadr[0]) for joint in joints]
+    assert not mj_model.dof_damping.any()
+    home = np.array(told["home_joint_pos_rad"])
+    kp, limit = np.array(told["kp_nm_per_rad"]), np.array(told["torque_limit_nm"])
+    mj_data.qpos[:7] = [0, 0, told["home_base_height_m"] + 0.05, 1, 0, 0, 0]
+    mj_data.qpos[qpos_adr] = home
+    session, last, upright = _session(folder), np.zeros(12), []
+    for _ in range(150):
+        rotation = np.empty(9)
+        mujoco.mju_quat2Mat(rotation, mj_data.qpos[3:7])
+        to_world = rotation.reshape(3, 3)
+        parts = {
+            "base_lin_vel_b": mj_data.qvel[:3] @ to_world,
+            "base_ang_vel_b": mj_data.qvel[3:6],
+            "gravity_b": -to_world[2],
+            "joint_pos_offset": mj_data.qpos[qpos_adr] - home,
+            "joint_vel": mj_data.qvel[qvel_adr],
+            "last_action": last,
+            "command": np.array([0.5, 0.0, 0.0]),
+        }
+        row = np.concatenate([parts[part["name"]] for part in told["observation"]])
+        last, target = (
+            rows[0] for rows in session.run(None, {"obs": row[None].astype("f4")})
+        )
+        for _ in range(round(told["control_dt_s"] / told["physics_dt_s"])):
+            angle, velocity = mj_data.qpos[qpos_adr], mj_data.qvel[qvel_adr]
+            torque = kp * (target - angle) - kd * velocity
+            mj_data.ctrl[:] = np.clip(torque, -limit, limit)
+            mujoco.mj_step(mj_model, mj_data)
+        upright.append(to_world[2, 2])
+    return min(upright)
+
+
+def test_the_law_of_the_json_holds_on_plain_motors(
+    exported: tuple[Path, Policy],
+) -> None:
+    """One kp and one kd a joint are enough; without the joints' damping it falls."""
+    folder, _ = exported
+    told = json.loads((folder / "policy.json").read_text())
+    kd = np.array(told["kd_nm_s_per_rad"])
+    assert _least_upright_on_plain_motors(folder, told, kd) > 0.97
+    in_joints = np.array(told["robot_xml"]["joint_damping_nm_s_per_rad"])
+    if np.array_equal(in_joints, kd):
+        assert _least_upright_on_plain_motors(folder, told, kd - in_joints) < 0.5
+
+
+def test_the_onnx_file_alone_says_what_its_numbers_mean(
+    exported: tuple[Path, Policy],
+) -> None:
+    folder, _ = exported
+    told = _session(folder).get_modelmeta().custom_metadata_map["policy.json"]
+    assert told == (folder / "policy.json").read_text().strip()
+
+
 def test_the_json_tells_gains_home_and_rates(exported: tuple[Path, Policy]) -> None:
     """What a robot's own program has to know, in the order of the outputs."""
     folder, policy = exported
@@ -142,3 +217,6 @@ def test_the_json_tells_gains_home_and_rates(exported: tuple[Path, Policy]) -> N
     assert told["torque_limit_nm"] == robot.torque_limit.tolist()
     assert sum(part["width"] for part in told["observation"]) == 48
     assert all(kp > 0 for kp in told["kp_nm_per_rad"])
+    assert told["kd_nm_s_per_rad"] == robot.kd.tolist()
+    friction = robot.mj_model.dof_frictionloss[robot.qvel_adr]
+    assert told["robot_xml"]["joint_friction_nm"] == friction.tolist()

@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
-from data.features import FEATURE_DIM, column
+from data.features import FEATURE_DIM, FEATURES, Feature, column
 from policy.checkpoint import load_policy
 from policy.config import EnvCfg
 from policy.env import QuadrupedEnv
-from policy.mirror import Mirror, has_mirror, mirror_of
+from policy.features import OBSERVATION, in_order, obs_column
+from policy.mirror import Mirror, has_mirror, mirror_of, mirrored
 from policy.ppo import PpoCfg
 from policy.robot import Robot, RobotError, load_robot
 from policy.train import TrainCfg, train
@@ -85,6 +87,35 @@ def test_a_mirrored_row_exchanges_feet_and_keeps_what_has_no_side(
     assert torch.equal(image[column("foot_air_time")], feet[[1, 0, 3, 2]])
     for name in ("base_height", "fallen"):
         assert torch.equal(image[column(name)], row[column(name)])
+
+
+def test_a_column_without_a_rule_is_not_mirrored_by_its_width() -> None:
+    """Four new numbers need not be of feet, nor twelve of joints."""
+    signs = np.ones(12)
+    for new in (Feature("battery_cell_v", 4, "V", ""), Feature("fan", 12, "1/s", "")):
+        with pytest.raises(ValueError, match=f"what the mirror makes of '{new.name}'"):
+            mirrored((*FEATURES, new), signs)
+    wide = Feature("foot_speed", 5, "m/s", "")
+    with pytest.raises(ValueError, match="makes 4 columns of 'foot_speed', which has"):
+        mirrored((wide,), signs)
+
+
+def test_columns_that_are_not_those_of_the_table_are_refused() -> None:
+    """By name or by width, in whatever order they were made."""
+    parts = {part.name: torch.ones(2, part.width) for part in OBSERVATION}
+    backwards = dict(reversed(parts.items()))
+    assert in_order(backwards, OBSERVATION).shape == (2, 48)
+    command = torch.full((2, 3), 7.0)
+    row = in_order(backwards | {"command": command}, OBSERVATION)
+    assert torch.equal(row[:, obs_column("command")], command)
+    for wrong in (
+        {"wind": torch.ones(2, 3)},
+        {"command": torch.ones(2, 2)},
+    ):
+        with pytest.raises(ValueError, match="the table says base_lin_vel_b 3"):
+            in_order(parts | wrong, OBSERVATION)
+    with pytest.raises(ValueError, match="has no part 'wind'; there are: base_lin"):
+        obs_column("wind")
 
 
 def test_a_robot_whose_sides_differ_is_refused(robot: Robot) -> None:

@@ -57,6 +57,7 @@ def test_an_episode_holds_what_happened(policy_file: Path) -> None:
         )
         clipped = np.clip(episode.action, -ENV.action_limit, ENV.action_limit)
         assert episode.features[:, column("action")] == pytest.approx(clipped)
+        assert np.abs(episode.action).max() <= ENV.action_limit
         assert np.abs(episode.obs[1:, 0:3] - episode.features[:, 0:3]).max() < 1e-5
         fallen = episode.features[:, column("fallen")][:, 0]
         assert not fallen[:-1].any()

@@ -53,7 +53,7 @@ def test_answers_that_do_not_agree_train_nothing(
     often many enough to agree.
     """
     cfg = replace(
-        small_cfg(),
+        small_cfg(seed=1),
         base_steps=0,
         labels=200,
         first_share=0.74,

@@ -11,6 +11,9 @@ from data.errors import GaitprefError
 from data.features import JOINTS, LEGS
 from data.plain import from_plain
 
+SHIPPED_ROBOT = "go1"
+"""What a map calls the robot that ships; any other is the path of a file."""
+
 
 class BagError(GaitprefError):
     """A bag or its map cannot be used; one line says why and what to do."""
@@ -85,9 +88,9 @@ class TwistTopic:
 class BagMap:
     """Everything that has to be known of a bag."""
 
-    robot: str | None = None
-    """MJCF of the robot, from the directory of this file; the Go1 that ships if not
-    given. Clips are drawn with it, feet are found with it."""
+    robot: str
+    """MJCF of the robot, from the directory of this file, or `go1` for the Go1 that
+    ships. Clips are drawn with it, feet are found with it."""
     task: str = "hardware"
     """Name of the task, for the overview of a data set."""
     control_hz: float = 50.0
@@ -134,7 +137,14 @@ def load_map(path: Path) -> BagMap:
         BagError: the file is missing, no TOML, or says something that cannot be.
     """
     try:
-        return from_plain(BagMap, tomllib.loads(path.read_text(encoding="utf-8")))
+        told = tomllib.loads(path.read_text(encoding="utf-8"))
+        if "robot" not in told:
+            raise BagError(
+                f"{path} does not say which robot the bag is of; write robot = "
+                f'"ROBOT.xml", its MJCF, or robot = "{SHIPPED_ROBOT}" for the Go1 that '
+                "ships, above the first [table]"
+            )
+        return from_plain(BagMap, told)
     except FileNotFoundError:
         raise BagError(
             f"{path} is missing; docs/datasets.md shows the map of a bag"

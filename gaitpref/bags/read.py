@@ -5,207 +5,166 @@ Shapes: S samples of a topic.
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from gaitpref.extras import require
+from data.features import LEGS
 
 from .bag_map import BagError, BagMap
+from .clock import Sample
+from .findings import Findings
+from .mcap_file import Message, messages, topics_in
 
 _BASE_TYPES = (
     "nav_msgs/msg/Odometry",
     "geometry_msgs/msg/PoseStamped",
     "tf2_msgs/msg/TFMessage",
 )
+_TWIST_TYPES = ("geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped")
 
-
-_MIN_SAMPLES = 6
-
-
-@dataclass(frozen=True, eq=False)
-class Series:
-    """Samples of one quantity, in the order of time, no two at once."""
-
-    times_s: np.ndarray
-    """[S]"""
-    values: np.ndarray
-    """[S, ...]"""
+Numbers = dict[str, list[float]]
+"""What a message says, by quantity."""
 
 
 @dataclass(frozen=True, eq=False)
-class Bag:
-    """What a bag says of a robot; None where it says nothing."""
+class _Joints:
+    """Joint messages; remembers the names of those that lack one of the twelve."""
 
-    joint_pos: Series
-    """[S, 12] rad, in our order and signs."""
-    joint_vel: Series | None
-    """[S, 12] rad/s"""
-    joint_torque: Series | None
-    """[S, 12] N m"""
-    base_pos_w: Series
-    """[S, 3] m"""
-    base_wxyz: Series
-    """[S, 4]"""
-    base_lin_vel_b: Series | None
-    """[S, 3] m/s"""
-    base_ang_vel_b: Series | None
-    """[S, 3] rad/s"""
-    contact: Series | None
-    """[S, 4] 0 or 1, in the order of `LEGS`."""
-    command: Series | None
-    """[S, 3] forward m/s, left m/s, yaw rad/s"""
+    names: tuple[str, ...]
+    others: set[str]
+
+    def numbers(self, message: Any) -> Numbers | None:
+        """The twelve joints in our order; None for a message without all of them."""
+        place = {name: index for index, name in enumerate(message.name)}
+        if not all(name in place for name in self.names):
+            self.others.update(message.name)
+            return None
+        order = [place[name] for name in self.names]
+        return {
+            member: [float(values[index]) for index in order]
+            for member in ("position", "velocity", "effort")
+            if len(values := getattr(message, member)) == len(message.name)
+        }
 
 
-def read_bag(path: Path, bag_map: BagMap) -> Bag:
-    """Read the topics of a bag that its map names.
+def read_samples(
+    files: list[Path], bag_map: BagMap, findings: Findings
+) -> list[Sample]:
+    """The numbers in all messages of the topics that the map names, as written.
 
     Raises:
         BagError: it is no bag, or a topic or joint that is needed is not in it.
     """
-    samples = _samples(path, bag_map)
-    for topic in (bag_map.joints.topic, bag_map.base.topic):
-        if not samples[topic]:
-            raise BagError(
-                f"{path} holds no message on {topic} that could be used; there are "
-                f"{', '.join(sorted(_topics(path))) or 'none'}"
-            )
-    joints = samples[bag_map.joints.topic]
-    signs = np.array(bag_map.joints.signs)
-    position = _needed(joints, "position", bag_map.joints.topic)
-    angles = position.values * signs + np.array(bag_map.joints.offsets_rad)
-    base = samples[bag_map.base.topic]
-    base_pos, base_wxyz = (
-        _needed(base, name, bag_map.base.topic) for name in ("position", "wxyz")
-    )
-    imu = samples[bag_map.imu.topic] if bag_map.imu else []
-    return Bag(
-        joint_pos=Series(position.times_s, angles),
-        joint_vel=_scaled(_series(joints, "velocity"), signs),
-        joint_torque=_scaled(_series(joints, "effort"), signs),
-        base_pos_w=base_pos,
-        base_wxyz=base_wxyz,
-        # Many an odometry leaves its velocity at zero.
-        base_lin_vel_b=_unless_zero(_series(base, "lin_vel")),
-        base_ang_vel_b=_series(imu, "ang_vel")
-        or _unless_zero(_series(base, "ang_vel")),
-        contact=_series(samples[bag_map.contacts.topic], "contact")
-        if bag_map.contacts
-        else None,
-        command=_series(samples[bag_map.twist.topic], "command")
-        if bag_map.twist
-        else None,
-    )
-
-
-Sample = tuple[float, dict[str, list[float]]]
-
-
-def _samples(path: Path, bag_map: BagMap) -> dict[str, list[Sample]]:
-    """Time and numbers of every message of the mapped topics."""
-    decoder = require("mcap_ros2.decoder", "view").DecoderFactory()
+    joints = _Joints(bag_map.joints.names, set())
     parts = (bag_map.joints, bag_map.base, bag_map.imu, bag_map.contacts, bag_map.twist)
     topics = [part.topic for part in parts if part is not None]
-    found: dict[str, list[Sample]] = defaultdict(list)
-    try:
-        with path.open("rb") as file:
-            reader = require("mcap.reader", "view").make_reader(
-                file, decoder_factories=[decoder]
-            )
-            for schema, channel, message, decoded in reader.iter_decoded_messages(
-                topics, log_time_order=False
-            ):
-                for stamp, numbers in _numbers(
-                    schema.name, channel.topic, decoded, bag_map
-                ):
-                    time_s = message.log_time / 1e9
-                    if bag_map.time == "header" and stamp is not None:
-                        time_s = stamp
-                    found[channel.topic].append((time_s, numbers))
-    except FileNotFoundError:
-        raise BagError(f"{path} is missing; give a bag in MCAP") from None
-    except BagError:
-        raise
-    except Exception as error:
-        told = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-        raise BagError(
-            f"{path} cannot be read as a ROS 2 bag in MCAP ({told}); "
-            "`ros2 bag convert` turns other bags into MCAP"
-        ) from error
-    return found
+    samples: list[Sample] = []
+    for message in messages(files, topics, findings):
+        for stamp_s, numbers in _numbers(message, bag_map, joints):
+            if numbers is None:
+                findings.leave_out(f"{message.topic} without all twelve joints", 1)
+            else:
+                found = Sample(message.topic, message.log_s, stamp_s, numbers)
+                samples.append(found)
+    present = {sample.topic for sample in samples}
+    for topic in (bag_map.joints.topic, bag_map.base.topic):
+        if topic not in present:
+            raise _nothing_on(topic, files, bag_map, joints, findings)
+    return samples
 
 
-def _topics(path: Path) -> list[str]:
-    with path.open("rb") as file:
-        summary = require("mcap.reader", "view").make_reader(file).get_summary()
-    return [c.topic for c in summary.channels.values()] if summary else []
+def _nothing_on(
+    topic: str,
+    files: list[Path],
+    bag_map: BagMap,
+    joints: _Joints,
+    findings: Findings,
+) -> BagError:
+    source = files[0] if len(files) == 1 else files[0].parent
+    problem = f"{source} holds no message on {topic} that could be used"
+    broken = "".join(f"; {line}" for line in findings.told)
+    if topic == bag_map.joints.topic and joints.others:
+        wanted = [name for name in joints.names if name not in joints.others]
+        return BagError(
+            f"{problem}: its joints are {', '.join(sorted(joints.others))}; names in "
+            "[joints] of the map wants "
+            f"{', '.join(wanted) or 'all twelve in one message'}{broken}"
+        )
+    there = topics_in(files)
+    if topic in there and topic == bag_map.base.topic:
+        frames = f"{bag_map.base.frame} to {bag_map.base.child}"
+        return BagError(f"{problem}: no transform from {frames}{broken}")
+    return BagError(f"{problem}; there are {', '.join(there) or 'none'}{broken}")
 
 
 def _numbers(
-    kind: str, topic: str, message: Any, bag_map: BagMap
-) -> list[tuple[float | None, dict[str, list[float]]]]:
+    message: Message, bag_map: BagMap, joints: _Joints
+) -> Iterator[tuple[float | None, Numbers | None]]:
     """Stamp in s and numbers of a message, of each transform that is looked for."""
+    topic, content = message.topic, message.content
     if topic == bag_map.joints.topic:
-        numbers = _joints(message, bag_map)
-        return [(_stamp(message), numbers)] if numbers else []
-    if topic == bag_map.base.topic:
-        return _base(kind, message, bag_map)
-    if bag_map.imu and topic == bag_map.imu.topic:
-        return [(_stamp(message), {"ang_vel": _xyz(message.angular_velocity)})]
-    if bag_map.contacts and topic == bag_map.contacts.topic:
-        values = [float(v) for v in getattr(message, bag_map.contacts.field)]
-        by_leg = dict(zip(bag_map.contacts.order, values, strict=True))
-        legs = [float(by_leg[leg] > bag_map.contacts.above) for leg in _LEGS]
-        return [(_stamp(message), {"contact": legs})]
-    twist = message.twist if hasattr(message, "twist") else message
-    asked = [twist.linear.x, twist.linear.y, twist.angular.z]
-    return [(_stamp(message), {"command": asked})]
+        _require_kind(message, "the joints are", "sensor_msgs/msg/JointState")
+        yield _stamp(content), joints.numbers(content)
+    elif topic == bag_map.base.topic:
+        _require_kind(message, "the base is", *_BASE_TYPES)
+        yield from _base(message.kind, content, bag_map)
+    elif bag_map.imu and topic == bag_map.imu.topic:
+        _require_kind(message, "turning rates are", "sensor_msgs/msg/Imu")
+        yield _stamp(content), {"ang_vel": _xyz(content.angular_velocity)}
+    elif bag_map.contacts and topic == bag_map.contacts.topic:
+        yield _stamp(content), _contact(message, bag_map)
+    else:
+        _require_kind(message, "the command is", *_TWIST_TYPES)
+        twist = content.twist if hasattr(content, "twist") else content
+        asked = [twist.linear.x, twist.linear.y, twist.angular.z]
+        yield _stamp(content), {"command": asked}
 
 
-_LEGS = ("FR", "FL", "RR", "RL")
+def _require_kind(message: Message, what: str, *kinds: str) -> None:
+    if message.kind not in kinds:
+        raise BagError(
+            f"{message.topic} is {message.kind}; {what} read from {', '.join(kinds)}"
+        )
 
 
-def _joints(message: Any, bag_map: BagMap) -> dict[str, list[float]] | None:
-    """The twelve joints in our order; None for a message without all of them."""
-    place = {name: index for index, name in enumerate(message.name)}
-    if not all(name in place for name in bag_map.joints.names):
-        return None
-    order = [place[name] for name in bag_map.joints.names]
-    return {
-        member: [float(values[index]) for index in order]
-        for member in ("position", "velocity", "effort")
-        if len(values := getattr(message, member)) == len(message.name)
-    }
+def _contact(message: Message, bag_map: BagMap) -> Numbers:
+    """What the feet tell, in our order; compared with the threshold later."""
+    assert bag_map.contacts is not None
+    told: Any = getattr(message.content, bag_map.contacts.field, None)
+    values = list(told) if hasattr(told, "__len__") else []
+    if len(values) != len(LEGS):
+        raise BagError(
+            f"{message.topic} has no four values in {bag_map.contacts.field!r}; "
+            "[contacts] of the map names the member that holds one for each foot, "
+            f"{message.kind} has {', '.join(sorted(vars(message.content)))}"
+        )
+    by_leg = dict(zip(bag_map.contacts.order, map(float, values), strict=True))
+    return {"contact": [by_leg[leg] for leg in LEGS]}
 
 
 def _base(
     kind: str, message: Any, bag_map: BagMap
-) -> list[tuple[float | None, dict[str, list[float]]]]:
-    if kind not in _BASE_TYPES:
-        raise BagError(
-            f"{bag_map.base.topic} is {kind}; the base is read from "
-            f"{', '.join(_BASE_TYPES)}"
-        )
+) -> Iterator[tuple[float | None, Numbers]]:
     if kind == _BASE_TYPES[2]:
         wanted = (bag_map.base.frame, bag_map.base.child)
-        return [
-            (_stamp(t), _pose(t.transform.translation, t.transform.rotation))
-            for t in message.transforms
-            if (t.header.frame_id.lstrip("/"), t.child_frame_id.lstrip("/")) == wanted
-        ]
-    if kind == _BASE_TYPES[1]:
+        for each in message.transforms:
+            frames = each.header.frame_id.lstrip("/"), each.child_frame_id.lstrip("/")
+            if frames == wanted:
+                place = each.transform
+                yield _stamp(each), _pose(place.translation, place.rotation)
+    elif kind == _BASE_TYPES[1]:
         pose = message.pose
-        return [(_stamp(message), _pose(pose.position, pose.orientation))]
-    pose, twist = message.pose.pose, message.twist.twist
-    velocity = {"lin_vel": _xyz(twist.linear), "ang_vel": _xyz(twist.angular)}
-    return [(_stamp(message), _pose(pose.position, pose.orientation) | velocity)]
+        yield _stamp(message), _pose(pose.position, pose.orientation)
+    else:
+        pose, twist = message.pose.pose, message.twist.twist
+        velocity = {"lin_vel": _xyz(twist.linear), "ang_vel": _xyz(twist.angular)}
+        yield _stamp(message), _pose(pose.position, pose.orientation) | velocity
 
 
-def _pose(position: Any, turn: Any) -> dict[str, list[float]]:
-    return {"position": _xyz(position), "wxyz": [turn.w, turn.x, turn.y, turn.z]}
+def _pose(position: Any, turn: Any) -> Numbers:
+    return {"pose": [*_xyz(position), turn.w, turn.x, turn.y, turn.z]}
 
 
 def _xyz(vector: Any) -> list[float]:
@@ -219,31 +178,3 @@ def _stamp(message: Any) -> float | None:
         return None
     time_s = header.stamp.sec + header.stamp.nanosec / 1e9
     return time_s or None
-
-
-def _series(samples: list[Sample], name: str) -> Series | None:
-    """One quantity of a topic; None if any message lacks it."""
-    if not samples or not all(name in numbers for _, numbers in samples):
-        return None
-    times_s = np.array([time_s for time_s, _ in samples])
-    values = np.array([numbers[name] for _, numbers in samples], dtype=float)
-    times_s, order = np.unique(times_s, return_index=True)
-    return Series(times_s, values[order]) if np.isfinite(values).all() else None
-
-
-def _needed(samples: list[Sample], name: str, topic: str) -> Series:
-    found = _series(samples, name)
-    if found is None or len(found.times_s) < _MIN_SAMPLES:
-        raise BagError(
-            f"{topic} tells no {name} that can be used: it needs {_MIN_SAMPLES} "
-            "messages or more, with finite numbers in all of them"
-        )
-    return found
-
-
-def _scaled(series: Series | None, factor: np.ndarray) -> Series | None:
-    return None if series is None else Series(series.times_s, series.values * factor)
-
-
-def _unless_zero(series: Series | None) -> Series | None:
-    return series if series is not None and np.any(series.values) else None

@@ -11,6 +11,7 @@ import numpy as np
 from data.episode import Episode
 from gaitpref.extras import require
 
+from .environment import action_bound, env_spec
 from .source import Exported, Source, new_directory
 
 _MINARI_VERSION = "0.5.4"
@@ -28,6 +29,7 @@ def export_minari(source: Source, out: Path) -> Exported:
     with new_directory(out) as partial:
         data = partial / "data"
         data.mkdir()
+        largest = 0.0
         with h5py.File(data / "main_data.hdf5", "w", track_order=True) as file:
             for number, (entry, episode) in enumerate(
                 zip(source.entries, source.episodes(), strict=True)
@@ -45,29 +47,34 @@ def export_minari(source: Source, out: Path) -> Exported:
                 group["truncations"] = _ends(episode, "truncated")
                 for name in _STATES:
                     group[f"infos/{name}"] = getattr(episode, name)
-        metadata = _minari_metadata(source, data / "main_data.hdf5")
+                largest = max(largest, float(np.abs(episode.action).max()))
+        metadata = _minari_metadata(source, data / "main_data.hdf5", largest)
         (data / "metadata.json").write_text(json.dumps(metadata, indent=1))
     return _exported(source, out)
 
 
-def _minari_metadata(source: Source, file: Path) -> dict[str, Any]:
-    return {
+def _minari_metadata(
+    source: Source, file: Path, largest_action: float
+) -> dict[str, Any]:
+    metadata = {
         "total_episodes": len(source.entries),
         "total_steps": source.steps,
         "data_format": "hdf5",
-        "observation_space": _box(48),
-        "action_space": _box(12),
+        "observation_space": _box(48, np.inf),
+        "action_space": _box(12, action_bound(largest_action)),
         "dataset_id": "gaitpref/walk-v0",
         "minari_version": _MINARI_VERSION,
         "description": "Episodes of a quadruped; rewards are the hand-written task's.",
         "algorithm_name": "PPO",
         "dataset_size": round(file.stat().st_size / 1e6, 1),
     }
+    spec = env_spec(source)
+    return metadata if spec is None else metadata | {"env_spec": spec}
 
 
-def _box(width: int) -> str:
-    """A space without bounds, as Gymnasium's spaces are spelled there."""
-    bounds = {"low": [-np.inf] * width, "high": [np.inf] * width}
+def _box(width: int, bound: float) -> str:
+    """A space of numbers up to plus and minus `bound`, as Gymnasium's are spelled."""
+    bounds = {"low": [-bound] * width, "high": [bound] * width}
     return json.dumps({"type": "Box", "dtype": "float32", "shape": [width]} | bounds)
 
 
