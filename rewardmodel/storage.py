@@ -32,6 +32,7 @@ from .report import FitReport
 TENSORS_NAME = "reward.safetensors"
 FACTS_NAME = "reward.json"
 FORMAT_VERSION = 7
+_STD_NAME = "normaliser.std"
 
 _FEATURE_NAMES = tuple(feature.name for feature in FEATURES)
 
@@ -82,7 +83,9 @@ def load_reward(directory: Path) -> RewardModel:
         tensors = load_tensors(tensors_bytes)
         if differences := misfits(tensors, model.state_dict()):
             raise ValueError(differences)
-        if bad := not_finite(tensors):
+        # What never varies has an infinite deviation, which scales it to nothing.
+        scales = {_STD_NAME: 1.0 / tensors[_STD_NAME]}
+        if bad := not_finite(tensors | scales):
             raise ValueError(f"weights that are no finite numbers: {bad}")
         model.load_state_dict(tensors)
     except (ValueError, KeyError, TypeError, RuntimeError, SafetensorError) as error:
