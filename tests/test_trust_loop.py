@@ -23,7 +23,7 @@ from gaitpref.retraining import policy_stage
 from gaitpref.rewards import criterion_context, score_of_criterion, total_reward
 from gaitpref.rounds import Round
 from gaitpref.watch import WatchedReward
-from policy.checkpoint import load_policy
+from policy.checkpoint import holding_home, load_policy
 from policy.config import EnvCfg
 from policy.evaluate import evaluate
 from policy.features import OBS_DIM
@@ -123,6 +123,8 @@ def test_an_exploited_reward_is_noticed_before_it_hurts(tmp_path: Path) -> None:
     ppo = PpoCfg(num_envs=32, hidden_sizes=(32,))
     start = TrainCfg(steps=0, env=env, ppo=ppo, exploration_std=0.1)
     policy = train(tmp_path / "start", robot, start).policy
+    # It stands: how long what chance puts into a network stays up, chance decides.
+    policy.write_bytes(holding_home(policy))
     dataset = Dataset.create(tmp_path / "set")
     cfg = RecordCfg(episodes=48, episode_s=2.0, noisy_share=1.0)
     dataset.add_episodes(record(policy, cfg, seed=0))
