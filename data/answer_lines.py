@@ -36,7 +36,8 @@ def from_lines(store: AnswerStore, lines: Iterable[str], name: str) -> None:
             values = json.loads(line)
             record = values.pop("record")
             if record == "rater":
-                store.add_rater(values["rater_id"], values["kind"], values["info"])
+                rater = (values["rater_id"], values["kind"], values["info"])
+                store.add_rater(*rater, copied=True)
             elif record == "pair":
                 a, b = Clip(**values.pop("a")), Clip(**values.pop("b"))
                 pair = Pair(**values, a=a, b=b)
@@ -54,4 +55,4 @@ def from_lines(store: AnswerStore, lines: Iterable[str], name: str) -> None:
             ) from error
     store.add_pairs(pairs)
     for answer in answers:
-        store.add_answer(answer)
+        store.add_answer(answer, copied=True)

@@ -67,7 +67,7 @@ def transfer(
         raters_used = {answer.rater_id for _, answer in chosen}
         for rater_id, kind, info in raters:
             if rater_id in raters_used:
-                store.add_rater(names[rater_id], kind, info)
+                store.add_rater(names[rater_id], kind, info, copied=True)
         num_answers = sum(
             _add(store, replace(answer, rater_id=names[answer.rater_id]))
             for _, answer in chosen
@@ -173,4 +173,4 @@ def _add(store: AnswerStore, answer: Answer) -> bool:
     known = store.find_answer(answer.answer_id)
     if known is not None and replace(known, created_utc=answer.created_utc) == answer:
         return False
-    return store.add_answer(answer)
+    return store.add_answer(answer, copied=True)

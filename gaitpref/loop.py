@@ -109,9 +109,9 @@ def page_of_loop(options: Loop, dataset: Dataset) -> Iterator[People]:
     command = require("gaitpref.label_command", "label")
     page = require("gaitpref.loop_page", "label")
     cfg = command.label_cfg(options.page)
-    with page.loop_page(dataset.root, cfg) as (url, opened):
+    with page.loop_page(dataset.root, cfg) as (notices, opened):
         os.nice(page.NICENESS)
-        for line in command.greeting(url, dataset.root, cfg):
+        for line in command.greeting(notices, dataset.root, cfg):
             console.print(line)
         patience = {}
         if options.patience is not None:

@@ -6,6 +6,8 @@ from typing import Protocol
 
 import viser
 
+from data.limits import MAX_TEXT_CHARS, too_long
+
 from .actions import BAD_REASONS
 from .controls import Post, posts
 
@@ -35,15 +37,19 @@ def bad_clip_dialog(client: viser.ClientHandle, post: Post) -> Dialog:
         for reason in BAD_REASONS:
             button = client.gui.add_button(reason, color="gray")
             button.on_click(posts(post, "bad_reason", reason))
-        other = client.gui.add_text("other", "")
+        other = client.gui.add_text(f"other, up to {MAX_TEXT_CHARS:,} characters", "")
+        remark = client.gui.add_markdown("", visible=False)
         send = client.gui.add_button("Send other reason")
         back = client.gui.add_button("Back without an answer [escape]", color="gray")
 
     @send.on_click
     async def _(event: viser.GuiEvent) -> None:
         del event
-        if other.value.strip():
-            post("bad_reason", other.value.strip()[:500])
+        reason = other.value.strip()
+        if wrong := too_long(reason):
+            remark.content, remark.visible = f"The reason {wrong}.", True
+        elif reason:
+            post("bad_reason", reason)
 
     back.on_click(posts(post, "close"))
     return modal

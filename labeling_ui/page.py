@@ -223,6 +223,7 @@ class Page:
             watched_ms=round(1000 * clock.watched_s),
             response_ms=round(1000 * (time.monotonic() - self._shown_at)),
             client={"replays": clock.replays, "speed": clock.speed},
+            dialog_open=self._modal is not None,
         )
         self._store(lambda desk: desk.answer(judgement))
 

@@ -86,8 +86,12 @@ class Relay:
         """viser's page; parameters that could turn it against the rater are dropped."""
         allowed = [(k, v) for k, v in request.query.items() if is_page_parameter(k)]
         if len(allowed) < len(request.query):
-            return redirect(str(URL("/").with_query(allowed)))
-        accepted = {"Accept-Encoding": request.headers.get("Accept-Encoding", "")}
+            here = URL(f"{self._cfg.path}/")
+            return redirect(str(here.with_query(allowed)))
+        if self._client.closed:
+            return refused(502, _NOT_UP)
+        zipped = "gzip" in request.headers.get("Accept-Encoding", "")
+        accepted = {"Accept-Encoding": "gzip" if zipped else "identity"}
         url = f"http://{self._upstream}/"
         try:
             async with self._client.get(url, headers=accepted) as answer:
@@ -99,7 +103,11 @@ class Relay:
         headers = {
             name: answer.headers[name] for name in kept if name in answer.headers
         }
-        headers["Content-Security-Policy"] = page_policy(request.headers["Host"])
+        headers["Content-Security-Policy"] = page_policy(
+            request.headers["Host"]
+            if self._cfg.public_url is None
+            else self._cfg.public_url.netloc
+        )
         return web.Response(status=answer.status, body=body, headers=headers)
 
     async def join(self, request: web.Request, rater: str) -> web.StreamResponse:
@@ -142,6 +150,8 @@ class Relay:
         """
         async with asyncio.timeout(_REACH_S):
             while True:
+                if self._client.closed:
+                    raise aiohttp.ClientConnectionError("the server stops")
                 try:
                     return await self._client.ws_connect(
                         f"ws://{self._upstream}/",
@@ -152,9 +162,6 @@ class Relay:
                 except aiohttp.ClientError as error:
                     logger.info("viser is tried again for %s: %s", rater, error)
                     await asyncio.sleep(_REACH_AGAIN_S)
-                    if self._client.closed:
-                        # Meanwhile the server has stopped.
-                        raise
 
     async def _watched(self, rater_of: Callable[[web.Request], str | None]) -> None:
         while True:

@@ -18,6 +18,7 @@ from .guidelines import load_guidelines
 from .motion import MotionCache
 from .page import Page, Shared
 from .proxy_cfg import ProxyCfg
+from .public_url import PublicUrl
 from .queue import QueueCfg, RaterSession
 from .site import Site
 from .status import StatusSource, no_status
@@ -41,6 +42,8 @@ class LabelCfg:
     """Certificate for TLS, PEM."""
     key: Path | None = None
     """Its private key, PEM."""
+    public_url: PublicUrl | None = None
+    """Where people open the page, if a reverse proxy stands before it."""
     auth: bool = True
     """Ask for a token; only loopback may go without."""
     shadows: bool = True
@@ -71,6 +74,11 @@ class LabelServer:
         """Where the page is; known once it was started."""
         return self._site.url
 
+    @property
+    def notices(self) -> list[str]:
+        """Where the page is and who could listen, line by line, once it was started."""
+        return self._site.notices
+
     def start(self) -> None:
         """Serve the page until `stop`.
 
@@ -85,6 +93,7 @@ class LabelServer:
                 port=cfg.port,
                 cert=cfg.cert,
                 key=cfg.key,
+                public_url=cfg.public_url,
                 auth=cfg.auth,
                 guidelines=cfg.guidelines,
             ),

@@ -77,6 +77,11 @@ class Site:
         """Where the page is; the port is known once it was started."""
         return self._proxy.url
 
+    @property
+    def notices(self) -> list[str]:
+        """Where the page is and who could listen, line by line, once it was started."""
+        return self._proxy.notices
+
     def start(self, new_page: NewPage) -> None:
         """Give every visitor who came through the proxy a page.
 

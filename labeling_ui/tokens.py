@@ -10,22 +10,27 @@ import fcntl
 import hashlib
 import hmac
 import json
+import os
 import re
 import secrets
+import stat
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from data.dataset import LOCK_NAME
 from data.errors import GaitprefError
 from data.files import write_atomically
+from data.limits import MAX_NAME_CHARS
 
 TOKENS_NAME = "raters.json"
-_NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
+_NAME = re.compile(rf"[A-Za-z0-9_-]{{1,{MAX_NAME_CHARS}}}")
+_HEX_32_BYTES = re.compile(r"[0-9a-f]{64}")
+_MAX_FILE_BYTES = 2**22
+"""Of the file: some ten thousand raters."""
 
 
 class TokenError(GaitprefError):
@@ -123,18 +128,22 @@ class TokenStore:
     def _read(self) -> tuple[dict[str, Token], bytes]:
         with self._mutex:
             try:
-                stat = self.path.stat()
-                stamp = (stat.st_ino, stat.st_size, stat.st_mtime_ns)
+                found = self.path.stat()
+                stamp = (found.st_ino, found.st_size, found.st_mtime_ns)
                 if stamp != self._stamp:
-                    content = json.loads(self.path.read_bytes())
-                    self._tokens = _decoded(content["raters"])
-                    self._key = bytes.fromhex(content["key"])
+                    self._tokens, self._key = _decoded(_content(self.path, found))
                     self._stamp = stamp
             except FileNotFoundError:
                 self._stamp, self._tokens, self._key = None, {}, b""
-            except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            except OSError as error:
                 raise TokenError(
-                    f"{self.path} cannot be used ({error}); delete it and add the "
+                    f"{self.path} cannot be read ({error.strerror or error}); let "
+                    "whoever runs this read it"
+                ) from None
+            except (ValueError, RecursionError) as error:
+                said = " ".join(str(error).split())[:120]
+                raise TokenError(
+                    f"{self.path} cannot be used ({said}); delete it and add the "
                     "raters again, their answers are kept elsewhere"
                 ) from None
             return self._tokens, self._key
@@ -159,13 +168,65 @@ def require_name(name: str) -> None:
     """
     if not _NAME.fullmatch(name):
         raise TokenError(
-            f"{name!r} cannot be a rater's name; use 1 to 40 of a-z, A-Z, 0-9, - and "
-            "_, a pseudonym is best"
+            f"{name!r} cannot be a rater's name; use 1 to {MAX_NAME_CHARS} of a-z, "
+            "A-Z, 0-9, - and _, a pseudonym is best"
         )
 
 
-def _decoded(raters: dict[str, Any]) -> dict[str, Token]:
-    return {name: Token(**values) for name, values in raters.items()}
+def _content(path: Path, found: os.stat_result) -> bytes:
+    """What is in the file of tokens.
+
+    Raises:
+        ValueError: it is none that was written here.
+    """
+    if not stat.S_ISREG(found.st_mode):
+        raise ValueError("it is no file")
+    if found.st_size > _MAX_FILE_BYTES:
+        raise ValueError(f"it has {found.st_size:,} bytes, {_MAX_FILE_BYTES:,} at most")
+    return path.read_bytes()
+
+
+def _decoded(content: bytes) -> tuple[dict[str, Token], bytes]:
+    """Raters and the key of the signatures.
+
+    Raises:
+        ValueError, RecursionError: it is not what `_write` writes.
+    """
+    values = json.loads(content, object_pairs_hook=_unique)
+    key, raters = _fields(values, "the file", "key", "raters")
+    if not isinstance(key, str) or not _HEX_32_BYTES.fullmatch(key):
+        raise ValueError("its key is not 64 hexadecimal digits")
+    if not isinstance(raters, dict):
+        raise ValueError("its raters are no object")
+    tokens = {name: _token(name, entry) for name, entry in raters.items()}
+    if len({token.sha256 for token in tokens.values()}) < len(tokens):
+        raise ValueError("two raters have the same token")
+    return tokens, bytes.fromhex(key)
+
+
+def _token(name: str, entry: object) -> Token:
+    if not _NAME.fullmatch(name):
+        raise ValueError(f"{name[:MAX_NAME_CHARS]!r} is no rater's name")
+    created, sha256 = _fields(entry, f"rater {name}", "created_utc", "sha256")
+    if not isinstance(sha256, str) or not _HEX_32_BYTES.fullmatch(sha256):
+        raise ValueError(f"the token of {name} is not 64 hexadecimal digits")
+    if not isinstance(created, str) or datetime.fromisoformat(created).tzinfo is None:
+        raise ValueError(f"the token of {name} has no time in UTC")
+    return Token(sha256, created)
+
+
+def _fields(values: object, owner: str, *names: str) -> list[object]:
+    """The values of an object that has these fields and no others."""
+    if not isinstance(values, dict) or set(values) != set(names):
+        raise ValueError(f"{owner} does not have the fields {' and '.join(names)}")
+    return [values[name] for name in names]
+
+
+def _unique(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    values = dict(pairs)
+    if len(values) < len(pairs):
+        raise ValueError("a name is in it twice")
+    return values
 
 
 def _sha256(token: str) -> str:
