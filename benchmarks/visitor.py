@@ -6,11 +6,13 @@ import asyncio
 import re
 import time
 from collections import Counter
+from collections.abc import Callable
 from typing import Any
 
 import aiohttp
 import msgspec
 import zstandard
+from yarl import URL
 
 _ANSWERED = re.compile(r"(\d+) answered, (\d+) open")
 _LOOP = re.compile(r">((?:round \d+ of \d+|the last round): [^<]*)<")
@@ -32,9 +34,20 @@ _CAMERA = {
 class Visitor:
     """One rater at the page; answers by the page's own hotkeys."""
 
-    def __init__(self, url: str, token: str | None) -> None:
-        """Nobody has come yet; without a token there is no login either."""
-        self._url, self._token = url, token
+    def __init__(
+        self,
+        url: str,
+        token: str | None,
+        connector: Callable[[], aiohttp.BaseConnector] | None = None,
+    ) -> None:
+        """Nobody has come yet.
+
+        Args:
+            url: Of the page, without a slash at the end.
+            token: Without one there is no login either.
+            connector: Makes the way to the server, where it is an unusual one.
+        """
+        self._url, self._token, self._connector = url, token, connector
         self._commands: dict[str, str] = {}
         self._sliders: dict[str, str] = {}
         self.texts: dict[str, str] = {}
@@ -59,7 +72,9 @@ class Visitor:
         """Log in and read until cancelled, or until the server goes away."""
         jar = aiohttp.CookieJar(unsafe=True)
         async with aiohttp.ClientSession(
-            cookie_jar=jar, headers={"Origin": self._url}
+            cookie_jar=jar,
+            headers={"Origin": str(URL(self._url).origin())},
+            connector=None if self._connector is None else self._connector(),
         ) as session:
             if self._token is not None:
                 login = {"token": self._token}
@@ -83,7 +98,7 @@ class Visitor:
         for remaining in reversed(range(_ATTEMPTS)):
             try:
                 return await session.ws_connect(
-                    self._url + "/", protocols=("viser-v1.1.1",), max_msg_size=0
+                    self._url, protocols=("viser-v1.1.1",), max_msg_size=0
                 )
             except aiohttp.WSServerHandshakeError:
                 if not remaining:

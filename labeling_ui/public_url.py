@@ -11,7 +11,7 @@ from .web_checks import is_loopback
 
 _URL = re.compile(
     r"(?P<scheme>https?)://"
-    r"(?P<name>[a-z0-9._-]+|\[[0-9a-f:.]+\])(:(?P<port>[0-9]{1,5}))?"
+    r"(?P<name>[a-z0-9._-]{1,253}|\[[0-9a-f:.]{1,45}\])(:(?P<port>[0-9]{1,5}))?"
     r"(?P<path>(/[a-z0-9._~-]+)*)/?",
     re.IGNORECASE,
 )
