@@ -11,12 +11,10 @@ _STRANGERS = (HttpProcessingError, web.RequestPayloadError)
 """What a stranger's bytes raise; everything else is a fault of ours."""
 
 
-def http_logger() -> logging.Logger:
-    """Where the server says what becomes of requests before we see them."""
-    logger = logging.getLogger(__name__)
+def shorten_http_log() -> None:
+    """Have one line written for each of them from now on."""
     # Adding the same filter twice adds it once.
-    logger.addFilter(_shortened)
-    return logger
+    logging.getLogger("aiohttp.server").addFilter(_shortened)
 
 
 def _shortened(record: logging.LogRecord) -> bool:

@@ -18,7 +18,7 @@ from data.errors import GaitprefError
 
 from .figures import RaterFigures
 from .guidelines import load_guidelines
-from .http_log import http_logger
+from .http_log import shorten_http_log
 from .login import Login
 from .proxy_cfg import IN_CLEAR, refuse_unsafe, tls_context
 from .proxy_cfg import ProxyCfg as ProxyCfg
@@ -81,13 +81,11 @@ class Proxy:
         """
         refuse_unsafe(self.cfg, self._tokens)
         context = tls_context(self.cfg)
+        shorten_http_log()
         if self.cfg.in_clear:
             logger.warning(IN_CLEAR)
         self._runner = web.AppRunner(
-            self._application(),
-            access_log=None,
-            logger=http_logger(),
-            shutdown_timeout=1.0,
+            self._application(), access_log=None, shutdown_timeout=1.0
         )
         await self._runner.setup()
         # Before the port is open: the first visitor may be waiting for it.

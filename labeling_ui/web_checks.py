@@ -9,7 +9,9 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from urllib.parse import parse_qs
 
-_HOST = re.compile(r"(?P<name>[A-Za-z0-9._-]{1,253}|\[[0-9A-Fa-f:.]{1,45}\])(:[0-9]{1,5})?")
+_HOST = re.compile(
+    r"(?P<name>[A-Za-z0-9._-]{1,253}|\[[0-9A-Fa-f:.]{1,45}\])(:[0-9]{1,5})?"
+)
 _PAGE_PARAMETERS = ("darkMode", "fixedDpr", "hideViserLogo", "logCamera", "showStats")
 _CAMERA = re.compile(r"initialCamera(Position|LookAt|Up|Fov|Near|Far)")
 _PROTOCOL = re.compile(r"viser-v[A-Za-z0-9.+-]{1,40}")

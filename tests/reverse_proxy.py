@@ -1,4 +1,4 @@
-"""nginx or Caddy before the labeling page, with the very block the documentation has."""
+"""nginx or Caddy before the labeling page, with the block the documentation has."""
 
 from __future__ import annotations
 
