@@ -17,6 +17,7 @@ from yarl import URL
 _ANSWERED = re.compile(r"(\d+) answered, (\d+) open")
 _LOOP = re.compile(r">((?:round \d+ of \d+|the last round): [^<]*)<")
 _ATTEMPTS = 5
+_ELEMENTS = ("GuiSliderMessage", "GuiTextMessage", "GuiButtonMessage")
 _CAMERA = {
     "type": "ViewerCameraMessage",
     "wxyz": (1.0, 0.0, 0.0, 0.0),
@@ -49,7 +50,8 @@ class Visitor:
         """
         self._url, self._token, self._connector = url, token, connector
         self._commands: dict[str, str] = {}
-        self._sliders: dict[str, str] = {}
+        self.elements: dict[str, str] = {}
+        """Ids of sliders, texts and buttons by their labels."""
         self.texts: dict[str, str] = {}
         """What every piece of text on the page says now, by its id."""
         self.moved: Counter[str] = Counter()
@@ -115,7 +117,11 @@ class Visitor:
 
     async def slide(self, label: str, value: float) -> None:
         """Move a slider, as a hand would."""
-        uuid = self._sliders[label]
+        await self.set(label, value)
+
+    async def set(self, label: str, value: float | str | bool) -> None:
+        """Move a slider, fill in a text or press a button."""
+        uuid = self.elements[label]
         updates = {"value": value}
         await self._send({"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates})
 
@@ -146,8 +152,8 @@ class Visitor:
                     moved |= robot == "robot_A"
             elif kind == "GuiUpdateMessage":
                 self._read_text(message["uuid"], message["updates"].get("content"))
-            elif kind == "GuiSliderMessage":
-                self._sliders[message["props"]["label"]] = message["uuid"]
+            elif kind in _ELEMENTS:
+                self.elements[message["props"]["label"]] = message["uuid"]
             elif kind == "RegisterCommandMessage":
                 self._commands[message["props"]["label"]] = message["uuid"]
             elif kind == "GuiModalMessage":

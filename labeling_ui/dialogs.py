@@ -9,7 +9,7 @@ import viser
 from data.limits import MAX_TEXT_CHARS, too_long
 
 from .actions import BAD_REASONS
-from .controls import Post, posts
+from .controls import Post, boxed, posts, warning
 
 
 class Dialog(Protocol):
@@ -38,7 +38,7 @@ def bad_clip_dialog(client: viser.ClientHandle, post: Post) -> Dialog:
             button = client.gui.add_button(reason, color="gray")
             button.on_click(posts(post, "bad_reason", reason))
         other = client.gui.add_text(f"other, up to {MAX_TEXT_CHARS:,} characters", "")
-        remark = client.gui.add_markdown("", visible=False)
+        remark = client.gui.add_html("", visible=False)
         send = client.gui.add_button("Send other reason")
         back = client.gui.add_button("Back without an answer [escape]", color="gray")
 
@@ -47,7 +47,10 @@ def bad_clip_dialog(client: viser.ClientHandle, post: Post) -> Dialog:
         del event
         reason = other.value.strip()
         if wrong := too_long(reason):
-            remark.content, remark.visible = f"The reason {wrong}.", True
+            remark.content, remark.visible = (
+                boxed(warning(f"The reason {wrong}.")),
+                True,
+            )
         elif reason:
             post("bad_reason", reason)
 
