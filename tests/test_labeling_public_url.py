@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Awaitable, Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -25,19 +25,29 @@ from gaitpref import options
 from gaitpref.cli import main, parse
 from gaitpref.loop import page_of_loop
 from labeling_ui.public_url import parse_public_url
+from labeling_ui.relay import CLOSE_GOING_AWAY
 from labeling_ui.tokens import TokenStore
 from labeling_ui.web_checks import address_block, visitor_address
 
-from .labeling_visitor import House, house
+from .labeling_visitor import PROTOCOL, House, house
 from .reverse_proxy import NAME, ReverseProxy, free_port, reverse_proxy
 
 PUBLIC = "https://label.example.org/gait"
 Scenario = Callable[["Front"], Awaitable[None]]
 
 
+@dataclass(frozen=True)
+class Labeling:
+    """`gaitpref label` as a process."""
+
+    process: subprocess.Popen[str]
+    said: list[str]
+    """What it said when the page was up."""
+
+
 @contextmanager
-def labeling(root: Path, *options: str) -> Iterator[list[str]]:
-    """`gaitpref label` as a process; gives what it says, ends it by SIGTERM."""
+def labeling(root: Path, *options: str) -> Iterator[Labeling]:
+    """The page of the data set at `root`; it is ended by SIGTERM."""
     log = root.with_suffix(".log")
     with log.open("wb") as errors:
         process = subprocess.Popen(
@@ -62,7 +72,7 @@ def labeling(root: Path, *options: str) -> Iterator[list[str]]:
             if line.startswith("make a token"):
                 break
         assert said, log.read_text()
-        yield said
+        yield Labeling(process, said)
         process.send_signal(signal.SIGTERM)
         assert process.wait(timeout=60) == 0
         assert "Traceback" not in log.read_text()
@@ -156,10 +166,10 @@ def test_the_documented_block_works(tmp_path: Path, kind: str, path: str) -> Non
         ) as proxy,
         labeling(
             root, "--port", str(page_port), "--public-url", f"{origin}{path}"
-        ) as said,
+        ) as page,
     ):
-        assert said[0] == f"the labeling page is at {origin}{path}/"
-        assert said[1].endswith(f"pass it on to http://127.0.0.1:{page_port}")
+        assert page.said[0] == f"the labeling page is at {origin}{path}/"
+        assert page.said[1].endswith(f"pass it on to http://127.0.0.1:{page_port}")
         asyncio.run(visits(origin, path, token, proxy))
     with Dataset.open(dataset.root).answers() as store:
         assert store.count(rater_id="ann") == 1
@@ -427,8 +437,10 @@ def test_what_travels_in_clear_is_said_on_the_console(tmp_path: Path) -> None:
     Dataset.create(tmp_path / "set")
     TokenStore(tmp_path / "set").add("ann")
     given = ("--host", "0.0.0.0", "--port", "0", "--public-url", "http://lab.example")
-    with labeling(tmp_path / "set", *given) as said:
-        clear = [line for line in said if "answers and tokens travel in clear" in line]
+    with labeling(tmp_path / "set", *given) as page:
+        clear = [
+            line for line in page.said if "answers and tokens travel in clear" in line
+        ]
     assert len(clear) == 2
     assert "--cert and --key" in clear[0]
     assert "http://lab.example/" in clear[1]
@@ -451,3 +463,41 @@ def test_the_page_of_the_loop_takes_it_too(
         said = capsys.readouterr().err
     assert f"the labeling page is at {PUBLIC}/" in said
     assert f"pass it on to http://127.0.0.1:{command.page.port}" in said
+
+
+def test_sigterm_ends_a_page_people_are_at(tmp_path: Path) -> None:
+    """Quietly, though some come and go in that very moment."""
+    root = tmp_path / "set"
+    walking_dataset(root, pairs=3)
+    tokens = [TokenStore(root).add(f"rater{number}") for number in range(4)]
+
+    async def comes_and_goes(url: str, token: str) -> None:
+        async with aiohttp.ClientSession(
+            cookie_jar=aiohttp.CookieJar(unsafe=True), headers={"Origin": url}
+        ) as browser:
+            async with browser.post(f"{url}/login", data={"token": token}):
+                pass
+            with suppress(aiohttp.ClientConnectorError):
+                while True:
+                    with suppress(aiohttp.WSServerHandshakeError):
+                        socket = await browser.ws_connect(url, protocols=[PROTOCOL])
+                        await socket.close()
+                    async with browser.get(url):
+                        pass
+
+    async def scenario(page: Labeling) -> None:
+        url = page.said[0].split()[-1]
+        visitor = Visitor(url, tokens[0])
+        there = asyncio.create_task(visitor.run())
+        restless = [
+            asyncio.create_task(comes_and_goes(url, token)) for token in tokens[1:]
+        ]
+        async with asyncio.timeout(60):
+            await visitor.until_moving()
+            page.process.send_signal(signal.SIGTERM)
+            await asyncio.to_thread(page.process.wait)
+            await asyncio.gather(there, *restless, return_exceptions=True)
+        assert visitor.close_code == CLOSE_GOING_AWAY
+
+    with labeling(root, "--port", "0") as page:
+        asyncio.run(scenario(page))
