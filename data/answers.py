@@ -38,7 +38,8 @@ from data.answer_rows import (
     insert_into,
 )
 from data.errors import AnswerError
-from data.limits import MAX_RATER_CHARS, too_long
+from data.limits import RATER_ID_CHARS
+from data.typed_text import too_long
 
 
 class AnswerStore:
@@ -116,7 +117,7 @@ class AnswerStore:
         if kind not in get_args(RaterKind):
             known = ", ".join(get_args(RaterKind))
             raise ValueError(f"a rater is one of {known}, got {kind!r}")
-        if not copied and (wrong := too_long(rater_id, MAX_RATER_CHARS)):
+        if not copied and (wrong := too_long(rater_id, RATER_ID_CHARS)):
             raise AnswerError(f"the rater {rater_id[:40]!r}... {wrong}; shorten it")
         row = encode_rater(rater_id, kind, info or {})
         query = f"{insert_into('rater')} ON CONFLICT (rater_id) DO NOTHING"

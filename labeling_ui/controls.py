@@ -10,7 +10,7 @@ from typing import Any
 import viser
 from viser import GuiButtonHandle, GuiEvent
 
-from data.limits import MAX_TEXT_CHARS
+from data.limits import NOTE_CHARS
 
 from .actions import (
     CONFIDENCES,
@@ -85,7 +85,7 @@ class Controls:
         self._bad = self._button("bad", post)
         self._undo = self._button("undo", post)
         self._keep = self._button("keep", post)
-        with gui.add_folder(f"Note (up to {MAX_TEXT_CHARS:,} characters), confidence"):
+        with gui.add_folder(f"Note (up to {NOTE_CHARS:,} characters), confidence"):
             self.note = gui.add_text("note", "", multiline=True)
             self.confidence = gui.add_dropdown("you are", tuple(CONFIDENCES))
         self.note.on_update(posts_value(post, "note"))

@@ -6,7 +6,8 @@ from typing import Protocol
 
 import viser
 
-from data.limits import MAX_TEXT_CHARS, too_long
+from data.limits import NOTE_CHARS
+from data.typed_text import too_long
 
 from .actions import BAD_REASONS
 from .controls import Post, boxed, posts, warning
@@ -37,7 +38,7 @@ def bad_clip_dialog(client: viser.ClientHandle, post: Post) -> Dialog:
         for reason in BAD_REASONS:
             button = client.gui.add_button(reason, color="gray")
             button.on_click(posts(post, "bad_reason", reason))
-        other = client.gui.add_text(f"other, up to {MAX_TEXT_CHARS:,} characters", "")
+        other = client.gui.add_text(f"other, up to {NOTE_CHARS:,} characters", "")
         remark = client.gui.add_html("", visible=False)
         send = client.gui.add_button("Send other reason")
         back = client.gui.add_button("Back without an answer [escape]", color="gray")

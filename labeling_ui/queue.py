@@ -14,7 +14,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 
 from data.answers import Answer, AnswerStore, Pair
-from data.limits import plain_text, too_long
+from data.typed_text import plain_text, too_long
 
 from .guard import GuardCfg, GuardState, weigh
 from .judgement import (

@@ -24,10 +24,10 @@ from pathlib import Path
 from data.dataset import LOCK_NAME
 from data.errors import GaitprefError
 from data.files import write_atomically
-from data.limits import MAX_NAME_CHARS
+from data.limits import NAME_CHARS
 
 TOKENS_NAME = "raters.json"
-_NAME = re.compile(rf"[A-Za-z0-9_-]{{1,{MAX_NAME_CHARS}}}")
+_NAME = re.compile(rf"[A-Za-z0-9_-]{{1,{NAME_CHARS}}}")
 _HEX_32_BYTES = re.compile(r"[0-9a-f]{64}")
 _MAX_FILE_BYTES = 2**22
 """Of the file: some ten thousand raters."""
@@ -168,7 +168,7 @@ def require_name(name: str) -> None:
     """
     if not _NAME.fullmatch(name):
         raise TokenError(
-            f"{name!r} cannot be a rater's name; use 1 to {MAX_NAME_CHARS} of a-z, "
+            f"{name!r} cannot be a rater's name; use 1 to {NAME_CHARS} of a-z, "
             "A-Z, 0-9, - and _, a pseudonym is best"
         )
 
@@ -206,7 +206,7 @@ def _decoded(content: bytes) -> tuple[dict[str, Token], bytes]:
 
 def _token(name: str, entry: object) -> Token:
     if not _NAME.fullmatch(name):
-        raise ValueError(f"{name[:MAX_NAME_CHARS]!r} is no rater's name")
+        raise ValueError(f"{name[:NAME_CHARS]!r} is no rater's name")
     created, sha256 = _fields(entry, f"rater {name}", "created_utc", "sha256")
     if not isinstance(sha256, str) or not _HEX_32_BYTES.fullmatch(sha256):
         raise ValueError(f"the token of {name} is not 64 hexadecimal digits")

@@ -23,7 +23,7 @@ from data.answers import Answer, AnswerStore, Choice, Pair
 from data.clips import Clip
 from data.dataset import Dataset
 from data.errors import AnswerError, AnswersUnreachable
-from data.limits import MAX_RATER_CHARS, MAX_TEXT_CHARS
+from data.limits import NOTE_CHARS, RATER_ID_CHARS
 from data.questions import Overlap, QuestionBoard, Shown
 from data.verify import verify
 
@@ -685,7 +685,7 @@ def test_what_people_type_has_a_limit(store: AnswerStore) -> None:
     """In every store, whoever asks for it to be kept."""
     fill(store)
     pair = store.pairs()[2]
-    longest = "x" * MAX_TEXT_CHARS
+    longest = "x" * NOTE_CHARS
     for number, name in enumerate(("note", "reason")):
         answer_id = f"new{number}"
         long = make_answer(answer_id, pair, **{name: longest + "x"})
@@ -694,7 +694,7 @@ def test_what_people_type_has_a_limit(store: AnswerStore) -> None:
         assert store.find_answer(answer_id) is None
         assert store.add_answer(make_answer(answer_id, pair, **{name: longest}))
     with pytest.raises(AnswerError, match="has 201 characters, 200 at most"):
-        store.add_rater("x" * (MAX_RATER_CHARS + 1), "human")
+        store.add_rater("x" * (RATER_ID_CHARS + 1), "human")
 
 
 def test_what_was_typed_before_there_was_a_limit_is_kept(tmp_path: Path) -> None:

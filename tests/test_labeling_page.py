@@ -14,7 +14,7 @@ import pytest
 from benchmarks.visitor import Visitor
 from benchmarks.walks import walking_dataset
 from data.answers import Answer
-from data.limits import MAX_TEXT_CHARS
+from data.limits import NOTE_CHARS
 from labeling_ui.guard import GuardCfg
 from labeling_ui.page import REFRESH_S
 from labeling_ui.queue import QueueCfg
@@ -157,11 +157,11 @@ def told(visitor: Visitor, words: str) -> bool:
 
 def test_what_is_typed_has_a_limit_that_is_told(tmp_path: Path) -> None:
     """Too long a text is not stored, nor cut, nor lost; a shorter one is taken."""
-    longest = "x" * MAX_TEXT_CHARS
-    other = f"other, up to {MAX_TEXT_CHARS:,} characters"
+    longest = "x" * NOTE_CHARS
+    other = f"other, up to {NOTE_CHARS:,} characters"
 
     async def part(visitor: Visitor) -> None:
-        for length in (900_000, MAX_TEXT_CHARS + 1):
+        for length in (900_000, NOTE_CHARS + 1):
             await visitor.set("note", "x" * length)
             await visitor.press("A better")
             await until(partial(told, visitor, f"The note has {length:,} characters"))
