@@ -61,8 +61,17 @@ def read_file(path: Path, limit: int) -> bytes:
         OSError: it is missing, or cannot be read.
     """
     with open_regular(path) as file:
-        size = os.fstat(file.fileno()).st_size
-        content = file.read(limit + 1) if size <= limit else b""
+        return read_bounded(file, path, limit)
+
+
+def read_bounded(file: BinaryIO, path: Path, limit: int) -> bytes:
+    """What is left of an open file, `path`, of `limit` bytes at most.
+
+    Raises:
+        FileError, OSError: as for `read_file`.
+    """
+    size = os.fstat(file.fileno()).st_size
+    content = file.read(limit + 1) if size <= limit else b""
     if size > limit or len(content) > limit:
         raise FileError(
             f"{path} has {max(size, len(content)):,} bytes, such a file is read up to "

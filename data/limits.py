@@ -10,6 +10,8 @@ EPISODE_BYTES = 512 * 2**20
 """One episode file; ten minutes at 50 Hz take 30 MB."""
 EPISODE_CHUNK_BYTES = 32 * 2**20
 """What a chunk of an episode may unpack to: 250 times what the writer puts into one."""
+EPISODE_UNPACKED_BYTES = 256 * 2**20
+"""What all chunks of an episode may unpack to."""
 BAG_CHUNK_BYTES = 256 * 2**20
 """What a chunk of a ROS bag may unpack to, and the longest record in one; 0.75 MB are
 usual, a chunk holds one message at least."""
