@@ -73,10 +73,7 @@ def read_bounded(file: BinaryIO, path: Path, limit: int) -> bytes:
     size = os.fstat(file.fileno()).st_size
     content = file.read(limit + 1) if size <= limit else b""
     if size > limit or len(content) > limit:
-        raise FileError(
-            f"{path} has {max(size, len(content)):,} bytes, such a file is read up to "
-            f"{limit:,}; give another file"
-        )
+        raise _too_long(path, max(size, len(content)), limit)
     return content
 
 
@@ -106,17 +103,20 @@ def read_json(path: Path, limit: int = FACTS_BYTES) -> Any:
         ) from error
 
 
-def require_regular(path: Path) -> None:
-    """Make sure that a path leads to a file, without opening it.
+def require_regular(path: Path, limit: int | None = None) -> None:
+    """Make sure that a path leads to a file that others may open.
 
-    For files that others open. SQLite drops its locks when anybody in the process closes
-    the file.
+    It is not opened here: SQLite drops its locks when anybody in the process closes the
+    file.
 
     Raises:
-        FileError: it is something else.
+        FileError: it is something else, or longer than `limit` bytes.
         OSError: it is missing.
     """
-    _require_file(path, os.stat(path).st_mode)
+    found = os.stat(path)
+    _require_file(path, found.st_mode)
+    if limit is not None and found.st_size > limit:
+        raise _too_long(path, found.st_size, limit)
 
 
 def _require_file(path: Path, mode: int) -> None:
@@ -124,7 +124,14 @@ def _require_file(path: Path, mode: int) -> None:
         return
     kinds = (name for is_kind, name in _KINDS if is_kind(mode))
     kind = next(kinds, "no file")
-    raise FileError(f"{path} is {kind}, where a file is wanted; give the path of a file")
+    raise FileError(f"{path} is {kind}, where a file is wanted; give another path")
+
+
+def _too_long(path: Path, size: int, limit: int) -> FileError:
+    return FileError(
+        f"{path} has {size:,} bytes, such a file is read up to {limit:,}; give another "
+        "file"
+    )
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """How much is read of what may come from a stranger, in one place.
 
-A file that claims more is refused before it is read. Every limit lies far above what the
-project itself writes, and together they bound the memory a file can cost.
+A file that claims more is refused before it is read. Every limit lies far above what
+the project itself writes, and together they bound the memory that a file can cost.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ MANIFEST_BYTES = 512 * 2**20
 """A manifest; each of its episodes takes 1 kB."""
 MANIFEST_LINE_BYTES = 2**20
 """What a manifest says of one episode."""
-ARCHIVE_MEMBERS = 2_000_000
-"""Files in an archive; zip keeps what it says of them in memory."""
+ARCHIVE_DIRECTORY_BYTES = 64 * 2**20
+"""What an archive says of its files before they are looked at; each takes 130 bytes."""
 ANSWERS_BYTES = 512 * 2**20
 """The answers in an archive; each takes 0.5 kB, its pair as much."""
 POLICY_BYTES = 512 * 2**20

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import zipfile
+from io import BytesIO
+
 import zstandard
 
 _LARGEST_WINDOW = 2**27
@@ -37,3 +40,20 @@ def require_size(size: int, limit: int) -> None:
     """
     if size > limit:
         raise ValueError(f"it claims to unpack to {size} bytes, the limit is {limit}")
+
+
+def require_stored(archive: bytes) -> None:
+    """Make sure that a zip holds no more than its own size, as all of ours do.
+
+    Raises:
+        ValueError: it is no zip, or something in it is compressed or there twice.
+    """
+    try:
+        with zipfile.ZipFile(BytesIO(archive)) as file:
+            members = file.infolist()
+    except (zipfile.BadZipFile, NotImplementedError, EOFError) as error:
+        raise ValueError(str(error)) from error
+    for member in members:
+        if member.compress_type != zipfile.ZIP_STORED:
+            raise ValueError(f"{member.filename[:80]} in it is compressed")
+    require_size(sum(member.file_size for member in members), len(archive))

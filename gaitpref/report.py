@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import json
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from data.files import write_atomically
+from data.errors import FileError
+from data.files import read_json, write_atomically
 
 from .loop_cfg import LoopCfg, RunError
 from .pictures import BLUE, GREY, plain_axes, svg_of
@@ -77,10 +77,10 @@ def read_rounds(run: Path) -> list[dict[str, Any]]:
     rounds = []
     for file in files:
         try:
-            rounds.append(json.loads(file.read_text()))
-        except json.JSONDecodeError as error:
+            rounds.append(read_json(file))
+        except FileError as error:
             raise RunError(
-                f"{file} is damaged ({error}): delete it and repeat the loop's command"
+                f"{error}, or move it away and repeat the loop's command"
             ) from None
     return rounds
 

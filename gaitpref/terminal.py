@@ -15,7 +15,15 @@ from rich.text import Text
 
 from data.shown import shown, shown_lines
 
-_PLAIN = {"•": "*", "±": "+-", "–": "-", "—": "-", "…": "...", "→": "->", "·": "."}
+_PLAIN = {
+    "\N{BULLET}": "*",
+    "\N{PLUS-MINUS SIGN}": "+-",
+    "\N{EN DASH}": "-",
+    "\N{EM DASH}": "-",
+    "\N{HORIZONTAL ELLIPSIS}": "...",
+    "\N{RIGHTWARDS ARROW}": "->",
+    "\N{MIDDLE DOT}": ".",
+}
 _HANDLER = "gaitpref.plain"
 
 

@@ -96,7 +96,7 @@ def _nearest_option(args: Sequence[str], known: dict[str, tuple[str, ...]]) -> s
             near = difflib.get_close_matches(name.replace("_", "-"), list(known), 1)
             if near:
                 return f"did you mean {near[0]} by {name}?"
-        elif name in known and known[name]:
+        elif known.get(name):
             value = value or "".join(args[index + 1 : index + 2])
             near = difflib.get_close_matches(value, known[name], 1)
             if near and value not in known[name]:

@@ -6,7 +6,6 @@ it changes, so that a running server knows of a revocation at once.
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import hmac
 import json
@@ -22,7 +21,8 @@ from typing import Any
 
 from data.dataset import LOCK_NAME
 from data.errors import GaitprefError
-from data.files import write_atomically
+from data.files import locked, read_file, write_atomically
+from data.limits import FACTS_BYTES
 
 TOKENS_NAME = "raters.json"
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
@@ -126,7 +126,7 @@ class TokenStore:
                 stat = self.path.stat()
                 stamp = (stat.st_ino, stat.st_size, stat.st_mtime_ns)
                 if stamp != self._stamp:
-                    content = json.loads(self.path.read_bytes())
+                    content = json.loads(read_file(self.path, FACTS_BYTES))
                     self._tokens = _decoded(content["raters"])
                     self._key = bytes.fromhex(content["key"])
                     self._stamp = stamp
@@ -146,8 +146,7 @@ class TokenStore:
 
     @contextmanager
     def _locked(self) -> Iterator[None]:
-        with (self.path.parent / LOCK_NAME).open("ab") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)
+        with locked(self.path.parent / LOCK_NAME):
             yield
 
 
