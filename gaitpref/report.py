@@ -56,9 +56,16 @@ def write_report(run: Path) -> Path:
     """
     cfg = read_config(run)
     rounds = read_rounds(run)
+    try:
+        text = render(run, cfg, rounds)
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as why:
+        raise RunError(
+            f"the reports of the rounds of {run} are not what a loop writes "
+            f"({type(why).__name__}: {why}); restore them from a copy"
+        ) from why
     page = run / PAGE_NAME
     page.parent.mkdir(exist_ok=True)
-    write_atomically(page, render(run, cfg, rounds).encode())
+    write_atomically(page, text.encode())
     return page
 
 
@@ -194,7 +201,7 @@ def _table(rounds: list[dict[str, Any]]) -> str:
         "spread",
     )
     rows = "".join(
-        "<tr>" + "".join(f"<td>{cell}</td>" for cell in _cells(r)) + "</tr>"
+        f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in _cells(r))}</tr>"
         for r in rounds
     )
     return (

@@ -87,7 +87,7 @@ def policy_stage(
             told = f"round {round.number}: {plan.watch.alarm}"
             asks = round.number < cfg.rounds
             before = ", so it asks before it trains on" if asks else ""
-            console.print(f"[bold red]ALARM[/] {told}{before}")
+            console.alarm(f"{told}{before}")
     judged = round.number == cfg.rounds and labels_kept(cfg, round, dataset)
     replace_directory(partial, round.candidate if judged else round.policy.parent)
 

@@ -133,4 +133,4 @@ def report_stage(
         f"{evaluation['falls_per_minute']:.2f} falls/min"
     )
     for reason in result["trust"]["alarms"]:
-        console.print(f"[bold red]ALARM[/] round {round.number}: {reason}")
+        console.alarm(f"round {round.number}: {reason}")
