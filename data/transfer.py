@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from data.answer_fields import require_sound
 from data.answer_records import Answer, Pair, RaterKind
 from data.answers import AnswerStore
 from data.dataset import Dataset
@@ -56,6 +57,7 @@ def transfer(
     before = {entry.sha256 for entry in target.entries()}
     with source.answers_copy() as store:
         raters, pairs, answered = store.rater_rows(), store.pairs(), store.all_answers()
+    require_sound(str(source.root), raters, pairs, (answer for _, answer in answered))
     here = {p.pair_id for p in pairs if {p.a.rollout, p.b.rollout} <= hashes}
     chosen = [(p, a) for p, a in answered if p.pair_id in here and wanted(p, a)]
     chosen = _with_corrected(chosen, answered)

@@ -8,6 +8,7 @@ import yaml
 
 from data.files import write_atomically
 from data.plain import from_plain, to_plain
+from data.yaml_file import read_yaml
 
 from .loop_cfg import LoopCfg, RunError
 
@@ -59,8 +60,8 @@ def read_config(run: Path) -> LoopCfg:
 
 def _load(path: Path) -> dict[str, object]:
     try:
-        values = yaml.safe_load(path.read_text())
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        values = read_yaml(path)
+    except ValueError as error:
         raise RunError(
             f"{path} is damaged: {' '.join(str(error).split())[:160]}"
         ) from None

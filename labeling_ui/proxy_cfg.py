@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from data.errors import GaitprefError
+from data.files import require_regular
 
 from .public_url import PublicUrl
 from .tokens import TokenStore
@@ -160,6 +161,8 @@ def tls_context(cfg: ProxyCfg) -> ssl.SSLContext | None:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     try:
+        for path in (cfg.cert, cfg.key):
+            require_regular(path)
         # An empty password, because OpenSSL would ask for one on the terminal.
         context.load_cert_chain(cfg.cert, cfg.key, password="")
     except OSError as error:

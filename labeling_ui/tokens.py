@@ -6,14 +6,11 @@ it changes, so that a running server knows of a revocation at once.
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import hmac
 import json
-import os
 import re
 import secrets
-import stat
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,14 +20,12 @@ from pathlib import Path
 
 from data.dataset import LOCK_NAME
 from data.errors import GaitprefError
-from data.files import write_atomically
-from data.limits import NAME_CHARS
+from data.files import locked, read_file, write_atomically
+from data.limits import NAME_CHARS, RATERS_BYTES
 
 TOKENS_NAME = "raters.json"
 _NAME = re.compile(rf"[A-Za-z0-9_-]{{1,{NAME_CHARS}}}")
 _HEX_32_BYTES = re.compile(r"[0-9a-f]{64}")
-_MAX_FILE_BYTES = 2**22
-"""Of the file: some ten thousand raters."""
 
 
 class TokenError(GaitprefError):
@@ -131,7 +126,8 @@ class TokenStore:
                 found = self.path.stat()
                 stamp = (found.st_ino, found.st_size, found.st_mtime_ns)
                 if stamp != self._stamp:
-                    self._tokens, self._key = _decoded(_content(self.path, found))
+                    content = read_file(self.path, RATERS_BYTES)
+                    self._tokens, self._key = _decoded(content)
                     self._stamp = stamp
             except FileNotFoundError:
                 self._stamp, self._tokens, self._key = None, {}, b""
@@ -155,8 +151,7 @@ class TokenStore:
 
     @contextmanager
     def _locked(self) -> Iterator[None]:
-        with (self.path.parent / LOCK_NAME).open("ab") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)
+        with locked(self.path.parent / LOCK_NAME):
             yield
 
 
@@ -171,19 +166,6 @@ def require_name(name: str) -> None:
             f"{name!r} cannot be a rater's name; use 1 to {NAME_CHARS} of a-z, "
             "A-Z, 0-9, - and _, a pseudonym is best"
         )
-
-
-def _content(path: Path, found: os.stat_result) -> bytes:
-    """What is in the file of tokens.
-
-    Raises:
-        ValueError: it is none that was written here.
-    """
-    if not stat.S_ISREG(found.st_mode):
-        raise ValueError("it is no file")
-    if found.st_size > _MAX_FILE_BYTES:
-        raise ValueError(f"it has {found.st_size:,} bytes, {_MAX_FILE_BYTES:,} at most")
-    return path.read_bytes()
 
 
 def _decoded(content: bytes) -> tuple[dict[str, Token], bytes]:

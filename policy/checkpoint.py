@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 from dataclasses import dataclass
@@ -15,9 +14,11 @@ from rsl_rl.utils import resolve_class
 from tensordict import TensorDict
 from torch import Tensor, nn
 
-from data.errors import GaitprefError
-from data.files import write_atomically
+from data.errors import FileError, GaitprefError
+from data.files import read_file, sha256_file, write_atomically
+from data.limits import POLICY_BYTES
 from data.plain import from_plain, to_plain
+from data.unpacking import require_stored
 
 from .config import EnvCfg
 from .features import OBS_DIM
@@ -122,10 +123,15 @@ def read_plain(path: Path) -> dict[str, Any]:
 
     Raises:
         PolicyError: the file is missing, damaged, or not ours.
+        FileError: the path leads to something else.
     """
     try:
-        return _checked(torch.load(io.BytesIO(path.read_bytes()), weights_only=True))
-    except (FileNotFoundError, IsADirectoryError):
+        content = read_file(path, POLICY_BYTES)
+        require_stored(content)
+        return _checked(torch.load(io.BytesIO(content), weights_only=True))
+    except FileError:
+        raise
+    except FileNotFoundError:
         raise PolicyError(
             f"there is no policy file {path}; `gaitpref train --out DIR --reward task` "
             f"makes DIR/policy.pt"
@@ -157,7 +163,7 @@ def load_policy(path: Path) -> Policy:
         raise PolicyError(
             f"{path} does not hold the network it names: {reason}"
         ) from None
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    digest = sha256_file(path)
     return Policy(actor, info, digest)
 
 

@@ -9,6 +9,8 @@ from typing import Literal
 
 from data.errors import GaitprefError
 from data.features import JOINTS, LEGS
+from data.files import read_text
+from data.limits import TEXT_BYTES
 from data.plain import from_plain
 
 
@@ -134,11 +136,11 @@ def load_map(path: Path) -> BagMap:
         BagError: the file is missing, no TOML, or says something that cannot be.
     """
     try:
-        return from_plain(BagMap, tomllib.loads(path.read_text(encoding="utf-8")))
+        return from_plain(BagMap, tomllib.loads(read_text(path, TEXT_BYTES)))
     except FileNotFoundError:
         raise BagError(
             f"{path} is missing; docs/datasets.md shows the map of a bag"
         ) from None
-    except (ValueError, TypeError, KeyError) as error:
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
         found = " ".join(f"{error}".split())
         raise BagError(f"{path}: {found}; docs/datasets.md lists the fields") from None

@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from data.errors import FileError
+from data.files import open_regular
 from gaitpref.extras import require
 
 from .bag_map import BagError, BagMap
@@ -111,7 +113,7 @@ def _samples(path: Path, bag_map: BagMap) -> dict[str, list[Sample]]:
     topics = [part.topic for part in parts if part is not None]
     found: dict[str, list[Sample]] = defaultdict(list)
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             reader = require("mcap.reader", "view").make_reader(
                 file, decoder_factories=[decoder]
             )
@@ -127,7 +129,7 @@ def _samples(path: Path, bag_map: BagMap) -> dict[str, list[Sample]]:
                     found[channel.topic].append((time_s, numbers))
     except FileNotFoundError:
         raise BagError(f"{path} is missing; give a bag in MCAP") from None
-    except BagError:
+    except (BagError, FileError):
         raise
     except Exception as error:
         told = " ".join(f"{type(error).__name__}: {error}".split())[:200]
@@ -139,7 +141,7 @@ def _samples(path: Path, bag_map: BagMap) -> dict[str, list[Sample]]:
 
 
 def _topics(path: Path) -> list[str]:
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         summary = require("mcap.reader", "view").make_reader(file).get_summary()
     return [c.topic for c in summary.channels.values()] if summary else []
 
