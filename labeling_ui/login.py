@@ -10,7 +10,7 @@ from aiohttp import web
 from .proxy_cfg import ProxyCfg
 from .responses import page, redirect
 from .tokens import TokenStore
-from .visitors import Attempts
+from .visitors import Attempts, Ended
 from .web_checks import address_block
 from .web_pages import login_page
 
@@ -33,6 +33,7 @@ class Login:
         self._now_s = now_s
         self._cookie_name = cookie_name
         self._attempts = Attempts(per_minute=cfg.login_failures_per_minute)
+        self._ended = Ended()
 
     def rater(self, request: web.Request) -> str | None:
         """Who sent the request; None without a valid cookie."""
@@ -43,6 +44,8 @@ class Login:
             return None
         rater, expires, signature = parts
         if not self._tokens.is_signed(rater, expires, signature):
+            return None
+        if f"{rater}.{expires}" in self._ended:
             return None
         return rater if int(expires) > self._now_s() else None
 
@@ -72,6 +75,11 @@ class Login:
             return page(login_page("This token is not known."), status=401)
         return self._with_cookie(redirect("/"), rater, now_s)
 
+    def end(self, request: web.Request) -> None:
+        """Take no request with this request's cookie any more, were it sent before."""
+        rater, _, rest = request.cookies.get(self._cookie_name(), "").partition(".")
+        self._ended.add(f"{rater}.{rest.partition('.')[0]}")
+
     def forget(self, response: web.Response) -> web.Response:
         """The response with the cookie deleted."""
         secure = self._cfg.cert is not None
@@ -82,6 +90,9 @@ class Login:
         self, response: web.Response, rater: str, now_s: float
     ) -> web.Response:
         expires = str(int(now_s) + self._cfg.cookie_days * _DAY_S)
+        while f"{rater}.{expires}" in self._ended:
+            # Logged out and in again within a second.
+            expires = str(int(expires) + 1)
         response.set_cookie(
             self._cookie_name(),
             f"{rater}.{expires}.{self._tokens.signature(rater, expires)}",

@@ -9,26 +9,30 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
+from collections import defaultdict
 from collections.abc import Awaitable, Callable
 
 from aiohttp import web
 
 from data.errors import GaitprefError
 
+from . import limits
 from .figures import RaterFigures
+from .front_door import FrontDoor
 from .guidelines import load_guidelines
 from .login import Login
+from .pace import Bucket
 from .proxy_cfg import ProxyCfg as ProxyCfg
 from .proxy_cfg import refuse_unsafe, tls_context
 from .relay import Relay
 from .responses import add_security_headers, page, redirect, refused
 from .tokens import TokenStore
+from .visit import Visit
 from .web_checks import host_name, is_loopback, same_origin
 from .web_pages import figures_page, guidelines_page
 
 logger = logging.getLogger(__name__)
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
-_MAX_FORM_BYTES = 2**14
 
 
 class Proxy:
@@ -58,11 +62,19 @@ class Proxy:
         self._port = cfg.port
         self._login = Login(cfg, tokens, now_s, lambda: self._cookie_name)
         self._relay = Relay(cfg, upstream_port=upstream_port, secret=secret)
+        self._requests: defaultdict[str, Bucket] = defaultdict(
+            lambda: Bucket(per_s=limits.REQUESTS_PER_S, at_once=limits.REQUESTS_AT_ONCE)
+        )
+        self._figures_lock = asyncio.Lock()
 
     @property
     def url(self) -> str:
         """Address of the page; the port is known once it was started."""
         return self.cfg.url(self._port)
+
+    def visit(self, ticket: str) -> Visit | None:
+        """An open page, or one that is being opened; from any thread."""
+        return self._relay.visit(ticket)
 
     async def start(self) -> None:
         """Open the port and serve until `stop`.
@@ -79,15 +91,19 @@ class Proxy:
                 "unencrypted"
             )
         self._runner = web.AppRunner(
-            self._application(), access_log=None, shutdown_timeout=1.0
+            self._application(),
+            access_log=None,
+            shutdown_timeout=1.0,
+            lingering_time=limits.CLOSE_S,
         )
         await self._runner.setup()
         # Before the port is open: the first visitor may be waiting for it.
         await self._relay.start(self._login.rater)
         host = self.cfg.host.strip("[]")
-        site = web.TCPSite(self._runner, host, self.cfg.port, ssl_context=context)
+        assert self._runner.server is not None
+        self._door = FrontDoor(self._runner.server)
         try:
-            await site.start()
+            self._port = await self._door.open(host, self.cfg.port, context)
         except OSError as error:
             await self.stop()
             raise GaitprefError(
@@ -95,16 +111,16 @@ class Proxy:
                 f"({error.strerror or error}); stop what uses it, or choose another "
                 "with --port"
             ) from None
-        self._port = self._runner.addresses[0][1]
 
     async def stop(self) -> None:
         """Close all pages and the port."""
+        await self._door.close()
         await self._relay.stop()
         await self._runner.cleanup()
 
     def _application(self) -> web.Application:
         app = web.Application(
-            middlewares=[self._guard], client_max_size=_MAX_FORM_BYTES
+            middlewares=[self._limit, self._guard], client_max_size=limits.FORM_BYTES
         )
         app.add_routes(
             [
@@ -119,6 +135,21 @@ class Proxy:
         )
         app.on_response_prepare.append(add_security_headers)
         return app
+
+    @web.middleware
+    async def _limit(
+        self, request: web.Request, handler: Handler
+    ) -> web.StreamResponse:
+        """Wait for no request for ever, and for a page as long as it is open."""
+        on_page = _is_websocket(request)
+        with self._door.answering(request, on_page=on_page):
+            if on_page:
+                return await handler(request)
+            try:
+                async with asyncio.timeout(limits.REQUEST_S):
+                    return await handler(request)
+            except TimeoutError:
+                return refused(408, "The request took too long.")
 
     @web.middleware
     async def _guard(
@@ -143,11 +174,14 @@ class Proxy:
             if rater is None:
                 return refused(401, "Log in first.")
             return await self._relay.join(request, rater)
-        return redirect("/login") if rater is None else await self._relay.page(request)
+        if rater is None:
+            return redirect("/login")
+        return self._too_many(rater) or await self._relay.page(request)
 
     async def _log_out(self, request: web.Request) -> web.StreamResponse:
         rater = self._login.rater(request)
         if rater is not None and self.cfg.auth:
+            self._login.end(request)
             self._relay.log_out(rater)
         return self._login.forget(redirect("/login"))
 
@@ -155,8 +189,11 @@ class Proxy:
         return web.json_response({"status": "ok"})
 
     async def _guidelines(self, request: web.Request) -> web.StreamResponse:
-        if self._login.rater(request) is None:
+        rater = self._login.rater(request)
+        if rater is None:
             return redirect("/login")
+        if refusal := self._too_many(rater):
+            return refusal
         # Read every time: the owner may go on writing while people answer.
         return page(guidelines_page(load_guidelines(self.cfg.guidelines)))
 
@@ -164,8 +201,20 @@ class Proxy:
         rater = self._login.rater(request)
         if rater is None:
             return redirect("/login")
-        figures = await asyncio.to_thread(self._figures, rater)
+        if refusal := self._too_many(rater):
+            return refusal
+        # One after the other: they take the processor from the pages.
+        async with self._figures_lock:
+            figures = await asyncio.to_thread(self._figures, rater)
         return page(figures_page(figures, can_leave=self.cfg.auth))
+
+    def _too_many(self, rater: str) -> web.Response | None:
+        """A refusal where a rater asks for more pages than anybody reads."""
+        if self._requests[rater].taken(time.monotonic()):
+            return None
+        response = refused(429, "Too many requests; wait a moment.")
+        response.headers["Retry-After"] = "1"
+        return response
 
     @property
     def _cookie_name(self) -> str:
