@@ -40,18 +40,21 @@ class _Caller:
     on_page: bool = False
     """It carries an open page, and is closed only by that."""
 
+    dropped: bool = False
+
     @property
     def gone(self) -> bool:
         if self.transport is not None:
-            return self.transport.is_closing()
-        return self.socket.fileno() < 0
+            return self.dropped or self.transport.is_closing()
+        return self.dropped or self.socket.fileno() < 0
 
     def hang_up(self) -> None:
+        self.dropped = True
         if isinstance(self.transport, asyncio.Transport):
             self.transport.abort()
-        elif self.transport is None:
+        else:
             with suppress(OSError):
-                # What reads from it ends, and closes it.
+                # What agrees on the encryption reads the end, and closes it.
                 self.socket.shutdown(socket.SHUT_RDWR)
 
 

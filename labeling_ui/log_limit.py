@@ -8,6 +8,8 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from aiohttp.http_exceptions import HttpProcessingError, PayloadEncodingError
+
 from .limits import LOG_LINES_PER_MINUTE
 
 _MINUTE_S = 60.0
@@ -36,6 +38,7 @@ class LogLimit(logging.Filter):
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Whether the line is written; the first of a minute says what was not."""
+        _shorten(record)
         place, now_s = (record.pathname, record.lineno), time.monotonic()
         with self._lock:
             since_s, count = self._counts.get(place, (now_s, 0))
@@ -47,6 +50,16 @@ class LogLimit(logging.Filter):
                     record.msg, record.args = text, ()
             self._counts[place] = since_s, count + 1
         return count < LOG_LINES_PER_MINUTE
+
+
+def _shorten(record: logging.LogRecord) -> None:
+    """A stranger's malformed request is worth a line, and no traceback."""
+    error = record.exc_info[1] if record.exc_info else None
+    if isinstance(error, HttpProcessingError | PayloadEncodingError):
+        name = type(error).__name__
+        record.msg, record.args = f"{record.getMessage()}: {name}", ()
+        record.exc_info, record.exc_text = None, None
+        record.levelno, record.levelname = logging.WARNING, "WARNING"
 
 
 @contextmanager

@@ -141,7 +141,8 @@ class Proxy:
         self, request: web.Request, handler: Handler
     ) -> web.StreamResponse:
         """Wait for no request for ever, and for a page as long as it is open."""
-        on_page = _is_websocket(request)
+        # What asks for a page has nothing more to send.
+        on_page = _is_websocket(request) and request.method == "GET"
         with self._door.answering(request, on_page=on_page):
             if on_page:
                 return await handler(request)
@@ -150,6 +151,8 @@ class Proxy:
                     return await handler(request)
             except TimeoutError:
                 return refused(408, "The request took too long.")
+            except (ConnectionError, web.RequestPayloadError):
+                return refused(400, "The request was not sent to its end.")
 
     @web.middleware
     async def _guard(
