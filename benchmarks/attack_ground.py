@@ -23,8 +23,6 @@ from .visitor import CAMERA, Visitor
 from .walks import walking_dataset
 
 OPEN_FILES = 256
-SLOW_S = 0.2
-"""An answer is stored within so long, whatever others do."""
 MORE_MB = 150.0
 """How much the server may grow by over all attacks."""
 MORE_LOG_BYTES = 200_000
@@ -117,9 +115,12 @@ class Target(Visitor):
 class Ground:
     """A server under attack."""
 
-    def __init__(self, root: Path, process: subprocess.Popen[str], url: str) -> None:
+    def __init__(
+        self, root: Path, process: subprocess.Popen[str], url: str, slow_s: float
+    ) -> None:
         self.tokens = TokenStore(root)
         self.url, self.port = url, int(url.rpartition(":")[2])
+        self.slow_s = slow_s
         self._root, self._process = root, process
         self._log = root.parent / "log"
         self._names = itertools.count()
@@ -216,7 +217,7 @@ class Ground:
         await target.close()
         if self._log.stat().st_size - before > MORE_LOG_BYTES / 10:
             return "the log grew"
-        if answered_s > SLOW_S:
+        if answered_s > self.slow_s:
             return f"an answer took {answered_s:.2f} s"
         return f"a new rater waited {entered_s:.1f} s" if entered_s > 3.0 else ""
 
@@ -252,7 +253,7 @@ class Ground:
 
     async def harm_at_the_end(self) -> str:
         """What all of them together did."""
-        if (took_s := await self.answer_s()) > SLOW_S:
+        if (took_s := await self.answer_s()) > self.slow_s:
             return f"an answer takes {took_s:.2f} s"
         size = self._log.stat().st_size
         return f"the log holds {size} bytes" if size > MORE_LOG_BYTES else ""
@@ -282,7 +283,7 @@ def _listening(pid: int) -> set[int]:
 
 
 @asynccontextmanager
-async def ground(folder: Path) -> AsyncIterator[Ground]:
+async def ground(folder: Path, slow_s: float) -> AsyncIterator[Ground]:
     """A server with few open files, up while the context lasts."""
     root = folder / "set"
     walking_dataset(root, pairs=400, clip_steps=60, steps=300)
@@ -301,7 +302,7 @@ async def ground(folder: Path) -> AsyncIterator[Ground]:
         lines = iter(process.stdout.readline, "")
         url = next(line for line in lines if "page is at" in line).split()[-1]
         async with aiohttp.ClientSession() as browser:
-            field = Ground(root, process, url)
+            field = Ground(root, process, url, slow_s)
             await field.begin(browser, token)
             try:
                 yield field
