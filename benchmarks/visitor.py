@@ -18,7 +18,7 @@ _ANSWERED = re.compile(r"(\d+) answered, (\d+) open")
 _LOOP = re.compile(r">((?:round \d+ of \d+|the last round): [^<]*)<")
 _ATTEMPTS = 5
 _ELEMENTS = ("GuiSliderMessage", "GuiTextMessage", "GuiButtonMessage")
-_CAMERA = {
+CAMERA = {
     "type": "ViewerCameraMessage",
     "wxyz": (1.0, 0.0, 0.0, 0.0),
     "position": (0.0, -3.0, 1.0),
@@ -87,7 +87,7 @@ class Visitor:
                 response.raise_for_status()
             async with await self._connect(session) as socket:
                 self._socket = socket
-                await self._send(_CAMERA)
+                await self._send(CAMERA)
                 async for message in socket:
                     if message.type is aiohttp.WSMsgType.BINARY:
                         self._read(message.data, opened)

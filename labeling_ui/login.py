@@ -11,7 +11,7 @@ from aiohttp import web
 from .proxy_cfg import ProxyCfg
 from .responses import page, redirect
 from .tokens import TokenStore
-from .visitors import Attempts
+from .visitors import Attempts, Ended
 from .web_checks import address_block, form_field, visitor_address
 from .web_pages import login_page
 
@@ -37,6 +37,7 @@ class Login:
         self._now_s = now_s
         self._cookie_name = cookie_name
         self._attempts = Attempts(per_minute=cfg.login_failures_per_minute)
+        self._ended = Ended()
 
     def rater(self, request: web.Request) -> str | None:
         """Who sent the request; None without a valid cookie."""
@@ -44,6 +45,8 @@ class Login:
             return self._cfg.local_rater
         cookie = _COOKIE.fullmatch(request.cookies.get(self._cookie_name(), ""))
         if cookie is None or not self._tokens.is_signed(*cookie.groups()):
+            return None
+        if f"{cookie['rater']}.{cookie['expires']}" in self._ended:
             return None
         return cookie["rater"] if int(cookie["expires"]) > self._now_s() else None
 
@@ -73,6 +76,11 @@ class Login:
             return page(login_page("This token is not known."), status=401)
         return self._with_cookie(self._to_the_page(), rater, now_s)
 
+    def end(self, request: web.Request) -> None:
+        """Take no request with this request's cookie any more, were it sent before."""
+        rater, _, rest = request.cookies.get(self._cookie_name(), "").partition(".")
+        self._ended.add(f"{rater}.{rest.partition('.')[0]}")
+
     def forget(self, response: web.Response) -> web.Response:
         """The response with the cookie deleted."""
         response.del_cookie(
@@ -99,6 +107,9 @@ class Login:
         self, response: web.Response, rater: str, now_s: float
     ) -> web.Response:
         expires = str(int(now_s) + self._cfg.cookie_days * _DAY_S)
+        while f"{rater}.{expires}" in self._ended:
+            # Logged out and in again within a second.
+            expires = str(int(expires) + 1)
         response.set_cookie(
             self._cookie_name(),
             f"{rater}.{expires}.{self._tokens.signature(rater, expires)}",

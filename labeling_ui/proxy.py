@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
+from collections import defaultdict
 from collections.abc import Awaitable, Callable
 from functools import partial
 
@@ -16,21 +17,24 @@ from aiohttp import web
 
 from data.errors import GaitprefError
 
+from . import limits
 from .figures import RaterFigures
+from .front_door import FrontDoor
 from .guidelines import load_guidelines
 from .http_log import shorten_http_log
 from .login import Login
+from .pace import Bucket
 from .proxy_cfg import IN_CLEAR, refuse_unsafe, tls_context
 from .proxy_cfg import ProxyCfg as ProxyCfg
 from .relay import Relay
 from .responses import add_security_headers, page, redirect, refused
 from .tokens import TokenStore
+from .visit import Visit
 from .web_checks import host_name, is_handshake
 from .web_pages import figures_page, guidelines_page
 
 logger = logging.getLogger(__name__)
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
-_MAX_FORM_BYTES = 2**14
 
 
 class Proxy:
@@ -60,6 +64,10 @@ class Proxy:
         self._port = cfg.port
         self._login = Login(cfg, tokens, now_s, lambda: cfg.cookie_name(self._port))
         self._relay = Relay(cfg, upstream_port=upstream_port, secret=secret)
+        self._requests: defaultdict[str, Bucket] = defaultdict(
+            lambda: Bucket(per_s=limits.REQUESTS_PER_S, at_once=limits.REQUESTS_AT_ONCE)
+        )
+        self._figures_lock = asyncio.Lock()
 
     @property
     def url(self) -> str:
@@ -71,6 +79,10 @@ class Proxy:
     def notices(self) -> list[str]:
         """What whoever starts the page has to know, line by line."""
         return self.cfg.notices(self._port)
+
+    def visit(self, ticket: str) -> Visit | None:
+        """An open page, or one that is being opened; from any thread."""
+        return self._relay.visit(ticket)
 
     async def start(self) -> None:
         """Open the port and serve until `stop`.
@@ -85,15 +97,19 @@ class Proxy:
         if self.cfg.in_clear:
             logger.warning(IN_CLEAR)
         self._runner = web.AppRunner(
-            self._application(), access_log=None, shutdown_timeout=1.0
+            self._application(),
+            access_log=None,
+            shutdown_timeout=1.0,
+            lingering_time=limits.CLOSE_S,
         )
         await self._runner.setup()
         # Before the port is open: the first visitor may be waiting for it.
         await self._relay.start(self._login.rater)
         host = self.cfg.host.strip("[]")
-        site = web.TCPSite(self._runner, host, self.cfg.port, ssl_context=context)
+        assert self._runner.server is not None
+        self._door = FrontDoor(self._runner.server)
         try:
-            await site.start()
+            self._port = await self._door.open(host, self.cfg.port, context)
         except OSError as error:
             await self.stop()
             raise GaitprefError(
@@ -101,16 +117,16 @@ class Proxy:
                 f"({error.strerror or error}); stop what uses it, or choose another "
                 "with --port"
             ) from None
-        self._port = self._runner.addresses[0][1]
 
     async def stop(self) -> None:
         """Close all pages and the port."""
+        await self._door.close()
         await self._relay.stop()
         await self._runner.cleanup()
 
     def _application(self) -> web.Application:
         app = web.Application(
-            middlewares=[self._guard], client_max_size=_MAX_FORM_BYTES
+            middlewares=[self._limit, self._guard], client_max_size=limits.FORM_BYTES
         )
         pages = [
             ("GET", "/", self._page),
@@ -131,6 +147,24 @@ class Proxy:
         add("*", "/{anything:.*}", self._nowhere)
         app.on_response_prepare.append(add_security_headers)
         return app
+
+    @web.middleware
+    async def _limit(
+        self, request: web.Request, handler: Handler
+    ) -> web.StreamResponse:
+        """Wait for no request for ever, and for a page as long as it is open."""
+        # What asks for a page has nothing more to send.
+        on_page = _is_websocket(request) and request.method == "GET"
+        with self._door.answering(request, on_page=on_page):
+            if on_page:
+                return await handler(request)
+            try:
+                async with asyncio.timeout(limits.REQUEST_S):
+                    return await handler(request)
+            except TimeoutError:
+                return refused(408, "The request took too long.")
+            except (ConnectionError, web.RequestPayloadError):
+                return refused(400, "The request was not sent to its end.")
 
     @web.middleware
     async def _guard(
@@ -194,7 +228,9 @@ class Proxy:
             if not is_handshake(request.headers):
                 return self._turned_away(request, 400, "This opens no websocket.")
             return await self._relay.join(request, rater)
-        return self._to_login() if rater is None else await self._relay.page(request)
+        if rater is None:
+            return self._to_login()
+        return self._too_many(rater) or await self._relay.page(request)
 
     def _to_login(self) -> web.Response:
         return redirect(f"{self.cfg.path}/login")
@@ -202,6 +238,7 @@ class Proxy:
     async def _log_out(self, request: web.Request) -> web.StreamResponse:
         rater = self._login.rater(request)
         if rater is not None and self.cfg.auth:
+            self._login.end(request)
             self._relay.log_out(rater)
         return self._login.forget(self._to_login())
 
@@ -209,8 +246,11 @@ class Proxy:
         return web.json_response({"status": "ok"})
 
     async def _guidelines(self, request: web.Request) -> web.StreamResponse:
-        if self._login.rater(request) is None:
+        rater = self._login.rater(request)
+        if rater is None:
             return self._to_login()
+        if refusal := self._too_many(rater):
+            return refusal
         # Read every time: the owner may go on writing while people answer.
         return page(guidelines_page(load_guidelines(self.cfg.guidelines)))
 
@@ -218,8 +258,20 @@ class Proxy:
         rater = self._login.rater(request)
         if rater is None:
             return self._to_login()
-        figures = await asyncio.to_thread(self._figures, rater)
+        if refusal := self._too_many(rater):
+            return refusal
+        # One after the other: they take the processor from the pages.
+        async with self._figures_lock:
+            figures = await asyncio.to_thread(self._figures, rater)
         return page(figures_page(figures, can_leave=self.cfg.auth))
+
+    def _too_many(self, rater: str) -> web.Response | None:
+        """A refusal where a rater asks for more pages than anybody reads."""
+        if self._requests[rater].taken(time.monotonic()):
+            return None
+        response = refused(429, "Too many requests; wait a moment.")
+        response.headers["Retry-After"] = "1"
+        return response
 
 
 def _is_websocket(request: web.Request) -> bool:

@@ -10,6 +10,7 @@ from pathlib import Path
 from data.errors import GaitprefError
 from data.files import require_regular
 
+from . import limits
 from .public_url import PublicUrl
 from .tokens import TokenStore
 from .web_checks import is_loopback, same_origin
@@ -35,13 +36,13 @@ class ProxyCfg:
     """Who answers where nobody logs in."""
     guidelines: Path | None = None
     """Markdown file; a default text without."""
-    max_message_bytes: int = 2**20
+    max_message_bytes: int = limits.MESSAGE_BYTES
     """Longest message a browser may send."""
-    max_clients: int = 24
+    max_clients: int = limits.PAGES
     """Open pages in all."""
-    max_clients_per_rater: int = 1
+    max_clients_per_rater: int = limits.PAGES_PER_RATER
     """Open pages of one rater; a new one closes the oldest."""
-    login_failures_per_minute: int = 10
+    login_failures_per_minute: int = limits.LOGIN_FAILURES_PER_MINUTE
     """Wrong tokens an address may try."""
     cookie_days: int = 14
     """How long a login lasts."""

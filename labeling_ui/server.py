@@ -23,6 +23,7 @@ from .queue import QueueCfg, RaterSession
 from .site import Site
 from .status import StatusSource, no_status
 from .tokens import TokenStore
+from .visit import Visit
 
 _GUARD = GuardCfg(repeat_gap_s=0.6)
 """A browser that draws in software sends the repeats of a held key in bursts."""
@@ -132,8 +133,9 @@ class LabelServer:
     ) -> None:
         self.stop()
 
-    def _new_page(self, client: viser.ClientHandle, rater_id: str) -> Page:
+    def _new_page(self, client: viser.ClientHandle, visit: Visit) -> Page:
         session = RaterSession(
-            self._store, rater_id, cfg=self._cfg.queue, rng=np.random.default_rng()
+            self._store, visit.rater, cfg=self._cfg.queue, rng=np.random.default_rng()
         )
-        return Page(client, Desk(session, self._motions), self._shared)
+        desk = Desk(session, self._motions, may_act=visit.may_act)
+        return Page(client, desk, self._shared)
