@@ -185,6 +185,13 @@ class Ground:
         ) as response:
             response.raise_for_status()
 
+    async def get(self, path: str, rater: str) -> int:
+        """Ask for a page as a rater; gives the status."""
+        headers = {"Cookie": self._cookie(rater)}
+        async with self.browser.get(self.url + path, headers=headers) as response:
+            await response.read()
+            return response.status
+
     async def raw(self, data: bytes) -> bytes:
         """Send bytes on a connection of their own; gives the begin of the answer."""
         reader, writer = await asyncio.open_connection("127.0.0.1", self.port)

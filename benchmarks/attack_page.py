@@ -107,7 +107,7 @@ async def _all(quick: bool, slow_s: float) -> list[Result]:
     return results
 
 
-_QUICK = {"flood": 2, "waiting connections": 2, "order of events": 4}
+_QUICK = {"flood": 2, "greed": 1, "waiting connections": 2, "order of events": 4}
 
 
 def inputs(flood: int) -> list[Attack]:
@@ -121,6 +121,7 @@ def inputs(flood: int) -> list[Attack]:
     found += [Attack("order of events", n, held) for n, held in _ORDERS.items()]
     found += [Attack("waiting connections", n, _crowd(d)) for n, d in HALF.items()]
     found += [Attack("flood", n, _flood(make, flood)) for n, make in _FLOODS.items()]
+    found += [Attack("greed", n, _greed(act)) for n, act in _GREED.items()]
     return found
 
 
@@ -372,6 +373,63 @@ _FLOODS: dict[str, Callable[[Target], Awaitable[list[bytes]]]] = {
     "slider": _changing("time, s", 0.1, 0.5, 0.9),
     "notes": _changing("note", "x" * 60_000, "y" * 60_000),
     "history": _changing("Undo [Z]", True),
+}
+
+
+def _greed(act: Callable[[Ground, str], Awaitable[None]]) -> Held:
+    """One rater, or a stranger, asks again and again, twenty times at once."""
+
+    async def held(field: Ground) -> str:
+        rater = field.new_rater()
+
+        async def again() -> None:
+            while True:
+                with suppress(aiohttp.ClientError, ConnectionError):
+                    await act(field, rater)
+                await asyncio.sleep(0)
+
+        tasks = [asyncio.create_task(again()) for _ in range(20)]
+        slowest_s = max([await field.answer_s() for _ in range(3)])
+        for task in tasks:
+            task.cancel()
+        ended = await asyncio.gather(*tasks, return_exceptions=True)
+        failed = [e for e in ended if not isinstance(e, asyncio.CancelledError)]
+        if failed:
+            return f"{failed[0]!r}"
+        if slowest_s > field.slow_s:
+            return f"an answer of another rater took {slowest_s:.2f} s"
+        return ""
+
+    return held
+
+
+def _asks(path: str) -> Callable[[Ground, str], Awaitable[None]]:
+    async def act(field: Ground, rater: str) -> None:
+        await field.get(path, rater)
+
+    return act
+
+
+async def _opens(field: Ground, rater: str) -> None:
+    target = await field.open(rater, camera=True)
+    await target.closed(within_s=0.1)
+    await target.close()
+
+
+async def _guesses(field: Ground, rater: str) -> None:
+    headers = {"Origin": field.url}
+    form = {"token": rater}
+    async with field.browser.post(f"{field.url}/login", data=form, headers=headers):
+        pass
+
+
+_GREED: dict[str, Callable[[Ground, str], Awaitable[None]]] = {
+    "opens pages": _opens,
+    "asks for the page": _asks("/"),
+    "asks for figures": _asks("/figures"),
+    "asks for guidelines": _asks("/guidelines"),
+    "asks for what there is not": _asks("/nothing"),
+    "guesses tokens": _guesses,
 }
 
 

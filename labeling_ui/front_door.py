@@ -71,7 +71,9 @@ class FrontDoor:
         self._callers: dict[asyncio.BaseProtocol, _Caller] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         files, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
-        self._room = min(limits.WAITING, int(files * limits.WAITING_SHARE))
+        self._room = limits.WAITING
+        if files != resource.RLIM_INFINITY:
+            self._room = min(self._room, int(files * limits.WAITING_SHARE))
 
     async def open(self, host: str, port: int, tls: ssl.SSLContext | None) -> int:
         """Listen; gives the port.

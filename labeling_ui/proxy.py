@@ -153,17 +153,21 @@ class Proxy:
         self, request: web.Request, handler: Handler
     ) -> web.StreamResponse:
         """Wait for no request for ever, and for a page as long as it is open."""
-        # What asks for a page has nothing more to send.
-        on_page = _is_websocket(request) and request.method == "GET"
+        # Who only asks has nothing more to send.
+        asks = request.method == "GET"
+        on_page = asks and _is_websocket(request)
         with self._door.answering(request, on_page=on_page):
-            if on_page:
+            if asks:
                 return await handler(request)
             try:
                 async with asyncio.timeout(limits.REQUEST_S):
                     return await handler(request)
             except TimeoutError:
                 return refused(408, "The request took too long.")
-            except (ConnectionError, web.RequestPayloadError):
+            except (ConnectionError, RuntimeError, web.RequestPayloadError) as error:
+                # aiohttp says in three ways that the sender has left.
+                if isinstance(error, RuntimeError) and request.transport is not None:
+                    raise
                 return refused(400, "The request was not sent to its end.")
 
     @web.middleware
