@@ -27,6 +27,7 @@ _NOT_WRITABLE = (
     sqlite3.SQLITE_READONLY,
     sqlite3.SQLITE_PERM,
 )
+_NO_ROOM = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR)
 _DAMAGED = "restore it from a copy"
 _ADVICE = dict.fromkeys(
     _NOT_WRITABLE,
@@ -127,9 +128,11 @@ def open_unchanged(path: Path) -> sqlite3.Connection:
         connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
     except sqlite3.Error as error:
         connection.close()
-        if _code(error) not in _NOT_WRITABLE:
+        if _code(error) not in (*_NOT_WRITABLE, *_NO_ROOM):
             raise
-        # A log is read with a file beside it that nobody may make here.
+        if not log.stat().st_size:
+            return sqlite3.connect(f"{uri}&immutable=1", uri=True, isolation_level=None)
+        # A log is read with a file beside it that cannot be made here.
         return _copy_with_log(path, log)
     return connection
 

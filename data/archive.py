@@ -26,6 +26,7 @@ from data.files import (
     open_regular,
     read_file,
     replace_directory,
+    require_replaceable,
     sha256_bytes,
 )
 from data.limits import (
@@ -59,8 +60,10 @@ def pack(dataset: Dataset, archive: Path) -> int:
 
     Raises:
         DatasetError: the disk is full or not writable.
+        FileError: something else than a file is there.
         EpisodeError, AnswerError: something in the data set is damaged.
     """
+    require_replaceable(archive)
     entries = dataset.entries()
     with dataset.answers_copy() as store:
         lines = "".join(f"{line}\n" for line in to_lines(store))

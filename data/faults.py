@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import errno
+import re
 
 _AGAIN = "nothing that was there is lost; make room and run the same command again"
 _ELSEWHERE = "nothing that was there is lost; give a place that can be written"
 _RIGHTS = "ask for the rights, or give another path"
+
+_PASSING = re.compile(r"\.([^/]+)\.[0-9a-f]{16}\.(?:tmp|old)(?=/|$)")
+"""A name that a file or a directory has until it is whole."""
+_LASTING = r"\1"
 
 _REASONS: dict[int, tuple[str, str]] = {
     errno.ENOSPC: ("the disk is full", _AGAIN),
@@ -25,7 +30,7 @@ _REASONS: dict[int, tuple[str, str]] = {
         "give another path",
     ),
     errno.ENOTEMPTY: ("it is a directory with something in it", "give another path"),
-    errno.EEXIST: ("it is there already, as something else", "give another path"),
+    errno.EEXIST: ("something else is there already", "give another path"),
     errno.ENOENT: ("it is missing", "check the path"),
     errno.ELOOP: ("its links lead in a circle", "give the path of the file itself"),
     errno.ENAMETOOLONG: ("the name is too long", "give a shorter path"),
@@ -75,8 +80,9 @@ def told(error: OSError) -> str | None:
     if error.errno not in _REASONS:
         return None
     reason, advice = _REASONS[error.errno]
-    names = [str(n) for n in (error.filename, error.filename2) if n is not None]
-    where = f"{' to '.join(names)}: " if names else ""
+    # Of a rename the second is what it was about.
+    name = error.filename if error.filename2 is None else error.filename2
+    where = "" if name is None else f"{_PASSING.sub(_LASTING, str(name))}: "
     return f"{where}{reason} ({error.strerror}); {advice}"
 
 

@@ -119,6 +119,21 @@ def require_regular(path: Path, limit: int | None = None) -> None:
         raise _too_long(path, found.st_size, limit)
 
 
+def require_replaceable(path: Path) -> None:
+    """Make sure that a file may be put where `path` is: nothing is there, or a file.
+
+    A rename would put it in the place of a device as well.
+
+    Raises:
+        FileError: something else is there.
+        OSError: its directory is no directory, or cannot be looked into.
+    """
+    try:
+        require_regular(path)
+    except FileNotFoundError:
+        return
+
+
 def _require_file(path: Path, mode: int) -> None:
     if stat.S_ISREG(mode):
         return
@@ -189,8 +204,10 @@ def write_atomically(
             directory calls `fsync_directory` once instead.
 
     Raises:
+        FileError: something else than a file is there.
         OSError: the directory is missing, or the disk is full.
     """
+    require_replaceable(path)
     # In the same directory, because a rename is only atomic within a file system.
     temporary = path.with_name(f".{path.name[:64]}.{secrets.token_hex(8)}.tmp")
     try:
@@ -213,6 +230,35 @@ def write_atomically(
         fsync_directory(path.parent)
 
 
+def require_directory(path: Path) -> None:
+    """Make sure that a directory may be put where `path` is.
+
+    Raises:
+        FileError: something else is there.
+    """
+    if path.is_symlink() or (path.exists() and not path.is_dir()):
+        raise FileError(
+            f"{path} is there already, and no directory; give another path"
+        )
+
+
+def require_room(path: Path, size: int) -> None:
+    """Make sure that a file of `size` bytes can be written to `path`.
+
+    For libraries that do not bear a full disk: HDF5 ends the whole program.
+
+    Raises:
+        OSError: the disk has no room for it, or it cannot be made.
+    """
+    try:
+        with path.open("xb") as file:
+            os.posix_fallocate(file.fileno(), 0, size)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
+    finally:
+        path.unlink(missing_ok=True)
+
+
 def replace_directory(partial: Path, final: Path) -> None:
     """Give a finished directory its final name, so that the name means "finished".
 
@@ -220,8 +266,10 @@ def replace_directory(partial: Path, final: Path) -> None:
     is removed; a crash in between leaves no `final`, never a mixture.
 
     Raises:
+        FileError: `final` is there and no directory.
         OSError: `partial` is missing, or both are not on one file system.
     """
+    require_directory(final)
     for directory, _, names in os.walk(partial):
         for name in names:
             with Path(directory, name).open("rb") as file:

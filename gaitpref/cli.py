@@ -13,7 +13,7 @@ from data.errors import GaitprefError
 from data.faults import is_full, told
 
 from . import options
-from .terminal import complain, drop_output, finish, prepare
+from .terminal import UNSAID, complain, drop_output, finish, prepare
 from .usage import did_you_mean, require_command
 
 EXIT_BAD_INPUT = 2
@@ -60,6 +60,9 @@ def main(args: Sequence[str] | None = None) -> int:
             finish()
             raise
         finish()
+        if UNSAID:
+            complain(UNSAID[0])
+            return EXIT_BAD_INPUT
         return code
     except BrokenPipeError:
         # Whoever read along has had enough; nothing more can be said to them.

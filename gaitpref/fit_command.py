@@ -14,6 +14,7 @@ import torch
 
 from data.dataset import Dataset
 from data.errors import GaitprefError
+from data.files import require_directory
 from data.manifest_file import writable
 from rewardmodel.acquisition import unanswered_pairs
 from rewardmodel.cfg import FitCfg, SemiSupervisedCfg, SparseCfg
@@ -40,6 +41,7 @@ def run(command: options.Command) -> int:
 
 
 def _fit(command: options.Fit) -> None:
+    require_directory(command.out)
     answers = address(command.answers)
     datasets = [Dataset.open(path, answers=answers) for path in command.dataset]
     cfg = FitCfg(

@@ -7,12 +7,14 @@ import errno
 import io
 import os
 import sys
+import threading
 from collections.abc import Iterable
 from typing import Any
 
 from rich.console import Console
 from rich.text import Text
 
+from data.faults import told
 from data.shown import shown, shown_lines
 
 _PLAIN = {
@@ -25,6 +27,8 @@ _PLAIN = {
     "\N{MIDDLE DOT}": ".",
 }
 _HANDLER = "gaitpref.plain"
+UNSAID: list[str] = []
+"""What went wrong in threads and was not said yet."""
 
 
 class PlainConsole(Console):
@@ -82,10 +86,22 @@ def prepare() -> None:
         sys.stdout = _Closed()
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115
+    UNSAID.clear()
+    threading.excepthook = keep_for_later
     codecs.register_error(_HANDLER, _spelled)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors=_HANDLER)
+
+
+def keep_for_later(failed: threading.ExceptHookArgs) -> None:
+    """Take what a thread failed of: who waits for the thread says it, or the end does."""
+    error = failed.exc_value
+    line = told(error) if isinstance(error, OSError) else None
+    if line is None:
+        threading.__excepthook__(failed)
+    else:
+        UNSAID.append(line)
 
 
 def finish() -> None:
