@@ -195,12 +195,13 @@ class Ground:
     async def raw(self, data: bytes) -> bytes:
         """Send bytes on a connection of their own; gives the begin of the answer."""
         reader, writer = await asyncio.open_connection("127.0.0.1", self.port)
+        told = b""
         with suppress(ConnectionError, TimeoutError):
             writer.write(data.replace(b"HOST", f"127.0.0.1:{self.port}".encode()))
             await asyncio.wait_for(writer.drain(), 2.0)
-            return await asyncio.wait_for(reader.read(65536), 0.5)
-        writer.close()
-        return b""
+            told = await asyncio.wait_for(reader.read(65536), 0.5)
+        await _left(writer)
+        return told
 
     async def crowd(self, count: int, data: bytes, *, port: int) -> str:
         """Open `count` connections that send only this; a new rater still gets in."""
@@ -219,8 +220,7 @@ class Ground:
             await target.until_there()
         entered_s = time.monotonic() - begin
         answered_s = await self.answer_s()
-        for writer in writers:
-            writer.close()
+        await asyncio.gather(*(_left(writer) for writer in writers))
         await target.close()
         if self._log.stat().st_size - before > MORE_LOG_BYTES / 10:
             return "the log grew"
@@ -272,6 +272,13 @@ class Ground:
     def _memory_mb(self) -> float:
         status = Path(f"/proc/{self._process.pid}/status").read_text()
         return int(status.partition("VmRSS:")[2].split()[0]) / 1024
+
+
+async def _left(writer: asyncio.StreamWriter) -> None:
+    """Close a connection, whatever became of it."""
+    writer.close()
+    with suppress(ConnectionError):
+        await writer.wait_closed()
 
 
 def _listening(pid: int) -> set[int]:

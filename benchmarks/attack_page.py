@@ -103,7 +103,7 @@ async def _all(quick: bool, slow_s: float) -> list[Result]:
                     Result(kind=attack.kind, name=attack.name, got_through=got)
                 )
             if got := await field.harm_at_the_end():
-                results.append(Result(kind="all", name="the end", got_through=got))
+                results.append(Result(kind="in the end", name="all", got_through=got))
     return results
 
 

@@ -17,12 +17,10 @@ from labeling_ui.relay import CLOSE_LOGGED_OUT, CLOSE_REPLACED
 from labeling_ui.tokens import TokenStore
 
 from .labeling_visitor import (
-    CAMERA,
     House,
     close_code,
     first,
     house,
-    messages,
     open_socket,
     send,
 )
