@@ -38,6 +38,7 @@ _REACH_S = 20.0
 """How long viser is tried: while it builds the pages of many raters who come at once,
 it lets a handshake wait, and may drop it."""
 _REACH_AGAIN_S = 0.2
+_CLOSE = aiohttp.ClientWSTimeout(ws_close=limits.CLOSE_S)  # type: ignore[call-arg]
 _NOT_UP = "The page is not up; try again."
 
 
@@ -189,7 +190,7 @@ class Relay:
                         protocols=[protocol],
                         headers=shown,
                         max_msg_size=0,
-                        timeout=aiohttp.ClientWSTimeout(ws_close=limits.CLOSE_S),
+                        timeout=_CLOSE,
                     )
                 except aiohttp.ClientError as error:
                     logger.info("viser is tried again for %s: %s", visit.rater, error)
