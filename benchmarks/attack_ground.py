@@ -14,12 +14,11 @@ from pathlib import Path
 
 import aiohttp
 import msgspec
-import zstandard
 
 from labeling_ui.tokens import TokenStore
 
-from .attack_inputs import MARK
-from .visitor import CAMERA, Visitor
+from .attack_rater import Honest, Target
+from .visitor import CAMERA
 from .walks import walking_dataset
 
 OPEN_FILES = 256
@@ -28,88 +27,6 @@ MORE_MB = 150.0
 MORE_LOG_BYTES = 200_000
 _RATERS = 16
 _NEVER_S = 9_999_999_999
-
-
-class Honest(Visitor):
-    """The rater who only answers; notes whether anything of an attacker arrives."""
-
-    marked = False
-
-    def _read(self, frame: bytes, opened: float) -> None:
-        size = int.from_bytes(frame[8:16], "little")
-        inner = zstandard.ZstdDecompressor().decompress(frame[16 : 16 + size])
-        self.marked |= MARK.encode() in inner
-        super()._read(frame, opened)
-
-
-class Target(Visitor):
-    """A page of an attacker."""
-
-    def __init__(self, url: str, socket: aiohttp.ClientWebSocketResponse) -> None:
-        super().__init__(url, None)
-        self._socket = socket
-        self._elements: dict[str, str] = {}
-        self._reading = asyncio.create_task(self._follow())
-
-    @property
-    def is_closed(self) -> bool:
-        """Whether the server has ended the page."""
-        return self._socket.closed
-
-    async def send(self, data: bytes | str) -> None:
-        """Send these bytes, or this text."""
-        if isinstance(data, str):
-            await self._socket.send_str(data)
-        else:
-            await self._socket.send_bytes(data)
-
-    async def closed(self, *, within_s: float) -> int | None:
-        """The code the page is closed with; None if it stays open."""
-        await asyncio.wait([self._reading], timeout=within_s)
-        return self._socket.close_code if self._reading.done() else None
-
-    async def close(self) -> None:
-        """Leave."""
-        await self._socket.close()
-        self._reading.cancel()
-
-    async def until_there(self) -> None:
-        """Wait until the page is built."""
-        while "A better" not in self._commands:
-            await asyncio.sleep(0.01)
-
-    async def command(self, name: str) -> bytes:
-        """The message of a hotkey."""
-        await self.until_there()
-        uuid = self._commands[name]
-        return msgspec.msgpack.encode({"type": "CommandTriggerMessage", "uuid": uuid})
-
-    async def element(self, label: str) -> str:
-        """The id of an element of the page."""
-        while label not in self._elements:
-            await asyncio.sleep(0.01)
-        return self._elements[label]
-
-    async def answer(self) -> None:
-        """Answer what is on the screen."""
-        await self.until_there()
-        with suppress(ConnectionError):
-            await self.send(await self.command("A better"))
-
-    async def _follow(self) -> None:
-        async for message in self._socket:
-            if message.type is aiohttp.WSMsgType.BINARY:
-                self._read(message.data, 0.0)
-
-    def _read(self, frame: bytes, opened: float) -> None:
-        super()._read(frame, opened)
-        size = int.from_bytes(frame[8:16], "little")
-        inner = zstandard.ZstdDecompressor().decompress(frame[16 : 16 + size])
-        for message in msgspec.msgpack.decode(inner)["messages"]:
-            if message["type"].startswith("Gui") and "label" in message.get(
-                "props", {}
-            ):
-                self._elements[message["props"]["label"]] = message["uuid"]
 
 
 class Ground:
@@ -195,12 +112,13 @@ class Ground:
     async def raw(self, data: bytes) -> bytes:
         """Send bytes on a connection of their own; gives the begin of the answer."""
         reader, writer = await asyncio.open_connection("127.0.0.1", self.port)
+        told = b""
         with suppress(ConnectionError, TimeoutError):
             writer.write(data.replace(b"HOST", f"127.0.0.1:{self.port}".encode()))
             await asyncio.wait_for(writer.drain(), 2.0)
-            return await asyncio.wait_for(reader.read(65536), 0.5)
-        writer.close()
-        return b""
+            told = await asyncio.wait_for(reader.read(65536), 0.5)
+        await _left(writer)
+        return told
 
     async def crowd(self, count: int, data: bytes, *, port: int) -> str:
         """Open `count` connections that send only this; a new rater still gets in."""
@@ -219,8 +137,7 @@ class Ground:
             await target.until_there()
         entered_s = time.monotonic() - begin
         answered_s = await self.answer_s()
-        for writer in writers:
-            writer.close()
+        await asyncio.gather(*(_left(writer) for writer in writers))
         await target.close()
         if self._log.stat().st_size - before > MORE_LOG_BYTES / 10:
             return "the log grew"
@@ -272,6 +189,13 @@ class Ground:
     def _memory_mb(self) -> float:
         status = Path(f"/proc/{self._process.pid}/status").read_text()
         return int(status.partition("VmRSS:")[2].split()[0]) / 1024
+
+
+async def _left(writer: asyncio.StreamWriter) -> None:
+    """Close a connection, whatever became of it."""
+    writer.close()
+    with suppress(ConnectionError):
+        await writer.wait_closed()
 
 
 def _listening(pid: int) -> set[int]:

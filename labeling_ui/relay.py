@@ -6,10 +6,9 @@ import asyncio
 import logging
 import time
 from collections import defaultdict
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from typing import Any
 
 import aiohttp
 from aiohttp import ClientWebSocketResponse, WSMsgType, web
@@ -22,6 +21,7 @@ from .messages import NotOurs, read, spelled
 from .pace import Bucket
 from .proxied import RATER_HEADER, SECRET_HEADER, VISIT_HEADER
 from .proxy_cfg import ProxyCfg
+from .pump import pump
 from .responses import redirect, refused
 from .visit import CLOSE_LOGGED_OUT as CLOSE_LOGGED_OUT
 from .visit import Visit
@@ -32,13 +32,13 @@ logger = logging.getLogger(__name__)
 
 CLOSE_GOING_AWAY = 1001
 CLOSE_NOT_OURS = 1003
-CLOSE_BROKEN = 1011
 CLOSE_REPLACED = 4001
 CLOSE_FLOOD = 4008
 _REACH_S = 20.0
 """How long viser is tried: while it builds the pages of many raters who come at once,
 it lets a handshake wait, and may drop it."""
 _REACH_AGAIN_S = 0.2
+_CLOSE = aiohttp.ClientWSTimeout(ws_close=limits.CLOSE_S)  # type: ignore[call-arg]
 _NOT_UP = "The page is not up; try again."
 
 
@@ -174,7 +174,7 @@ class Relay:
             await asyncio.sleep(openings.wait_s(time.monotonic()))
         async with await self._reach(protocol, visit) as viser:
             await visit.browser.prepare(request)
-            await _pump(self._from_browser(visit, viser), visit.browser, viser)
+            await pump(self._from_browser(visit, viser), visit.browser, viser)
 
     async def _reach(self, protocol: str, visit: Visit) -> ClientWebSocketResponse:
         """A socket to viser for a visit.
@@ -197,6 +197,7 @@ class Relay:
                         protocols=[protocol],
                         headers=shown,
                         max_msg_size=0,
+                        timeout=_CLOSE,
                     )
                 except aiohttp.ClientError as error:
                     logger.info("viser is tried again for %s: %s", visit.rater, error)
@@ -219,7 +220,7 @@ class Relay:
             bucket.take(now_s, 1 + len(message.data) // limits.MESSAGE_UNIT_BYTES)
             try:
                 said = read(message.data)
-                if visit.passes(said):
+                if visit.passes(said) and visit.over is None:
                     await viser.send_bytes(spelled(said))
             except NotOurs as error:
                 reason = f"no message of the page: {error}"
@@ -239,33 +240,3 @@ class Relay:
                         visit.end(CLOSE_LOGGED_OUT, "logged out")
                 except GaitprefError as error:
                     logger.error("nobody can be logged out: %s", error)
-
-
-async def _pump(
-    from_browser: Coroutine[Any, Any, None],
-    browser: web.WebSocketResponse,
-    viser: ClientWebSocketResponse,
-) -> None:
-    """Carry messages both ways until one side ends; then end the other."""
-    tasks = [
-        asyncio.create_task(from_browser),
-        asyncio.create_task(_from_viser(browser, viser)),
-    ]
-    try:
-        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-    finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-    if viser.closed and not browser.closed:
-        code = viser.close_code or CLOSE_BROKEN
-        # 1006 says that nothing was said, and must not itself be said.
-        await browser.close(code=CLOSE_BROKEN if code == 1006 else code)
-
-
-async def _from_viser(
-    browser: web.WebSocketResponse, viser: ClientWebSocketResponse
-) -> None:
-    async for message in viser:
-        if message.type is WSMsgType.BINARY:
-            await browser.send_bytes(message.data)

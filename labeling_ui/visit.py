@@ -38,7 +38,7 @@ class Visit:
         self.over: tuple[int, str] | None = None
         """Code and reason, once somebody ended it."""
         self._request, self._rater_of = request, rater_of
-        self._work: asyncio.Task[None] | None = None
+        self._ended: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._gui: viser.GuiApi | None = None
 
     def seat(self, gui: viser.GuiApi) -> None:
@@ -84,8 +84,7 @@ class Visit:
         """Close it, wherever it is; the first reason counts."""
         if self.over is None:
             self.over = (code, reason)
-            if self._work is not None:
-                self._work.cancel()
+            self._ended.set_result(None)
 
     async def run(self, work: Coroutine[Any, Any, None]) -> None:
         """Do `work` until it is done or the visit is ended; then say goodbye.
@@ -93,20 +92,22 @@ class Visit:
         Raises:
             Exception: what `work` raised, unless the visit was ended before.
         """
-        self._work = asyncio.create_task(work)
-        if self.over is not None:
-            self._work.cancel()
+        task = asyncio.create_task(work)
         try:
-            await self._work
-        except asyncio.CancelledError:
+            await asyncio.wait({task, self._ended}, return_when=asyncio.FIRST_COMPLETED)
             if self.over is None:
-                raise
+                task.result()
+                return
+            # Not waited for yet: viser may take its time.
+            task.cancel()
+            await self._say_goodbye(*self.over)
         finally:
-            self._work.cancel()
-        if self.over is not None:
-            code, reason = self.over
-            if not self.browser.prepared:
-                # A handshake that is refused tells a browser no reason.
-                await self.browser.prepare(self._request)
-            message = reason[:_LONGEST_REASON].encode()
-            await self.browser.close(code=code, message=message)
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+
+    async def _say_goodbye(self, code: int, reason: str) -> None:
+        if not self.browser.prepared:
+            # A handshake that is refused tells a browser no reason.
+            await self.browser.prepare(self._request)
+        message = reason[:_LONGEST_REASON].encode()
+        await self.browser.close(code=code, message=message)
