@@ -6,16 +6,19 @@ import asyncio
 import re
 import time
 from collections import Counter
+from collections.abc import Callable
 from typing import Any
 
 import aiohttp
 import msgspec
 import zstandard
+from yarl import URL
 
 _ANSWERED = re.compile(r"(\d+) answered, (\d+) open")
 _LOOP = re.compile(r">((?:round \d+ of \d+|the last round): [^<]*)<")
 _ATTEMPTS = 5
-_CAMERA = {
+_ELEMENTS = ("GuiSliderMessage", "GuiTextMessage", "GuiButtonMessage")
+CAMERA = {
     "type": "ViewerCameraMessage",
     "wxyz": (1.0, 0.0, 0.0, 0.0),
     "position": (0.0, -3.0, 1.0),
@@ -32,11 +35,23 @@ _CAMERA = {
 class Visitor:
     """One rater at the page; answers by the page's own hotkeys."""
 
-    def __init__(self, url: str, token: str | None) -> None:
-        """Nobody has come yet; without a token there is no login either."""
-        self._url, self._token = url, token
+    def __init__(
+        self,
+        url: str,
+        token: str | None,
+        connector: Callable[[], aiohttp.BaseConnector] | None = None,
+    ) -> None:
+        """Nobody has come yet.
+
+        Args:
+            url: Of the page, without a slash at the end.
+            token: Without one there is no login either.
+            connector: Makes the way to the server, where it is an unusual one.
+        """
+        self._url, self._token, self._connector = url, token, connector
         self._commands: dict[str, str] = {}
-        self._sliders: dict[str, str] = {}
+        self.elements: dict[str, str] = {}
+        """Ids of sliders, texts and buttons by their labels."""
         self.texts: dict[str, str] = {}
         """What every piece of text on the page says now, by its id."""
         self.moved: Counter[str] = Counter()
@@ -59,7 +74,9 @@ class Visitor:
         """Log in and read until cancelled, or until the server goes away."""
         jar = aiohttp.CookieJar(unsafe=True)
         async with aiohttp.ClientSession(
-            cookie_jar=jar, headers={"Origin": self._url}
+            cookie_jar=jar,
+            headers={"Origin": str(URL(self._url).origin())},
+            connector=None if self._connector is None else self._connector(),
         ) as session:
             if self._token is not None:
                 login = {"token": self._token}
@@ -70,7 +87,7 @@ class Visitor:
                 response.raise_for_status()
             async with await self._connect(session) as socket:
                 self._socket = socket
-                await self._send(_CAMERA)
+                await self._send(CAMERA)
                 async for message in socket:
                     if message.type is aiohttp.WSMsgType.BINARY:
                         self._read(message.data, opened)
@@ -83,7 +100,7 @@ class Visitor:
         for remaining in reversed(range(_ATTEMPTS)):
             try:
                 return await session.ws_connect(
-                    self._url + "/", protocols=("viser-v1.1.1",), max_msg_size=0
+                    self._url, protocols=("viser-v1.1.1",), max_msg_size=0
                 )
             except aiohttp.WSServerHandshakeError:
                 if not remaining:
@@ -100,7 +117,11 @@ class Visitor:
 
     async def slide(self, label: str, value: float) -> None:
         """Move a slider, as a hand would."""
-        uuid = self._sliders[label]
+        await self.set(label, value)
+
+    async def set(self, label: str, value: float | str | bool) -> None:
+        """Move a slider, fill in a text or press a button."""
+        uuid = self.elements[label]
         updates = {"value": value}
         await self._send({"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates})
 
@@ -131,8 +152,8 @@ class Visitor:
                     moved |= robot == "robot_A"
             elif kind == "GuiUpdateMessage":
                 self._read_text(message["uuid"], message["updates"].get("content"))
-            elif kind == "GuiSliderMessage":
-                self._sliders[message["props"]["label"]] = message["uuid"]
+            elif kind in _ELEMENTS:
+                self.elements[message["props"]["label"]] = message["uuid"]
             elif kind == "RegisterCommandMessage":
                 self._commands[message["props"]["label"]] = message["uuid"]
             elif kind == "GuiModalMessage":

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol
 
-from data.answer_database import SCHEMA_VERSION, connect, connect_copy
+from data.answer_database import SCHEMA_VERSION, advice, connect, connect_copy
 from data.errors import AnswerError
 
 Values = Mapping[str, Any]
@@ -190,6 +190,6 @@ def failure(name: str, error: Exception) -> AnswerError:
     """What to say of a data base that `error` happened to."""
     found = " ".join(str(error).split())
     return AnswerError(
-        f"{name} failed: {found}; nothing of this was stored, try again when the cause "
-        "is gone"
+        f"{name} failed: {found}; nothing of this was stored; "
+        f"{advice(error, 'try again when the cause is gone')}"
     )

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import secrets
+import shutil
 import sqlite3
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import closing
@@ -14,12 +16,31 @@ from urllib.parse import quote
 
 from data.answer_rows import row_crc32
 from data.errors import AnswerError
-from data.files import fsync_directory
+from data.files import fsync_directory, require_regular
 
 SCHEMA_VERSION = 3
 APPLICATION_ID = 0x50524546
 """"PREF" in ASCII."""
 _OLDEST_SQLITE = (3, 37, 0)
+_NOT_WRITABLE = (
+    sqlite3.SQLITE_CANTOPEN,
+    sqlite3.SQLITE_READONLY,
+    sqlite3.SQLITE_PERM,
+)
+_NO_ROOM = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR)
+_DAMAGED = "restore it from a copy"
+_ADVICE = dict.fromkeys(
+    _NOT_WRITABLE,
+    "it cannot be written there, as on a disk that is read-only; the answers in it are "
+    "safe: commands that only read go on working, to add answers copy the data set to "
+    "where you may write",
+) | {
+    sqlite3.SQLITE_FULL: "the answers in it are safe; make room and try again",
+    sqlite3.SQLITE_IOERR: "the disk is full or failed, what was stored is kept; see to "
+    "the disk and try again",
+    sqlite3.SQLITE_NOMEM: "the answers in it are safe; close other programs",
+}
+"""What to do about an error that says nothing against the file itself."""
 BUSY_TIMEOUT_MS = 30_000
 """SQLite is not fair: one of several writers waits while the others take turns."""
 
@@ -34,7 +55,8 @@ def connect(path: Path) -> sqlite3.Connection:
 
     Raises:
         AnswerError: the file is no store of answers, or of a newer version, or held
-            by another program; or SQLite is too old.
+            by another program, or cannot be written; or SQLite is too old.
+        FileError: the path leads to something else than a file.
     """
     if sqlite3.sqlite_version_info < _OLDEST_SQLITE:
         raise AnswerError(
@@ -43,16 +65,17 @@ def connect(path: Path) -> sqlite3.Connection:
         )
     if not path.parent.is_dir():
         raise AnswerError(f"{path} cannot be made, its directory is missing; make it")
+    if path.exists():
+        require_regular(path)
     deadline = time.monotonic() + BUSY_TIMEOUT_MS / 1000
     while True:
         try:
             return _connect_once(path)
         except (sqlite3.Error, UnicodeDecodeError) as error:
-            # The low byte; the others say what exactly was busy.
-            if getattr(error, "sqlite_errorcode", 0) & 0xFF != sqlite3.SQLITE_BUSY:
+            if _code(error) != sqlite3.SQLITE_BUSY:
                 raise AnswerError(
-                    f"{path} cannot be used as a store of answers ({error}); restore "
-                    "it from a copy, or move it away to start a new one"
+                    f"{path} cannot be used as a store of answers ({error}); "
+                    f"{advice(error, _DAMAGED)}"
                 ) from error
             if time.monotonic() > deadline:
                 raise AnswerError(
@@ -80,8 +103,8 @@ def connect_copy(path: Path) -> sqlite3.Connection:
         copy.close()
         if isinstance(error, sqlite3.Error | UnicodeDecodeError):
             raise AnswerError(
-                f"{path} cannot be read as a store of answers ({error}); restore it "
-                "from a copy"
+                f"{path} cannot be read as a store of answers ({error}); "
+                f"{advice(error, _DAMAGED)}"
             ) from error
         raise
     return copy
@@ -91,13 +114,38 @@ def open_unchanged(path: Path) -> sqlite3.Connection:
     """A connection that can only read, even where nobody may write.
 
     Raises:
+        FileError: the path leads to something else than a file.
         sqlite3.Error: the file cannot be read.
     """
+    require_regular(path)
     uri = f"file:{quote(str(path.resolve()))}?mode=ro"
     # Without a log beside it the file is all there is, and no lock has to be made.
-    if not path.with_name(path.name + "-wal").exists():
-        uri += "&immutable=1"
-    return sqlite3.connect(uri, uri=True, isolation_level=None)
+    log = path.with_name(path.name + "-wal")
+    if not log.exists():
+        return sqlite3.connect(f"{uri}&immutable=1", uri=True, isolation_level=None)
+    connection = sqlite3.connect(uri, uri=True, isolation_level=None)
+    try:
+        connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    except sqlite3.Error as error:
+        connection.close()
+        if _code(error) not in (*_NOT_WRITABLE, *_NO_ROOM):
+            raise
+        if not log.stat().st_size:
+            return sqlite3.connect(f"{uri}&immutable=1", uri=True, isolation_level=None)
+        # A log is read with a file beside it that cannot be made here.
+        return _copy_with_log(path, log)
+    return connection
+
+
+def _copy_with_log(path: Path, log: Path) -> sqlite3.Connection:
+    """A connection to a copy in memory of a store and of the log beside it."""
+    copy = sqlite3.connect(":memory:", isolation_level=None)
+    with tempfile.TemporaryDirectory() as folder:
+        for file in (path, log):
+            shutil.copyfile(file, Path(folder, file.name))
+        with closing(sqlite3.connect(Path(folder, path.name))) as source:
+            source.backup(copy)
+    return copy
 
 
 def _connect_once(path: Path) -> sqlite3.Connection:
@@ -210,6 +258,16 @@ def _statements(number: int) -> Iterator[str]:
         if sqlite3.complete_statement(statement):
             yield statement
             statement = ""
+
+
+def advice(error: Exception, otherwise: str) -> str:
+    """What to do about an error of SQLite; `otherwise` where its kind does not tell."""
+    return _ADVICE.get(_code(error), otherwise)
+
+
+def _code(error: Exception) -> int:
+    """The kind of an error of SQLite; its other bytes say more exactly what it was."""
+    return getattr(error, "sqlite_errorcode", 0) & 0xFF
 
 
 def _pragma(connection: sqlite3.Connection, name: str) -> int:

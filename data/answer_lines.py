@@ -6,9 +6,9 @@ import json
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 
+from data.answer_fields import Rater, answer_of, pair_of, rater_of
 from data.answer_records import Answer, Pair, to_json
 from data.answers import AnswerStore
-from data.clips import Clip
 from data.errors import AnswerError
 
 
@@ -24,34 +24,41 @@ def to_lines(store: AnswerStore) -> Iterator[str]:
 
 
 def from_lines(store: AnswerStore, lines: Iterable[str], name: str) -> None:
-    """Add what `to_lines` gave; `name` is what errors call the lines.
+    """Add what `to_lines` gave, all of it or nothing.
+
+    Every line is looked at before the first is added.
+
+    Args:
+        store: Where to.
+        lines: What `to_lines` gave.
+        name: What errors call the lines.
 
     Raises:
         AnswerError: a line is damaged, or contradicts what is in the store.
     """
+    raters: list[Rater] = []
     pairs: list[Pair] = []
     answers: list[Answer] = []
     for number, line in enumerate(lines, 1):
         try:
             values = json.loads(line)
-            record = values.pop("record")
-            if record == "rater":
-                store.add_rater(values["rater_id"], values["kind"], values["info"])
-            elif record == "pair":
-                a, b = Clip(**values.pop("a")), Clip(**values.pop("b"))
-                pair = Pair(**values, a=a, b=b)
-                if pair.pair_id != Pair.make(a, b, strategy="", round=0).pair_id:
-                    raise ValueError("its id is not that of its clips")
-                pairs.append(pair)
-            else:
-                answers.append(Answer(**values))
-        except AnswerError:
-            raise
+            match values.pop("record"):
+                case "rater":
+                    raters.append(rater_of(values))
+                case "pair":
+                    pairs.append(pair_of(values))
+                case "answer":
+                    answers.append(answer_of(values))
+                case other:
+                    raise ValueError(f"a record of the kind {str(other)[:40]!r}")
         except Exception as error:
             found = " ".join(f"{type(error).__name__}: {error}".split())[:200]
             raise AnswerError(
                 f"line {number} of {name} is damaged ({found}); get it again"
             ) from error
-    store.add_pairs(pairs)
-    for answer in answers:
-        store.add_answer(answer)
+    with store.transaction():
+        for rater_id, kind, info in raters:
+            store.add_rater(rater_id, kind, info, copied=True)
+        store.add_pairs(pairs)
+        for answer in answers:
+            store.add_answer(answer, copied=True)

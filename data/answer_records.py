@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from typing import Any, Literal, get_args
 
 from data.clips import Clip
+from data.limits import BIGGEST_INTEGER
 
 QUESTION = "better_overall"
 """What is asked about a pair; part of its identity."""
@@ -140,7 +141,9 @@ class Answer:
             object.__setattr__(self, name, float(value))
         for name in ("shown_ms", "watched_ms", "response_ms"):
             value = getattr(self, name)
-            if value is not None and not (isinstance(value, int) and value >= 0):
+            if value is not None and not (
+                type(value) is int and 0 <= value <= BIGGEST_INTEGER
+            ):
                 raise ValueError(f"{name} must be whole milliseconds, got {value!r}")
         if self.p_a is not None and not _agrees(self.choice, self.p_a):
             raise ValueError(f"choice {self.choice!r} contradicts p_a {self.p_a}")

@@ -38,6 +38,8 @@ from data.answer_rows import (
     insert_into,
 )
 from data.errors import AnswerError
+from data.limits import RATER_ID_CHARS
+from data.typed_text import too_long
 
 
 class AnswerStore:
@@ -96,17 +98,27 @@ class AnswerStore:
         self.close()
 
     def add_rater(
-        self, rater_id: str, kind: RaterKind, info: dict[str, Any] | None = None
+        self,
+        rater_id: str,
+        kind: RaterKind,
+        info: dict[str, Any] | None = None,
+        *,
+        copied: bool = False,
     ) -> None:
         """Make a rater known; one who is known already keeps the first `info`.
 
+        Args:
+            copied: From another store, where there may have been no limits yet.
+
         Raises:
-            AnswerError: the id belongs to a rater of another kind.
+            AnswerError: the id belongs to a rater of another kind, or is too long.
             ValueError: there is no such kind, or `info` is not JSON.
         """
         if kind not in get_args(RaterKind):
             known = ", ".join(get_args(RaterKind))
             raise ValueError(f"a rater is one of {known}, got {kind!r}")
+        if not copied and (wrong := too_long(rater_id, RATER_ID_CHARS)):
+            raise AnswerError(f"the rater {rater_id[:40]!r}... {wrong}; shorten it")
         row = encode_rater(rater_id, kind, info or {})
         query = f"{insert_into('rater')} ON CONFLICT (rater_id) DO NOTHING"
         with self.transaction():
@@ -180,17 +192,22 @@ class AnswerStore:
         )
         return [decode_pair(row) for row in rows]
 
-    def add_answer(self, answer: Answer) -> bool:
+    def add_answer(self, answer: Answer, *, copied: bool = False) -> bool:
         """Record an answer.
+
+        Args:
+            copied: From another store, where there may have been no limits yet.
 
         Returns:
             False if the same answer is there already, as after a retry.
 
         Raises:
             AnswerError: its id is taken by another answer, its pair or rater is not
-                known, or what it corrects is not a current answer of the same rater
-                to the same pair.
+                known, what it corrects is not a current answer of the same rater to
+                the same pair, or a text is too long.
         """
+        if not copied:
+            _require_short(answer)
         with self.transaction():
             known = self.find_answer(answer.answer_id)
             if known is not None:
@@ -304,4 +321,12 @@ class AnswerStore:
             raise AnswerError(
                 f"answer {answer.supersedes!r} is by another rater or about another "
                 "pair; correct only your own answer to the same pair"
+            )
+
+
+def _require_short(answer: Answer) -> None:
+    for name in ("note", "reason"):
+        if wrong := too_long(getattr(answer, name)):
+            raise AnswerError(
+                f"the {name} of answer {answer.answer_id!r} {wrong}; shorten it"
             )

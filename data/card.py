@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 from data.overview import Overview
+from data.shown import shown
 
 OPEN = "TO BE FILLED IN BY THE PUBLISHER"
 
@@ -115,4 +116,4 @@ def _answers(seen: Overview) -> str:
 
 def _cell(text: str) -> str:
     """Text that cannot leave its cell."""
-    return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;")
+    return shown(" ".join(text.split())).replace("|", "\\|").replace("<", "&lt;")

@@ -26,7 +26,8 @@ from data.episode_window import read_feature_window
 from data.episode_writer import encode_episode
 from data.errors import CorruptEpisode, DatasetError
 from data.feature_cache import FeatureCache
-from data.files import fsync_directory, sha256_bytes, write_atomically
+from data.files import fsync_directory, read_file, sha256_bytes, write_atomically
+from data.limits import EPISODE_BYTES
 from data.manifest import EpisodeEntry as EpisodeEntry
 from data.manifest import rollout_path
 from data.manifest_file import LOCK_NAME as LOCK_NAME
@@ -164,7 +165,7 @@ class Dataset:
         """
         added: list[EpisodeEntry] = []
         for path in paths:
-            content = path.read_bytes()
+            content = read_file(path, EPISODE_BYTES)
             added.append(_entry_of(content, decode_episode(content, str(path))))
         self._list(added)
         return added
@@ -251,7 +252,7 @@ class Dataset:
             CorruptEpisode: it is missing, or not what the manifest promises.
         """
         with self._file_expected(entry) as path:
-            content = path.read_bytes()
+            content = read_file(path, EPISODE_BYTES)
         if entry.sha256 not in self._verified:
             found = sha256_bytes(content)
             if found != entry.sha256:

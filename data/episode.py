@@ -35,19 +35,22 @@ from data.episode_records import Episode as Episode
 from data.episode_records import EpisodeMeta as EpisodeMeta
 from data.errors import CorruptEpisode, EpisodeError, UnsupportedSchema
 from data.features import features_sha256
+from data.files import read_file
+from data.limits import EPISODE_BYTES, EPISODE_UNPACKED_BYTES
 from data.mcap_records import checked_summary, chunk_messages, only, record_at
+from data.unpacking import require_size
 
 
 def read_episode(path: Path) -> Episode:
     """Read a whole episode.
 
     Raises:
-        OSError: the file cannot be read.
+        FileError, OSError: the file cannot be read.
         TruncatedEpisode: the file has no end.
         CorruptEpisode: the file is not what was written.
         UnsupportedSchema: another version, or another program, wrote the file.
     """
-    return decode_episode(path.read_bytes(), str(path))
+    return decode_episode(read_file(path, EPISODE_BYTES), str(path))
 
 
 def read_features(path: Path) -> np.ndarray:
@@ -56,7 +59,7 @@ def read_features(path: Path) -> np.ndarray:
     Raises:
         OSError, EpisodeError: as for `read_episode`.
     """
-    return decode_features(path.read_bytes(), str(path))
+    return decode_features(read_file(path, EPISODE_BYTES), str(path))
 
 
 def decode_episode(content: bytes, name: str) -> Episode:
@@ -151,6 +154,7 @@ def _open(content: bytes, name: str) -> _Parts:
         steps.append(found[step_channel])
         if final_channel in found:
             finals.append(found[final_channel])
+        require_size(sum(chunk.nbytes for chunk in steps), EPISODE_UNPACKED_BYTES)
     num_steps = sum(len(chunk) for chunk in steps)
     num_finals = sum(len(chunk) for chunk in finals)
     if num_finals != 1:

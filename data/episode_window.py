@@ -18,9 +18,11 @@ from data import schema
 from data.clips import Clip
 from data.episode import chunk_indexes, corrupt_if_unreadable, supported_channels
 from data.errors import CorruptEpisode
-from data.files import sha256_bytes
+from data.files import open_regular, sha256_bytes
+from data.limits import EPISODE_BYTES
 from data.manifest import EpisodeEntry
 from data.mcap_records import chunk_messages, summary_records, tail_start
+from data.unpacking import require_size
 
 _TAIL_BYTES = 16 * 1024
 """Holds the end of an episode of up to a minute; of a longer one a second read."""
@@ -34,7 +36,7 @@ def read_feature_window(path: Path, entry: EpisodeEntry, clip: Clip) -> np.ndarr
         EpisodeError: the file is not the one the manifest means, or is damaged.
     """
     name = str(path)
-    with path.open("rb", buffering=0) as file, corrupt_if_unreadable(name):
+    with open_regular(path) as file, corrupt_if_unreadable(name):
         descriptor = file.fileno()
         size = os.fstat(descriptor).st_size
         if size != entry.bytes:
@@ -42,6 +44,7 @@ def read_feature_window(path: Path, entry: EpisodeEntry, clip: Clip) -> np.ndarr
                 f"{path} has {size} bytes, the manifest promises {entry.bytes}; "
                 "restore it from a copy of the data set"
             )
+        require_size(size, EPISODE_BYTES)
         tail = _tail(descriptor, size, name)
         if sha256_bytes(tail) != entry.tail_sha256:
             raise CorruptEpisode(

@@ -1,6 +1,7 @@
 """Exceptions a caller reacts to; everything else is ValueError, TypeError or KeyError.
 
 GaitprefError            what went wrong lies in the user's input or files
+├── FileError            a path leads to no file, or to one that is too large
 ├── EpisodeError         an episode file cannot be used
 │   ├── UnsupportedSchema    written under a schema this code does not read
 │   ├── TruncatedEpisode     the writer died before closing the file
@@ -16,6 +17,10 @@ class GaitprefError(Exception):
 
     lines: str = ""
     """What to write into a file, shown below the message as it is."""
+
+
+class FileError(GaitprefError):
+    """A path leads to something that is no file, or to one that cannot be taken."""
 
 
 class EpisodeError(GaitprefError):

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from collections.abc import Iterable
 from io import StringIO
 from typing import Any
 
 from data.answer_records import QUESTION
 from data.dataset import Dataset
+from data.shown import shown
 
+_FORMULA = re.compile(r"((?:^|;)[\s\"]*)(?=[=+\-@\uff1d\uff0b\uff0d\uff20])")
 LABEL_TYPES: dict[str, type] = {
     "answer_id": str,
     "question": str,
@@ -78,14 +81,33 @@ def labels(dataset: Dataset) -> list[dict[str, Any]]:
 
 
 def to_jsonl(rows: Iterable[dict[str, Any]]) -> str:
-    """A JSON object a line."""
-    return "".join(json.dumps(row, ensure_ascii=False) + "\n" for row in rows)
+    """A JSON object a line; what cannot be seen is escaped, and read back as it was."""
+    return "".join(_line(row) + "\n" for row in rows)
 
 
 def to_csv(rows: Iterable[dict[str, Any]]) -> str:
-    """A table with a header; what is None is empty."""
+    """A table with a header for people and spreadsheets; what is None is empty.
+
+    What cannot be seen is spelled out, and an apostrophe keeps a spreadsheet from
+    taking what somebody wrote for a formula. JSON lines hold texts to the letter.
+    """
     text = StringIO()
     writer = csv.DictWriter(text, list(LABEL_TYPES), lineterminator="\n")
     writer.writeheader()
-    writer.writerows(rows)
+    for row in rows:
+        writer.writerow({name: _cell(value) for name, value in row.items()})
     return text.getvalue()
+
+
+def _line(row: dict[str, Any]) -> str:
+    text = json.dumps(row, ensure_ascii=False)
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in text)
+
+
+def _cell(value: Any) -> Any:
+    if not isinstance(value, str):
+        return value
+    # Where lists are separated by semicolons, a cell may begin behind one.
+    return _FORMULA.sub(r"\1'", shown(value))

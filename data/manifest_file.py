@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import errno
-import fcntl
 import os
 import threading
 from collections.abc import Callable, Iterator
@@ -11,7 +9,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from data.errors import DatasetError
-from data.files import write_atomically
+from data.faults import cause
+from data.files import locked, open_regular, read_bounded, write_atomically
+from data.limits import MANIFEST_BYTES
 from data.manifest import EpisodeEntry, decode_manifest, encode_manifest
 from data.manifest_lookup import look_up, require_manifest
 
@@ -20,15 +20,6 @@ LOCK_NAME = ".lock"
 
 Entries = dict[str, EpisodeEntry]
 """Episodes by hash, sorted."""
-
-_NOT_WRITABLE = {
-    errno.EACCES: "you may not write there",
-    errno.EPERM: "you may not write there",
-    errno.EROFS: "it is read-only",
-    errno.ENOSPC: "the disk is full",
-    errno.EDQUOT: "your share of the disk is used up",
-    errno.EFBIG: "a file may not become that large",
-}
 
 
 class ManifestFile:
@@ -56,7 +47,7 @@ class ManifestFile:
         Raises:
             DatasetError: the directory is not writable.
         """
-        with writable(root), _locked(root):
+        with writable(root), locked(root / LOCK_NAME):
             if not (root / MANIFEST_NAME).exists():
                 write_atomically(root / MANIFEST_NAME, encode_manifest([]))
 
@@ -64,13 +55,14 @@ class ManifestFile:
         """All entries; read again if the file was replaced.
 
         Raises:
-            DatasetError: the manifest is damaged.
+            DatasetError, FileError: the manifest is damaged, or no file.
         """
-        with self._mutex, self._expected(), self._path.open("rb") as file:
+        with self._mutex, self._expected(), open_regular(self._path) as file:
             stat = os.fstat(file.fileno())
             stamp = (stat.st_ino, stat.st_size, stat.st_mtime_ns)
             if stamp != self._stamp:
-                self._entries = decode_manifest(file.read(), str(self._path))
+                content = read_bounded(file, self._path, MANIFEST_BYTES)
+                self._entries = decode_manifest(content, str(self._path))
                 self._stamp = stamp
                 self._looked_up.clear()
             return self._entries
@@ -101,7 +93,7 @@ class ManifestFile:
         Raises:
             DatasetError: the manifest is damaged, or not writable.
         """
-        with writable(self._root), _locked(self._root):
+        with writable(self._root), locked(self._root / LOCK_NAME):
             known = self.entries()
             changed = change(known)
             if changed.keys() != known.keys():
@@ -129,18 +121,10 @@ def writable(root: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        reason = _NOT_WRITABLE.get(error.errno or 0)
+        reason = cause(error)
         if reason is None:
             raise
         raise DatasetError(
-            f"{root} cannot be written: {reason} ({error.strerror}); nothing that was "
-            "there is lost, make room or give another directory and run this again"
+            f"{root} cannot be written: {reason}; nothing that was there is lost, make "
+            "room or give another directory and run this again"
         ) from error
-
-
-@contextmanager
-def _locked(root: Path) -> Iterator[None]:
-    """Hold the data set's lock against other processes and threads."""
-    with (root / LOCK_NAME).open("ab") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield

@@ -7,6 +7,8 @@ import os
 from pathlib import Path
 
 from data.errors import DatasetError
+from data.files import open_regular
+from data.limits import MANIFEST_LINE_BYTES
 from data.manifest import (
     EpisodeEntry,
     damaged,
@@ -24,10 +26,10 @@ def require_manifest(path: Path) -> None:
     """Look at the first line only: is it a manifest this version reads?
 
     Raises:
-        DatasetError: it is not.
+        DatasetError, FileError: it is not.
         OSError: it cannot be read.
     """
-    with path.open("rb", buffering=0) as file:
+    with open_regular(path) as file:
         try:
             _first_line(file.fileno(), str(path))
         except DatasetError:
@@ -46,7 +48,7 @@ def look_up(path: Path, sha256: str) -> EpisodeEntry | None:
         DatasetError: the manifest or the line found is damaged, or of another version.
         OSError: it cannot be read.
     """
-    with path.open("rb", buffering=0) as file:
+    with open_regular(path) as file:
         try:
             line = _bisect(file.fileno(), sha256, str(path))
             return None if line is None else decode_line(line, str(path))
@@ -95,4 +97,6 @@ def _line_around(
         if (before >= 0 or first == low) and (after >= 0 or last == high):
             start = before + 1
             return first + start, block[start : after if after >= 0 else None]
+        if size > MANIFEST_LINE_BYTES:
+            raise ValueError(f"a line has more than {MANIFEST_LINE_BYTES} bytes")
         size *= 4

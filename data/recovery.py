@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from data.dataset import Dataset
-from data.errors import DatasetError, EpisodeError
-from data.files import sha256_bytes, sha256_file
+from data.errors import DatasetError, EpisodeError, FileError
+from data.files import open_regular, read_file, sha256_bytes, sha256_file
+from data.limits import EPISODE_BYTES
 from data.manifest import EpisodeEntry
 from data.manifest_file import MANIFEST_NAME, ManifestFile, writable
 from data.salvage import Salvage, salvage
@@ -54,11 +55,11 @@ def recover(root: Path) -> list[RecoveredFile]:
     dataset = _opened(root)
     found = [_recover_listed(dataset, entry) for entry in _damaged_entries(dataset)]
     for path in sorted((root / "rollouts").rglob(".*.tmp")):
-        if not _has_writer(path):
+        if path.is_file() and not _has_writer(path):
             found.append(_recover_file(dataset, path))
     listed = {entry.sha256 for entry in dataset.entries()}
     for path in sorted((root / "rollouts").glob("??/*.mcap")):
-        if path.stem not in listed and not path.is_symlink():
+        if path.stem not in listed and path.is_file() and not path.is_symlink():
             found.append(_recover_file(dataset, path))
     return found
 
@@ -68,9 +69,9 @@ def recover_file(dataset: Dataset, path: Path) -> RecoveredFile:
 
     Raises:
         DatasetError: the data set is not writable.
-        OSError: the file cannot be read.
+        FileError, OSError: the file cannot be read.
     """
-    return _add(dataset, salvage(path.read_bytes(), path.name), path.name)
+    return _add(dataset, salvage(read_file(path, EPISODE_BYTES), path.name), path.name)
 
 
 def _opened(root: Path) -> Dataset:
@@ -78,7 +79,7 @@ def _opened(root: Path) -> Dataset:
     try:
         dataset = Dataset.open(root)
         dataset.entries()
-    except DatasetError as error:
+    except (DatasetError, FileError) as error:
         if "this version reads" in str(error):
             raise
         if (root / MANIFEST_NAME).exists():
@@ -97,7 +98,7 @@ def _damaged_entries(dataset: Dataset) -> Iterator[EpisodeEntry]:
 
 def _recover_listed(dataset: Dataset, entry: EpisodeEntry) -> RecoveredFile:
     path = dataset.path_of(entry)
-    content = path.read_bytes() if path.is_file() else b""
+    content = read_file(path, EPISODE_BYTES) if path.is_file() else b""
     mjcf = _robot_of(dataset, entry)
     saved = salvage(content, entry.sha256, entry=entry, mjcf=mjcf)
     if path.is_file():
@@ -109,7 +110,7 @@ def _recover_listed(dataset: Dataset, entry: EpisodeEntry) -> RecoveredFile:
 def _recover_file(dataset: Dataset, path: Path) -> RecoveredFile:
     """A file the manifest does not know: whole, or the beginning of one."""
     name = str(path.relative_to(dataset.root))
-    content = path.read_bytes()
+    content = read_file(path, EPISODE_BYTES)
     if path.stem == sha256_bytes(content):
         try:
             (entry,) = dataset.adopt([path])
@@ -151,7 +152,7 @@ def _set_aside(root: Path, path: Path) -> None:
 
 
 def _has_writer(path: Path) -> bool:
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -21,6 +21,7 @@ from data import schema
 from data.episode_chunks import FINAL_CHANNEL, STEP_CHANNEL
 from data.episode_records import END_REASONS, EndReason, Episode, EpisodeMeta
 from data.features import features_sha256
+from data.limits import EPISODE_UNPACKED_BYTES
 from data.manifest import EpisodeEntry
 from data.mcap_records import chunk_content
 
@@ -113,7 +114,10 @@ def _scan(
     mjcf: str | None = None
     steps: list[np.ndarray] = []
     final: np.ndarray | None = None
+    room = EPISODE_UNPACKED_BYTES
     for opcode, start, end in _records(content):
+        if room < 0:
+            break
         try:
             if opcode == Opcode.METADATA:
                 facts = Metadata.read(_stream(content, start, end)).metadata
@@ -122,6 +126,7 @@ def _scan(
             elif opcode == Opcode.CHUNK:
                 found, found_final = _chunk(content[start:end])
                 steps.append(found)
+                room -= found.nbytes
                 final = found_final if found_final is not None else final
         except Exception:
             # Foreign bytes fail in any way; what does not parse is not saved.

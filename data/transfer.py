@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from data.answer_fields import require_sound
 from data.answer_records import Answer, Pair, RaterKind
 from data.answers import AnswerStore
 from data.dataset import Dataset
@@ -56,6 +57,7 @@ def transfer(
     before = {entry.sha256 for entry in target.entries()}
     with source.answers_copy() as store:
         raters, pairs, answered = store.rater_rows(), store.pairs(), store.all_answers()
+    require_sound(str(source.root), raters, pairs, (answer for _, answer in answered))
     here = {p.pair_id for p in pairs if {p.a.rollout, p.b.rollout} <= hashes}
     chosen = [(p, a) for p, a in answered if p.pair_id in here and wanted(p, a)]
     chosen = _with_corrected(chosen, answered)
@@ -67,7 +69,7 @@ def transfer(
         raters_used = {answer.rater_id for _, answer in chosen}
         for rater_id, kind, info in raters:
             if rater_id in raters_used:
-                store.add_rater(names[rater_id], kind, info)
+                store.add_rater(names[rater_id], kind, info, copied=True)
         num_answers = sum(
             _add(store, replace(answer, rater_id=names[answer.rater_id]))
             for _, answer in chosen
@@ -173,4 +175,4 @@ def _add(store: AnswerStore, answer: Answer) -> bool:
     known = store.find_answer(answer.answer_id)
     if known is not None and replace(known, created_utc=answer.created_utc) == answer:
         return False
-    return store.add_answer(answer)
+    return store.add_answer(answer, copied=True)

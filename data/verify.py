@@ -14,7 +14,7 @@ from typing import Literal
 from data.answer_backend import Address
 from data.answer_check import Asked, asked, damaged_rows
 from data.dataset import ANSWERS_NAME, Dataset
-from data.errors import AnswerError, AnswersUnreachable, DatasetError
+from data.errors import AnswerError, AnswersUnreachable, DatasetError, FileError
 from data.files import sha256_file
 from data.manifest import EpisodeEntry
 from data.manifest_file import MANIFEST_NAME
@@ -131,7 +131,7 @@ def _answers(address: Address) -> tuple[list[Asked], list[Damage]]:
         return asked(address), damages
     except AnswersUnreachable:
         raise
-    except (AnswerError, sqlite3.Error, UnicodeDecodeError) as error:
+    except (AnswerError, FileError, sqlite3.Error, UnicodeDecodeError) as error:
         message = f"it cannot be read: {' '.join(str(error).split())}"
         return [], [*damages, Damage("answers", ANSWERS_NAME, message)]
 

@@ -8,7 +8,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 from data.dataset import Dataset
-from data.files import replace_directory, write_atomically
+from data.files import read_file, replace_directory, write_atomically
+from data.limits import POLICY_BYTES
 from policy.train import POLICY_NAME
 
 from .asking import Patience, answered
@@ -67,7 +68,7 @@ def approval_stage(
     partial = round.root / "policy.partial"
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir()
-    write_atomically(partial / POLICY_NAME, began_from(round).read_bytes())
+    write_atomically(partial / POLICY_NAME, read_file(began_from(round), POLICY_BYTES))
     replace_directory(partial, round.policy.parent)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from collections.abc import Sequence
@@ -12,6 +11,7 @@ import numpy as np
 
 from data.answers import AnswerStore, Pair
 from data.dataset import Dataset, EpisodeEntry
+from data.files import read_json
 from policy.babble import BABBLE_SHA256
 from rewardmodel.caution import answers_err
 from rewardmodel.cfg import FitCfg
@@ -150,10 +150,7 @@ def _episodes_asked_about(
     """The round's own episodes, and some of what earlier policies did."""
     by_sha256 = {entry.sha256: entry for entry in dataset.entries()}
     own, *before = (
-        [
-            by_sha256[name]
-            for name in json.loads(Round(round.run, n).recorded.read_text())
-        ]
+        [by_sha256[name] for name in read_json(Round(round.run, n).recorded)]
         for n in range(round.number, -1, -1)
     )
     earlier = [

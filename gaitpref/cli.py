@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import importlib
-import os
+import importlib.metadata
 import sys
 from collections.abc import Sequence
 
 import tyro
 
 from data.errors import GaitprefError
+from data.faults import is_full, told
 
 from . import options
 from .bounds import require_bounds
+from .terminal import UNSAID, complain, drop_output, finish, prepare
+from .usage import did_you_mean, require_command
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
@@ -21,34 +24,75 @@ EXIT_NOT_READ = 141
 
 
 def parse(args: Sequence[str] | None = None) -> options.Command:
-    """The command of the arguments; exits on `--help` and on bad usage."""
-    return tyro.cli(
-        options.Command,
-        prog="gaitpref",
-        description="Turns preferences between gaits into a better policy.",
-        args=args,
-        config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes),
-    )
+    """The command of the arguments; exits on `--help` and on bad usage.
+
+    Raises:
+        UsageError: there is no such command.
+    """
+    args = sys.argv[1:] if args is None else args
+    if list(args) == ["--version"]:
+        print(f"gaitpref {importlib.metadata.version('gaitpref')}")
+        raise SystemExit(0)
+    require_command(args)
+    try:
+        return tyro.cli(
+            options.Command,
+            prog="gaitpref",
+            description="Turns preferences between gaits into a better policy. "
+            "`gaitpref --version` says which version this is.",
+            args=args,
+            config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes),
+        )
+    except SystemExit as left:
+        if left.code and (meant := did_you_mean(args)):
+            complain(meant)
+        raise
 
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run one command; the exit code is 0 only on success."""
+    prepare()
+    command: options.Command | None = None
     try:
-        code = run(parse(args))
-        sys.stdout.flush()
+        try:
+            command = parse(args)
+            code = run(command)
+        except SystemExit:
+            finish()
+            raise
+        finish()
+        if UNSAID:
+            complain(UNSAID[0])
+            return EXIT_BAD_INPUT
         return code
     except BrokenPipeError:
         # Whoever read along has had enough; nothing more can be said to them.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        drop_output()
         return EXIT_NOT_READ
     except GaitprefError as error:
-        print(f"gaitpref: {' '.join(str(error).split())}", file=sys.stderr)
-        if error.lines:
-            print(error.lines, file=sys.stderr)
+        complain(" ".join(str(error).split()), error.lines)
         return EXIT_BAD_INPUT
+    except OSError as error:
+        return _failed(error, command)
     except KeyboardInterrupt:
-        print("gaitpref: interrupted; the same command goes on", file=sys.stderr)
+        complain("interrupted; the same command goes on")
         return EXIT_INTERRUPTED
+
+
+def _failed(error: OSError, command: options.Command | None) -> int:
+    """Say what the system refused; what nobody can mend is a bug and shown as one."""
+    try:
+        finish()
+    except OSError as of_output:
+        error = of_output
+        drop_output()
+    line = told(error)
+    if line is None:
+        raise error
+    if isinstance(command, options.Train) and is_full(error):
+        line += " with --resume"
+    complain(line)
+    return EXIT_BAD_INPUT
 
 
 def run(command: options.Command) -> int:

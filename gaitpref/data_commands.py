@@ -9,7 +9,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
 
 from data.archive import CARD_NAME, pack, unpack
@@ -29,9 +28,10 @@ from . import data_options as options
 from .exchange_commands import export, import_into
 from .extras import require
 from .opening import address, open_dataset
+from .terminal import PlainConsole, say
 
 EXIT_DAMAGED = 1
-console = Console(stderr=True, highlight=False)
+console = PlainConsole(stderr=True)
 
 
 def run(action: options.Action) -> int:
@@ -70,7 +70,7 @@ def _info(action: options.Info) -> None:
     if action.json:
         print(json.dumps(asdict(seen)))
         return
-    out = Console(highlight=False)
+    out = PlainConsole()
     out.print(_totals(seen))
     for title, counts in (("robot", seen.robots), ("task", seen.tasks)):
         out.print(_counts(title, counts))
@@ -115,9 +115,9 @@ def _print_verified(found: Verified) -> None:
             touched += f"; episode {damage.episode}"
         if damage.answers:
             touched += f"; answers {', '.join(damage.answers)}"
-        print(f"{damage.kind}: {damage.what}: {damage.message}{touched}")
+        say(f"{damage.kind}: {damage.what}: {damage.message}{touched}")
     for name in found.left_over:
-        print(f"left over: {name}: no manifest knows it, `gaitpref data recover` does")
+        say(f"left over: {name}: no manifest knows it, `gaitpref data recover` does")
     print(
         f"{found.episodes:,} episodes, {found.bytes:,} bytes and {found.answers:,} "
         f"answers looked at, {len(found.damages)} damaged"
@@ -143,7 +143,7 @@ def _recover(action: options.Recover) -> int:
         for file in files:
             gone = "an unknown number" if file.lost_steps is None else file.lost_steps
             why = f" ({file.problem})" if file.problem else ""
-            print(f"{file.file}: kept {file.kept_steps} steps, lost {gone}{why}")
+            say(f"{file.file}: kept {file.kept_steps} steps, lost {gone}{why}")
         print(f"{len(files)} files, kept {kept:,} steps, lost {lost:,}")
     return EXIT_DAMAGED if any(file.problem for file in files) else 0
 
@@ -166,7 +166,7 @@ def _transfer(action: options.Merge | options.Split | options.Subset) -> None:
         return
     for name, part in report.items():
         renamed = "".join(f"; {old} is now {new}" for old, new in part.renamed.items())
-        print(
+        say(
             f"{name}: {part.episodes:,} episodes, {part.pairs:,} pairs and "
             f"{part.answers:,} answers were new, {part.left_out:,} answers stayed "
             f"behind{renamed}"
@@ -311,4 +311,4 @@ def _say(as_json: bool, facts: dict[str, Any]) -> None:
     if as_json:
         print(json.dumps(facts))
     else:
-        print(", ".join(f"{name} {value}" for name, value in facts.items()))
+        say(", ".join(f"{name} {value}" for name, value in facts.items()))

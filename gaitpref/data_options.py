@@ -154,7 +154,7 @@ class View(_OnAnswers):
     """
 
     out: Path
-    """MCAP file to write; the layout is called FILE.layout.json."""
+    """MCAP file to write, as view.mcap; the layout beside it is view.layout.json."""
     pair: str | None = None
     """Id of the pair to show, or its first letters."""
     episode: str | None = None

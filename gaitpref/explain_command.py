@@ -24,6 +24,7 @@ from . import options
 from .pictures import save_picture
 from .questions import ClipCfg, clips_of
 from .strips import clip_picture, curves_picture
+from .terminal import say
 
 DATA_NAME = "explanation.json"
 _BATCH = 256
@@ -57,19 +58,19 @@ def run(command: options.Explain) -> int:
         picture = command.out / f"{name}.svg"
         save_picture(clip_picture(shown, entry, found.clip, found.reward), picture)
         told.append(clip_json(name, found, entry, shown))
-        print(f"{picture}  reward {found.reward:+.2f}  {found.clip.key}")
+        say(f"{picture}  reward {found.reward:+.2f}  {found.clip.key}")
     dt_s = dataset.entry(chosen[0][1].clip.rollout).meta.control_dt_s
     if curves := learned_curves(model, control_dt_s=dt_s):
         picture = command.out / "habits.svg"
         save_picture(curves_picture(curves), picture)
-        print(f"{picture}  most of all {curves[0].name}")
+        say(f"{picture}  most of all {curves[0].name}")
     data = {
         "descriptors": list(model.names),
         "clips": told,
         "curves": [curve_json(curve) for curve in curves],
     }
     write_atomically(command.out / DATA_NAME, json.dumps(data).encode())
-    print(f"the figures are in {command.out / DATA_NAME}")
+    say(f"the figures are in {command.out / DATA_NAME}")
     return 0
 
 

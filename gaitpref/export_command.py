@@ -10,11 +10,12 @@ from policy.checkpoint import load_policy
 from policy.export import export
 
 from . import options
+from .terminal import say
 
 
 def run(command: options.Export) -> int:
     """Write the files; gives the exit code."""
     torch.set_num_threads(1)
     for path in export(load_policy(command.policy), command.out):
-        print(path)
+        say(str(path))
     return 0

@@ -14,6 +14,7 @@ import torch
 
 from data.dataset import Dataset
 from data.errors import GaitprefError
+from data.files import require_directory
 from data.lock import LOCK_NAME, only_writer
 from data.manifest_file import writable
 from rewardmodel.acquisition import unanswered_pairs
@@ -41,6 +42,7 @@ def run(command: options.Command) -> int:
 
 
 def _fit(command: options.Fit) -> None:
+    require_directory(command.out)
     out = command.out.resolve()
     # Beside it, because the directory itself is replaced as a whole.
     lock = out.with_name(f".{out.name}{LOCK_NAME}")

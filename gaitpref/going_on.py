@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 
-from data.files import write_atomically
+from data.files import read_json, write_atomically
 from policy.checkpoint import load_policy
 from policy.evaluate import evaluate
 from policy.ppo import RewardFn
@@ -45,7 +45,7 @@ def _may_go_on(round: Round) -> bool:
     """Whether no answers spoke against the policy of `round`."""
     if not round.approval.exists():
         return True
-    return json.loads(round.approval.read_text())["approved"]
+    return read_json(round.approval)["approved"]
 
 
 def _worth(cfg: LoopCfg, round: Round, score_fn: RewardFn) -> float:

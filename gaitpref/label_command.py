@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from labeling_ui.public_url import parse_public_url
 from labeling_ui.server import LabelCfg, LabelServer
 
 from . import options
@@ -16,7 +17,7 @@ def run(command: options.Label) -> int:
     cfg = label_cfg(command)
     dataset = open_dataset(command)
     with LabelServer(dataset, cfg) as page:
-        for line in greeting(page.url, dataset.root, cfg):
+        for line in greeting(page.notices, dataset.root, cfg):
             print(line, flush=True)
         wait_until_stopped()
     return 0
@@ -26,22 +27,24 @@ def label_cfg(serving: options.Serving) -> LabelCfg:
     """The options as the server takes them.
 
     Raises:
-        GaitprefError: the port is none.
+        GaitprefError: the port is none, or --public-url no address.
     """
     require_port(serving.port)
+    public = serving.public_url
     return LabelCfg(
         host=serving.host,
         port=serving.port,
         guidelines=serving.guidelines,
         cert=serving.cert,
         key=serving.key,
+        public_url=None if public is None else parse_public_url(public),
         auth=not serving.no_auth,
     )
 
 
-def greeting(url: str, dataset: Path, cfg: LabelCfg) -> list[str]:
+def greeting(notices: list[str], dataset: Path, cfg: LabelCfg) -> list[str]:
     """Where the page is, and how to get in."""
-    lines = [f"the labeling page is at {url}"]
-    if cfg.auth:
-        lines.append(f"make a token with: gaitpref raters --dataset {dataset} add NAME")
-    return lines
+    if not cfg.auth:
+        return notices
+    token = f"make a token with: gaitpref raters --dataset {dataset} add NAME"
+    return [*notices, token]

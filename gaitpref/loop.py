@@ -8,19 +8,14 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from data.answer_backend import Address
 from data.dataset import Dataset
-from data.files import sha256_file
 from data.lock import only_writer
 from policy.config import EnvCfg, getup_env
-from policy.identity import content_of
-from policy.robot import Robot
 
 from .approval import approval_stage, verdict_stage
 from .asking import questions_stage
-from .criteria import Criterion, load_criterion
 from .extras import require
 from .loop_cfg import LoopCfg, RunError
 from .opening import address
@@ -30,9 +25,9 @@ from .presets import resolve
 from .progress import console
 from .report import PAGE_NAME, write_report
 from .retraining import policy_stage
-from .rewards import criterion_context
 from .rounds import Round
 from .run_config import claim
+from .run_inputs import inputs_of
 from .setting import Setting, setting_of
 from .side_by_side import show_stage
 from .stages import fit_stage, record_stage, report_stage
@@ -86,9 +81,9 @@ def run_configured(
 
 
 def _run(run: Path, cfg: LoopCfg, open_page: OpenPage, answers: Address | None) -> None:
-    robot = _setting(cfg).robot
-    criterion = load_criterion(cfg.criterion, criterion_context(robot, cfg.env))
-    claim(run, cfg, _inputs(cfg, robot, criterion))
+    inputs = inputs_of(cfg)
+    robot, criterion = inputs.robot, inputs.criterion
+    claim(run, cfg, inputs.contents)
     dataset = Dataset.create(run / "dataset", answers=answers)
     with open_page(dataset) as people:
         for number in range(cfg.rounds + 1):
@@ -108,16 +103,6 @@ def _run(run: Path, cfg: LoopCfg, open_page: OpenPage, answers: Address | None) 
             write_report(run)
 
 
-def _inputs(cfg: LoopCfg, robot: Robot, criterion: Criterion) -> dict[str, Any]:
-    """What the names in the configuration stand for, by content."""
-    base = None if cfg.base in ("task", "none") else sha256_file(Path(cfg.base))
-    return {
-        "base": base,
-        "robot": robot.model_sha256,
-        "criterion": content_of(criterion),
-    }
-
-
 @contextmanager
 def page_of_loop(options: Loop, dataset: Dataset) -> Iterator[People]:
     """The labeling page of a run, up over all its rounds.
@@ -129,9 +114,9 @@ def page_of_loop(options: Loop, dataset: Dataset) -> Iterator[People]:
     command = require("gaitpref.label_command", "label")
     page = require("gaitpref.loop_page", "label")
     cfg = command.label_cfg(options.page)
-    with page.loop_page(dataset.root, cfg) as (url, opened):
+    with page.loop_page(dataset.root, cfg) as (notices, opened):
         os.nice(page.NICENESS)
-        for line in command.greeting(url, dataset.root, cfg):
+        for line in command.greeting(notices, dataset.root, cfg):
             console.print(line)
         patience = {}
         if options.patience is not None:

@@ -55,8 +55,10 @@ class LoopPage:
 
 
 @contextmanager
-def loop_page(root: Path, cfg: LabelCfg) -> Iterator[tuple[str, LoopPage]]:
-    """Serve the page of the data set `root` while the block runs; its address too.
+def loop_page(root: Path, cfg: LabelCfg) -> Iterator[tuple[list[str], LoopPage]]:
+    """Serve the page of the data set `root` while the block runs.
+
+    Gives what whoever started it has to know too, line by line.
 
     Raises:
         GaitprefError: the page cannot be served, as where the port is busy.
@@ -67,7 +69,7 @@ def loop_page(root: Path, cfg: LabelCfg) -> Iterator[tuple[str, LoopPage]]:
     process.start()
     there.close()
     try:
-        yield _address(here), LoopPage(process, here)
+        yield _notices(here), LoopPage(process, here)
     finally:
         here.close()
         process.join(_STOP_S)
@@ -76,7 +78,7 @@ def loop_page(root: Path, cfg: LabelCfg) -> Iterator[tuple[str, LoopPage]]:
             process.join()
 
 
-def _address(pipe: Connection) -> str:
+def _notices(pipe: Connection) -> list[str]:
     """What the page says of itself once it is up.
 
     Raises:
@@ -84,10 +86,10 @@ def _address(pipe: Connection) -> str:
     """
     try:
         if pipe.poll(_START_S):
-            address, refusal = pipe.recv()
+            notices, refusal = pipe.recv()
             if refusal:
                 raise GaitprefError(refusal)
-            return address
+            return notices
     except (EOFError, OSError):
         pass
     raise GaitprefError("the labeling page does not start; see its message above")
@@ -112,9 +114,9 @@ def _serve(root: Path, cfg: LabelCfg, pipe: Connection) -> None:
         server = LabelServer(Dataset.open(root), cfg, status=latest.read)
         server.start()
     except GaitprefError as error:
-        pipe.send(("", str(error)))
+        pipe.send(([], str(error)))
         return
-    pipe.send((server.url, ""))
+    pipe.send((server.notices, ""))
     try:
         while True:
             latest.status = pipe.recv()

@@ -42,6 +42,9 @@ class Serving:
     """Certificate chain for TLS, PEM."""
     key: Path | None = None
     """Its private key, PEM."""
+    public_url: str | None = None
+    """What people open where a reverse proxy stands before the page, as
+    https://label.example.org/gait."""
     no_auth: bool = False
     """Ask for no token; only on loopback."""
 

@@ -14,6 +14,7 @@ from labeling_ui.geometry import robot_geometry
 from labeling_ui.live import Drive, LivePolicy, LiveState, StepFn
 from labeling_ui.play_page import PlayPage, play_site
 from labeling_ui.tokens import TokenStore
+from labeling_ui.visit import Visit
 from policy.checkpoint import Policy, load_policy
 from policy.config import EnvCfg
 from policy.env import QuadrupedEnv
@@ -109,7 +110,7 @@ def run(command: options.Play) -> int:
             f"{paths[0]} and {paths[1]} act at different rates; play one at a time"
         )
 
-    def new_page(client: viser.ClientHandle, rater: str) -> PlayPage:
+    def new_page(client: viser.ClientHandle, visit: Visit) -> PlayPage:
         return PlayPage(client, policies)
 
     site = play_site(policies, command.port, TokenStore(command.policy.parent))

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -18,11 +17,13 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from .terminal import PlainConsole
+
 if TYPE_CHECKING:
     # Only named here: who fits a reward may have no simulator.
     from policy.ppo import IterationStats
 
-console = Console(stderr=True, highlight=False, soft_wrap=True)
+console = PlainConsole(stderr=True, soft_wrap=True)
 
 
 class TrainingBar:

@@ -8,6 +8,7 @@ from typing import Any
 
 from data.dataset import Dataset
 from data.errors import GaitprefError
+from data.shown import shown
 from labeling_ui.figures import (
     RaterFigures,
     Share,
@@ -19,6 +20,7 @@ from labeling_ui.tokens import TokenStore, require_name
 
 from . import options
 from .opening import open_dataset
+from .terminal import say
 
 
 def run(command: options.Raters) -> int:
@@ -52,7 +54,7 @@ def _add(command: options.Raters, dataset: Dataset, tokens: TokenStore) -> None:
 
 def _list(command: options.Raters, dataset: Dataset, tokens: TokenStore) -> None:
     known = tokens.names()
-    with dataset.answers() as store:
+    with dataset.answers_copy() as store:
         counts = {name: store.count(rater_id=name) for name in known}
     raters = [
         {"name": name, "since": token.created_utc, "answers": counts[name]}
@@ -67,7 +69,7 @@ def _list(command: options.Raters, dataset: Dataset, tokens: TokenStore) -> None
 
 
 def _stats(command: options.Raters, dataset: Dataset) -> None:
-    with dataset.answers() as store:
+    with dataset.answers_copy() as store:
         rows = human_rows(store)
     names = sorted({answer.rater_id for _, answer in rows})
     raters = [figures(rows, name) for name in names]
@@ -91,7 +93,7 @@ def _line(of_rater: RaterFigures) -> str:
         return "-" if value is None else f"{value:.{digits}f}"
 
     return (
-        f"{of_rater.rater_id:<16}{of_rater.answers:>8}"
+        f"{shown(of_rater.rater_id):<16}{of_rater.answers:>8}"
         f"{number(of_rater.per_hour, 0):>10}{number(of_rater.median_s, 1):>7}s"
         f"{percent(of_rater.left):>6}{percent(of_rater.self_consistency):>6}"
         f"{percent(of_rater.gold):>7}{percent(of_rater.agreement):>7}"
@@ -118,4 +120,8 @@ def _name(command: options.Raters) -> str:
 
 
 def _show(command: options.Raters, values: dict[str, Any], lines: list[str]) -> None:
-    print(json.dumps(values) if command.json else "\n".join(lines))
+    if command.json:
+        print(json.dumps(values))
+        return
+    for line in lines:
+        say(shown(line))

@@ -12,7 +12,7 @@ from typing import Any
 import torch
 
 from data.dataset import Dataset
-from data.files import fsync_directory
+from data.files import fsync_directory, require_replaceable
 from rewardmodel.model import RewardModel
 
 from .extras import require
@@ -40,9 +40,11 @@ def write_rewards(path: Path, dataset: Dataset, model: RewardModel) -> int:
     whole.
 
     Raises:
+        FileError: something else than a file is there.
         OSError: the disk is full or not writable.
         DatasetError, EpisodeError: an episode is missing or damaged.
     """
+    require_replaceable(path)
     partial = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
     steps = 0
     try:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import json
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from data.files import write_atomically
+from data.errors import FileError
+from data.files import read_json, write_atomically
 
 from .loop_cfg import LoopCfg, RunError
 from .pictures import BLUE, GREY, plain_axes, svg_of
@@ -56,9 +56,16 @@ def write_report(run: Path) -> Path:
     """
     cfg = read_config(run)
     rounds = read_rounds(run)
+    try:
+        text = render(run, cfg, rounds)
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as why:
+        raise RunError(
+            f"the reports of the rounds of {run} are not what a loop writes "
+            f"({type(why).__name__}: {why}); restore them from a copy"
+        ) from why
     page = run / PAGE_NAME
     page.parent.mkdir(exist_ok=True)
-    write_atomically(page, render(run, cfg, rounds).encode())
+    write_atomically(page, text.encode())
     return page
 
 
@@ -77,10 +84,10 @@ def read_rounds(run: Path) -> list[dict[str, Any]]:
     rounds = []
     for file in files:
         try:
-            rounds.append(json.loads(file.read_text()))
-        except json.JSONDecodeError as error:
+            rounds.append(read_json(file))
+        except FileError as error:
             raise RunError(
-                f"{file} is damaged ({error}): delete it and repeat the loop's command"
+                f"{error}, or move it away and repeat the loop's command"
             ) from None
     return rounds
 
@@ -194,7 +201,7 @@ def _table(rounds: list[dict[str, Any]]) -> str:
         "spread",
     )
     rows = "".join(
-        "<tr>" + "".join(f"<td>{cell}</td>" for cell in _cells(r)) + "</tr>"
+        f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in _cells(r))}</tr>"
         for r in rounds
     )
     return (

@@ -5,7 +5,6 @@ Like every stage it finds what is finished already, so it can be killed anywhere
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,7 +12,8 @@ import torch
 from torch import Tensor
 
 from data.dataset import Dataset
-from data.files import replace_directory, write_atomically
+from data.files import read_file, read_json, replace_directory, write_atomically
+from data.limits import POLICY_BYTES
 from policy.checkpoint import holding_home, load_policy
 from policy.ppo import IterationStats, RewardFn
 from policy.robot import Robot
@@ -85,7 +85,7 @@ def policy_stage(
             told = f"round {round.number}: {plan.watch.alarm}"
             asks = round.number < cfg.rounds
             before = ", so it asks before it trains on" if asks else ""
-            console.print(f"[bold red]ALARM[/] {told}{before}")
+            console.alarm(f"{told}{before}")
     judged = round.number == cfg.rounds and labels_kept(cfg, round, dataset)
     replace_directory(partial, round.candidate if judged else round.policy.parent)
 
@@ -126,7 +126,7 @@ def _train(
 def _untrained(cfg: LoopCfg, round: Round) -> bytes | None:
     """The policy file of a round that trains nothing; None where it does."""
     if round.number == 0 and cfg.base not in ("task", "none"):
-        return Path(cfg.base).read_bytes()
+        return read_file(Path(cfg.base), POLICY_BYTES)
     if round.number and not deserves_training(round.before):
         asks = round.number < cfg.rounds
         kept = approved(round.before)
@@ -139,7 +139,7 @@ def _untrained(cfg: LoopCfg, round: Round) -> bytes | None:
             f"round {round.number}: the {stays}, because the answers do not agree; "
             f"{'asking again' if asks else 'no round is left'}"
         )
-        return holding_home(kept) if stands else kept.read_bytes()
+        return holding_home(kept) if stands else read_file(kept, POLICY_BYTES)
     return None
 
 
@@ -203,7 +203,7 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
 
 def rows_of_round(round: Round, dataset: Dataset) -> Tensor:
     """Rows [T, N, F] of some episodes of a finished round, as long as the shortest."""
-    names = json.loads(round.recorded.read_text())
+    names = read_json(round.recorded)
     some = names[:: max(1, len(names) // _EPISODES_LOOKED_AT)]
     rows = [torch.tensor(dataset.features(name)) for name in some]
     shortest = min(len(each) for each in rows)
@@ -252,5 +252,5 @@ def planned_steps(cfg: LoopCfg, round: Round) -> int:
         return own
     before = planned_steps(cfg, round.before)
     summary = round.before.policy.parent / SUMMARY_NAME
-    done = json.loads(summary.read_text())["steps"] if summary.exists() else 0
+    done = read_json(summary)["steps"] if summary.exists() else 0
     return own + max(0, before - done)

@@ -13,21 +13,22 @@ from policy.robot import Robot, load_robot
 
 from . import options
 from .robot_picture import draw
+from .terminal import say
 
 
 def run(command: options.Robot) -> int:
     """Describe the robot and draw it; gives the exit code."""
     robot = load_robot(command.xml, physics_dt_s=EnvCfg().physics_dt_s)
-    print(describe(robot))
+    say(describe(robot))
     folder = command.out or Path()
     folder.mkdir(parents=True, exist_ok=True)
     picture = folder / f"{robot.name}.png"
     write_atomically(picture, draw(robot))
-    print(f"picture    {picture}")
+    say(f"picture    {picture}")
     if command.out is not None:
         completed = folder / f"{robot.name}.xml"
         write_atomically(completed, robot.mjcf.encode())
-        print(f"model      {completed}")
+        say(f"model      {completed}")
     return 0
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from data.files import read_json
 from policy.train import POLICY_NAME
 
 from .loop_cfg import LoopCfg
@@ -89,7 +89,7 @@ class Round:
 def approved(round: Round) -> Path:
     """The newest policy, up to that of `round`, that no answers spoke against."""
     while round.approval.exists():
-        if json.loads(round.approval.read_text())["approved"]:
+        if read_json(round.approval)["approved"]:
             break
         round = round.before
     return round.policy
@@ -98,7 +98,7 @@ def approved(round: Round) -> Path:
 def began_from(round: Round) -> Path:
     """The policy that the training of `round` began from."""
     if round.began.exists():
-        return Round(round.run, json.loads(round.began.read_text())["round"]).policy
+        return Round(round.run, read_json(round.began)["round"]).policy
     return approved(round.before)
 
 

@@ -9,9 +9,11 @@ from typing import Any
 
 import yaml
 
-from data.files import write_atomically
+from data.errors import FileError
+from data.files import read_json, write_atomically
 from data.lock import LOCK_NAME
 from data.plain import from_plain, to_plain
+from data.yaml_file import read_yaml
 from policy.identity import differences
 
 from .loop_cfg import LoopCfg, RunError
@@ -72,8 +74,8 @@ def _require_whole(run: Path, absent: Collection[str]) -> None:
 def _inputs(run: Path) -> dict[str, Any]:
     path = run / INPUTS_NAME
     try:
-        return json.loads(path.read_text())
-    except (OSError, ValueError) as error:
+        return read_json(path)
+    except (FileError, OSError) as error:
         raise RunError(
             f"{path} cannot be read ({error}), so it cannot be known what the run was "
             "started with: give another --run"
@@ -99,8 +101,8 @@ def read_config(run: Path) -> LoopCfg:
 
 def _load(path: Path) -> dict[str, object]:
     try:
-        values = yaml.safe_load(path.read_text())
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        values = read_yaml(path)
+    except ValueError as error:
         raise RunError(
             f"{path} is damaged: {' '.join(str(error).split())[:160]}"
         ) from None

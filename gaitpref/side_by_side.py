@@ -18,7 +18,7 @@ import numpy as np
 from data.answers import Pair
 from data.clips import Clip
 from data.dataset import Dataset
-from data.files import sha256_file, write_atomically
+from data.files import read_json, sha256_file, write_atomically
 from policy.checkpoint import Policy, load_policy
 from policy.record import record
 from policy.train import POLICY_NAME
@@ -150,7 +150,7 @@ def pairs_of_both(
 
     Both clips of a pair begin as near to the same step as the episodes allow.
     """
-    names = set(json.loads(round.shown.read_text()))
+    names = set(read_json(round.shown))
     entries = {e.sha256: e for e in dataset.entries() if e.sha256 in names}
     new, old = (
         [e for e in entries.values() if e.meta.policy_sha256 == policy.sha256]

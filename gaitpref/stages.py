@@ -12,7 +12,7 @@ from dataclasses import asdict
 from typing import Any
 
 from data.dataset import Dataset
-from data.files import write_atomically
+from data.files import read_json, write_atomically
 from policy.checkpoint import load_policy
 from policy.evaluate import evaluate, rollout_features, summarise
 from policy.ppo import RewardFn
@@ -68,7 +68,7 @@ def began_with(cfg: LoopCfg, round: Round) -> float:
     """Return, under the reward a round trained on, of the policy it began from."""
     began = began_from(round)
     if began == round.before.policy:
-        return json.loads(round.before.report.read_text())["learned_return_next"]
+        return read_json(round.before.report)["learned_return_next"]
     return evaluate(
         load_policy(began),
         load_reward(round.before.reward),
@@ -107,11 +107,11 @@ def report_stage(
     }
     summary = round.policy.parent / SUMMARY_NAME
     if summary.exists():
-        result["training"] = json.loads(summary.read_text())
+        result["training"] = read_json(summary)
     if round.approval.exists():
-        result["approval"] = json.loads(round.approval.read_text())
+        result["approval"] = read_json(round.approval)
     if round.standstill.exists():
-        result["standstill"] = json.loads(round.standstill.read_text())
+        result["standstill"] = read_json(round.standstill)
     rose = False
     if round.number:
         trained_against = measured(load_reward(round.before.reward))
@@ -133,4 +133,4 @@ def report_stage(
         f"{evaluation['falls_per_minute']:.2f} falls/min"
     )
     for reason in result["trust"]["alarms"]:
-        console.print(f"[bold red]ALARM[/] round {round.number}: {reason}")
+        console.alarm(f"round {round.number}: {reason}")

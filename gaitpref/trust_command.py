@@ -21,6 +21,7 @@ from .opening import open_dataset
 from .pictures import save_picture
 from .progress import working
 from .reliability import reliability_plot
+from .terminal import say
 
 EPISODES = 16
 """Of the policy, over the grid of commands."""
@@ -60,13 +61,13 @@ def run(command: options.Trust) -> int:
         print(json.dumps({**values, **alarm_json(reasons)}))
         return 0
     for line in _lines(command, judged, foreseen, reached, same):
-        print(line)
+        say(line)
     if remains := what_remains(model.provenance.report):
-        print(f"left to ask     at its fit: {remains}")
+        say(f"left to ask     at its fit: {remains}")
     for reason in reasons:
-        print(f"ALARM: {reason}")
+        say(f"ALARM: {reason}")
     if not reasons:
-        print("no alarm")
+        say("no alarm")
     return 0
 
 

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from data.dataset import Dataset
-from data.files import write_atomically
+from data.files import read_json, write_atomically
 from policy.reward_ppo import OfRollout, RewardFn
 from rewardmodel.foresight import foresee
 from rewardmodel.model import RewardModel
@@ -145,7 +145,7 @@ def watched(
 
 def deserves_training(round: Round) -> bool:
     """Whether the reward of a finished round may be trained on."""
-    trust = json.loads(round.report.read_text()).get("trust", {})
+    trust = read_json(round.report).get("trust", {})
     return bool(trust.get("deserves_training", True))
 
 
@@ -182,7 +182,7 @@ def trust_of_round(
     reasons = alarms(foreseen, reached, return_rose=return_rose)
     watch = round.policy.parent / WATCH_NAME
     if watch.exists():
-        values["watch"] = json.loads(watch.read_text())
+        values["watch"] = read_json(watch)
         if values["watch"]["alarm"]:
             reasons = (*reasons, values["watch"]["alarm"])
     return {**values, **alarm_json(reasons), "deserves_training": not distrusted}

@@ -10,6 +10,8 @@ from typing import Any
 import viser
 from viser import GuiButtonHandle, GuiEvent
 
+from data.limits import NOTE_CHARS
+
 from .actions import (
     CONFIDENCES,
     SHORTCUTS,
@@ -83,7 +85,7 @@ class Controls:
         self._bad = self._button("bad", post)
         self._undo = self._button("undo", post)
         self._keep = self._button("keep", post)
-        with gui.add_folder("Note and confidence"):
+        with gui.add_folder(f"Note (up to {NOTE_CHARS:,} characters), confidence"):
             self.note = gui.add_text("note", "", multiline=True)
             self.confidence = gui.add_dropdown("you are", tuple(CONFIDENCES))
         self.note.on_update(posts_value(post, "note"))
@@ -118,7 +120,7 @@ class Controls:
 
     def warn(self, text: str) -> None:
         """Show a sentence until something else is shown."""
-        self._head.content += _boxed(_warning(text))
+        self._head.content += boxed(warning(text))
 
     def clear_remarks(self) -> None:
         """Start the next pair without note and confidence."""
@@ -130,7 +132,7 @@ class Controls:
         self._loop.visible = status is not None
         self._loop_bar.visible = status is not None and status.progress is not None
         if status is not None:
-            self._loop.content = _boxed(html.escape(status.text))
+            self._loop.content = boxed(html.escape(status.text))
             self._loop_bar.value = 100.0 * (status.progress or 0.0)
 
     def _button(self, name: Name, post: Post) -> GuiButtonHandle:
@@ -166,12 +168,12 @@ def head(rater_id: str, showing: Showing) -> str:
         said = WORDS[question.earlier].lower()
         lines.append(f"<i>Reopened: you said “{said}”. Answer again, or keep it.</i>")
     if showing.notice:
-        lines.append(_warning(showing.notice))
+        lines.append(warning(showing.notice))
     top = (
         f'<div style="display:flex;justify-content:space-between;opacity:.65;'
         f'font-size:12px"><span>{html.escape(rater_id)}</span><span>{count}</span></div>'
     )
-    return _boxed(top + "".join(f"<div>{line}</div>" for line in lines))
+    return boxed(top + "".join(f"<div>{line}</div>" for line in lines))
 
 
 def command_words(commands: Sequence[Command]) -> str:
@@ -203,18 +205,20 @@ def verdict_words(verdict: Verdict) -> str:
     return WORDS[verdict]
 
 
-def _warning(text: str) -> str:
+def warning(text: str) -> str:
+    """A sentence in the colour of what a rater should not overlook."""
     return f'<span style="color:#e8590c">{html.escape(text)}</span>'
 
 
-def _boxed(inner: str) -> str:
+def boxed(inner: str) -> str:
+    """HTML of the panel with some room around it."""
     return (
         '<div style="padding:2px 12px 6px;font-size:14px;line-height:1.45">'
         f"{inner}</div>"
     )
 
 
-_LINKS = _boxed(
+_LINKS = boxed(
     '<a href="figures" target="_blank">My figures</a> · '
     '<a href="guidelines" target="_blank">Guidelines in a window</a>'
 )

@@ -43,9 +43,21 @@ class Showing:
 class Desk:
     """One browser tab's access to queue and clips; for one thread at a time."""
 
-    def __init__(self, session: RaterSession, motions: MotionCache) -> None:
+    def __init__(
+        self,
+        session: RaterSession,
+        motions: MotionCache,
+        *,
+        may_act: Callable[[], bool] = lambda: True,
+    ) -> None:
+        """Sit down at a queue.
+
+        Args:
+            may_act: Whether the rater still has a token; asked before each action.
+        """
         self._session = session
         self._motions = motions
+        self._may_act = may_act
 
     @property
     def rater_id(self) -> str:
@@ -67,6 +79,10 @@ class Desk:
         if question_id != shown.question_id:
             return self.look()
         return None
+
+    def act(self, act: Act) -> Outcome:
+        """Store something, unless the rater was thrown out meanwhile."""
+        return act(self) if self._may_act() else Outcome(False, "You are logged out.")
 
     def answer(self, judgement: Judgement) -> Outcome:
         """Store an answer."""

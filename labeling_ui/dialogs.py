@@ -6,8 +6,11 @@ from typing import Protocol
 
 import viser
 
+from data.limits import NOTE_CHARS
+from data.typed_text import too_long
+
 from .actions import BAD_REASONS
-from .controls import Post, posts
+from .controls import Post, boxed, posts, warning
 
 
 class Dialog(Protocol):
@@ -35,15 +38,22 @@ def bad_clip_dialog(client: viser.ClientHandle, post: Post) -> Dialog:
         for reason in BAD_REASONS:
             button = client.gui.add_button(reason, color="gray")
             button.on_click(posts(post, "bad_reason", reason))
-        other = client.gui.add_text("other", "")
+        other = client.gui.add_text(f"other, up to {NOTE_CHARS:,} characters", "")
+        remark = client.gui.add_html("", visible=False)
         send = client.gui.add_button("Send other reason")
         back = client.gui.add_button("Back without an answer [escape]", color="gray")
 
     @send.on_click
     async def _(event: viser.GuiEvent) -> None:
         del event
-        if other.value.strip():
-            post("bad_reason", other.value.strip()[:500])
+        reason = other.value.strip()
+        if wrong := too_long(reason):
+            remark.content, remark.visible = (
+                boxed(warning(f"The reason {wrong}.")),
+                True,
+            )
+        elif reason:
+            post("bad_reason", reason)
 
     back.on_click(posts(post, "close"))
     return modal

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from data.errors import GaitprefError
+from data.files import read_text
+from data.limits import GUIDELINES_BYTES
 
 DEFAULT_GUIDELINES = """\
 Two robots, **A** (blue) and **B** (orange), were given the same command. Say which one
@@ -19,8 +21,6 @@ Slow down, step, or turn the scene with the mouse as much as you like. There is 
 and no score, and every answer can be undone.
 """
 
-_MAX_BYTES = 200_000
-
 
 def load_guidelines(path: Path | None) -> str:
     """The Markdown text in the file `path`, or what is said by default.
@@ -31,10 +31,7 @@ def load_guidelines(path: Path | None) -> str:
     if path is None:
         return DEFAULT_GUIDELINES
     try:
-        content = path.read_bytes()
-        if len(content) > _MAX_BYTES:
-            raise ValueError(f"it has {len(content)} bytes, more than {_MAX_BYTES}")
-        return content.decode()
+        return read_text(path, GUIDELINES_BYTES)
     except (OSError, ValueError) as error:
         raise GaitprefError(
             f"the guidelines {path} cannot be used ({error}); give a Markdown file"

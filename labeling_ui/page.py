@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import queue
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -19,8 +20,15 @@ from .controls import Controls
 from .desk import Act, Desk, Look, Showing
 from .dialogs import Dialog, bad_clip_dialog, guidelines_dialog
 from .judgement import Judgement, Verdict
+from .limits import (
+    ACTIONS_WAITING,
+    CHANGES_AT_ONCE,
+    CHANGES_PER_S,
+    EVENTS_PER_TURN,
+)
 from .motion import Motion
 from .moves import Frames
+from .pace import Bucket
 from .playback import Playback
 from .scene import PairScene, Pose
 from .status import LoopStatus
@@ -75,7 +83,9 @@ class Page:
         self.client = client
         self._desk, self._shared = desk, shared
         self._events: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
-        self._busy = False
+        self._busy = self._storing = False
+        self._acts: deque[Act] = deque()
+        self._changes = Bucket(per_s=CHANGES_PER_S, at_once=CHANGES_AT_ONCE)
         # One of each at most waits for a worker that is busy with answers.
         self._look_waits = self._load_waits = False
         self._sign_of_life = time.monotonic()
@@ -106,7 +116,9 @@ class Page:
 
     def attend(self) -> None:
         """Handle what came in."""
-        while not self._events.empty():
+        for _ in range(EVENTS_PER_TURN):
+            if self._events.empty():
+                return
             self._handle(*self._events.get_nowait())
 
     def tick(self, elapsed_s: float, status: LoopStatus | None) -> None:
@@ -132,13 +144,15 @@ class Page:
         return Pose(*motion.pose(self._clock.time_s), fallen=motion.fell and over)
 
     def _handle(self, name: str, value: Any) -> None:
-        if name not in ("showing", "idle", "failed"):
+        if name not in ("showing", "idle", "stored", "failed"):
             self._sign_of_life = time.monotonic()
         match name:
             case "showing":
                 self._show(value)
             case "idle":
-                self._busy = False
+                self._busy = self._storing
+            case "stored":
+                self._stored()
             case "failed":
                 self._controls.warn(_NOT_STORED)
             case "verdict":
@@ -163,6 +177,8 @@ class Page:
         """A shortcut, by key or by button."""
         if name == "close":
             self._close_dialog()
+        elif name in _CHANGES and not self._changes.taken(time.monotonic()):
+            return
         elif name == "guidelines":
             self._toggle_guidelines()
         elif self._modal is not None:
@@ -223,6 +239,7 @@ class Page:
             watched_ms=round(1000 * clock.watched_s),
             response_ms=round(1000 * (time.monotonic() - self._shown_at)),
             client={"replays": clock.replays, "speed": clock.speed},
+            dialog_open=self._modal is not None,
         )
         self._store(lambda desk: desk.answer(judgement))
 
@@ -255,15 +272,27 @@ class Page:
         self._shared.worker.submit(looked)
 
     def _store(self, act: Act) -> None:
-        """Have the worker store something, then show what came of it."""
-        self._busy = True
+        """Have the worker store something, then show what came of it.
+
+        One after the other, so that who sends thousands is one among others there.
+        """
+        if self._storing:
+            if len(self._acts) < ACTIONS_WAITING:
+                self._acts.append(act)
+            return
+        self._busy = self._storing = True
         self._shared.worker.store(
-            lambda: act(self._desk),
-            lambda outcome: self._seen(lambda desk: desk.after(outcome)),
+            lambda: self._desk.act(act),
+            lambda outcome: self._seen(lambda desk: desk.after(outcome), "stored"),
             lambda error: self._failed(),
         )
 
-    def _seen(self, look: Look) -> None:
+    def _stored(self) -> None:
+        self._busy = self._storing = False
+        if self._acts:
+            self._store(self._acts.popleft())
+
+    def _seen(self, look: Look, done: str = "idle") -> None:
         """Post what is on the desk, and have what comes next loaded."""
         try:
             showing = look(self._desk)
@@ -274,7 +303,7 @@ class Page:
                     self._load_waits = True
                     self._shared.worker.submit(self._load_ahead)
         finally:
-            self.post("idle")
+            self.post(done)
 
     def _load_ahead(self) -> None:
         self._load_waits = False
@@ -283,7 +312,7 @@ class Page:
 
     def _failed(self) -> None:
         self.post("failed")
-        self.post("idle")
+        self.post("stored")
 
     def _show(self, showing: Showing) -> None:
         before = None if self._showing is None else self._showing.question_id
@@ -337,6 +366,8 @@ class Page:
             self._modal = None
 
 
+_CHANGES = ("bad", "guidelines", "view", "camera", "theme", "curves")
+"""What makes much of the page anew."""
 _CLOCK: dict[str, Callable[[Playback], Playback]] = {
     "play": Playback.toggle,
     "replay": Playback.replay,

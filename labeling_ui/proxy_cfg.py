@@ -8,9 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from data.errors import GaitprefError
+from data.files import require_regular
 
+from . import limits
+from .public_url import PublicUrl
 from .tokens import TokenStore
-from .web_checks import is_loopback
+from .web_checks import is_loopback, same_origin
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,41 +28,99 @@ class ProxyCfg:
     """Certificate chain for TLS, PEM."""
     key: Path | None = None
     """Its private key, PEM."""
+    public_url: PublicUrl | None = None
+    """Where people open the page, if a reverse proxy stands before it."""
     auth: bool = True
     """Ask for a token; without, everybody is `local_rater`. Only on loopback."""
     local_rater: str = "local"
     """Who answers where nobody logs in."""
     guidelines: Path | None = None
     """Markdown file; a default text without."""
-    max_message_bytes: int = 2**20
+    max_message_bytes: int = limits.MESSAGE_BYTES
     """Longest message a browser may send."""
-    max_clients: int = 24
+    max_clients: int = limits.PAGES
     """Open pages in all."""
-    max_clients_per_rater: int = 1
+    max_clients_per_rater: int = limits.PAGES_PER_RATER
     """Open pages of one rater; a new one closes the oldest."""
-    login_failures_per_minute: int = 10
+    login_failures_per_minute: int = limits.LOGIN_FAILURES_PER_MINUTE
     """Wrong tokens an address may try."""
     cookie_days: int = 14
     """How long a login lasts."""
 
     @property
-    def scheme(self) -> str:
-        """Of the page's address."""
-        return "http" if self.cert is None else "https"
+    def path(self) -> str:
+        """What the addresses of all our pages begin with."""
+        return "" if self.public_url is None else self.public_url.path
+
+    @property
+    def secure(self) -> bool:
+        """Browsers reach the page by TLS only."""
+        if self.public_url is not None:
+            return self.public_url.scheme == "https"
+        return self.cert is not None
 
     @property
     def in_clear(self) -> bool:
         """Tokens can be read on the way: others reach the server, and without TLS."""
         return self.cert is None and not is_loopback(self.host)
 
+    def cookie_name(self, port: int) -> str:
+        """Of the cookie that says who is logged in where the page is on `port`."""
+        # What a browser holds the prefix to: https, and for the first, the path "/".
+        prefix = ("__Secure-" if self.path else "__Host-") if self.secure else ""
+        # Ports share cookies: two servers of one machine must not log each other out.
+        return f"{prefix}gaitpref-{port}"
+
+    def knows(self, name: str) -> bool:
+        """Whether the page may be asked for under this host name.
+
+        A foreign name that resolves to this machine makes a foreign page "local".
+        """
+        if self.public_url is not None:
+            return name.lower() == self.public_url.name or is_loopback(name)
+        return is_loopback(name) or not is_loopback(self.host)
+
+    def is_own(self, origin: str | None, host: str) -> bool:
+        """Whether a page of ours sent a request that was addressed to `host`."""
+        if self.public_url is not None:
+            return origin is not None and origin.lower() == self.public_url.origin
+        return same_origin(origin, host)
+
     def url(self, port: int) -> str:
-        """Address of the page where it is served on `port`."""
+        """Where the server listens on `port`; people go there without a proxy."""
         host = self.host
         if host in ("0.0.0.0", "::"):
             host = socket.gethostname()
         elif ":" in host:
             host = f"[{host.strip('[]')}]"
-        return f"{self.scheme}://{host}:{port}"
+        scheme = "http" if self.cert is None else "https"
+        return f"{scheme}://{host}:{port}"
+
+    def notices(self, port: int) -> list[str]:
+        """What whoever starts the page has to know of its address, line by line."""
+        public = self.public_url
+        if public is None:
+            lines = [f"the labeling page is at {self.url(port)}"]
+        else:
+            lines = [
+                f"the labeling page is at {public}",
+                f"its reverse proxy has to pass it on to {self.url(port)}",
+            ]
+        if self.in_clear:
+            lines.append(f"warning: {IN_CLEAR}")
+        if public is not None and public.in_clear:
+            lines.append(
+                f"warning: answers and tokens travel in clear to {public}; give the "
+                "reverse proxy a certificate, and an address that begins with https"
+            )
+        return lines
+
+
+IN_CLEAR = (
+    "answers and tokens travel in clear: without --cert and --key they cross the "
+    "network unencrypted"
+)
+"""Said where others reach the server itself, and without TLS."""
 
 
 def refuse_unsafe(cfg: ProxyCfg, tokens: TokenStore) -> None:
@@ -69,11 +130,15 @@ def refuse_unsafe(cfg: ProxyCfg, tokens: TokenStore) -> None:
         GaitprefError: the page would be open to the network, or nobody has a token.
     """
     if not cfg.auth:
-        if is_loopback(cfg.host):
+        if not is_loopback(cfg.host):
+            reached, option = cfg.host, "--host"
+        elif cfg.public_url is not None and not is_loopback(cfg.public_url.name):
+            reached, option = str(cfg.public_url), "--public-url"
+        else:
             return
         raise GaitprefError(
-            f"--no-auth would open the page to everybody who reaches {cfg.host}; leave "
-            "it out, or leave out --host"
+            f"--no-auth would open the page to everybody who reaches {reached}; leave "
+            f"it out, or leave out {option}"
         )
     if not tokens.names():
         alone = " (alone on this machine, --no-auth does without)"
@@ -97,6 +162,8 @@ def tls_context(cfg: ProxyCfg) -> ssl.SSLContext | None:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     try:
+        for path in (cfg.cert, cfg.key):
+            require_regular(path)
         # An empty password, because OpenSSL would ask for one on the terminal.
         context.load_cert_chain(cfg.cert, cfg.key, password="")
     except OSError as error:

@@ -8,12 +8,13 @@ question cannot be answered twice, whoever sends it how often.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
 from data.answers import Answer, AnswerStore, Pair
+from data.typed_text import plain_text, too_long
 
 from .guard import GuardCfg, GuardState, weigh
 from .judgement import (
@@ -105,6 +106,14 @@ class RaterSession:
         Raises:
             ValueError: the judgement holds an impossible confidence or time.
         """
+        judgement = replace(
+            judgement,
+            note=plain_text(judgement.note),
+            reason=plain_text(judgement.reason),
+        )
+        for name, text in (("note", judgement.note), ("reason", judgement.reason)):
+            if wrong := too_long(text):
+                return Outcome(False, f"The {name} {wrong}: shorten it, then answer.")
         now = self._now()
         guard, reason = weigh(self._guard, judgement, now, self.cfg.guard)
         if reason:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Coroutine
-from dataclasses import dataclass
-from typing import Any
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
 
 import aiohttp
 from aiohttp import ClientWebSocketResponse, WSMsgType, web
@@ -14,37 +16,30 @@ from yarl import URL
 
 from data.errors import GaitprefError
 
-from .proxied import RATER_HEADER, SECRET_HEADER
+from . import limits
+from .messages import NotOurs, read, spelled
+from .pace import Bucket
+from .proxied import RATER_HEADER, SECRET_HEADER, VISIT_HEADER
 from .proxy_cfg import ProxyCfg
+from .pump import pump
 from .responses import redirect, refused
+from .visit import CLOSE_LOGGED_OUT as CLOSE_LOGGED_OUT
+from .visit import Visit
 from .visitors import Visitors
 from .web_checks import is_page_parameter, page_policy, viser_protocol
 
 logger = logging.getLogger(__name__)
 
 CLOSE_GOING_AWAY = 1001
-CLOSE_NOT_BINARY = 1003
-CLOSE_BROKEN = 1011
+CLOSE_NOT_OURS = 1003
 CLOSE_REPLACED = 4001
-CLOSE_LOGGED_OUT = 4003
-_WATCH_S = 1.0
+CLOSE_FLOOD = 4008
 _REACH_S = 20.0
 """How long viser is tried: while it builds the pages of many raters who come at once,
 it lets a handshake wait, and may drop it."""
 _REACH_AGAIN_S = 0.2
+_CLOSE = aiohttp.ClientWSTimeout(ws_close=limits.CLOSE_S)  # type: ignore[call-arg]
 _NOT_UP = "The page is not up; try again."
-
-
-@dataclass(frozen=True, eq=False)
-class _Visit:
-    """An open page."""
-
-    request: web.Request
-    browser: web.WebSocketResponse
-
-    async def close(self, code: int, reason: str) -> None:
-        if self.browser.prepared:
-            await self.browser.close(code=code, message=reason.encode())
 
 
 class Relay:
@@ -54,53 +49,91 @@ class Relay:
         self._cfg = cfg
         self._upstream = f"127.0.0.1:{upstream_port}"
         self._secret = secret
-        self._visitors: Visitors[_Visit] = Visitors(
+        self._visitors: Visitors[Visit] = Visitors(
             per_rater=cfg.max_clients_per_rater, in_all=cfg.max_clients
         )
-        self._closing: set[asyncio.Task[None]] = set()
+        self._visits: dict[str, Visit] = {}
+        self._openings: defaultdict[str, Bucket] = defaultdict(
+            partial(
+                Bucket, per_s=limits.OPENINGS_PER_S, at_once=limits.OPENINGS_AT_ONCE
+            )
+        )
+        # Of the rater, so that a page opened anew goes on where the last was closed.
+        self._messages: defaultdict[str, Bucket] = defaultdict(
+            partial(
+                Bucket, per_s=limits.MESSAGES_PER_S, at_once=limits.MESSAGES_AT_ONCE
+            )
+        )
+        self._pages: dict[bool, tuple[bytes, dict[str, str]]] = {}
 
     async def start(self, rater_of: Callable[[web.Request], str | None]) -> None:
         """Start to throw out whom `rater_of` does not know any more."""
+        self._rater_of = rater_of
         self._client = aiohttp.ClientSession(
             auto_decompress=False,
             # viser ends a connection after every page without saying so beforehand.
             connector=aiohttp.TCPConnector(limit=0, force_close=True),
             cookie_jar=aiohttp.DummyCookieJar(),
         )
-        self._watch = asyncio.create_task(self._watched(rater_of))
+        self._watch = asyncio.create_task(self._watched())
 
     async def stop(self) -> None:
         """Close all pages."""
         self._watch.cancel()
-        for visit in self._visitors.everybody():
-            self._spawn(visit.close(CLOSE_GOING_AWAY, "the server stops"))
-        await asyncio.gather(self._watch, *self._closing, return_exceptions=True)
+        for visit in self._visits.values():
+            visit.end(CLOSE_GOING_AWAY, "the server stops")
+        with suppress(TimeoutError):
+            async with asyncio.timeout(2 * limits.CLOSE_S):
+                while self._visits:
+                    await asyncio.sleep(0.01)
+        await asyncio.gather(self._watch, return_exceptions=True)
         await self._client.close()
+
+    def visit(self, ticket: str) -> Visit | None:
+        """The visit with this ticket, while it lasts; from any thread."""
+        return self._visits.get(ticket)
 
     def log_out(self, rater: str) -> None:
         """Close a rater's pages."""
         for visit in self._visitors.of(rater):
-            self._spawn(visit.close(CLOSE_LOGGED_OUT, "logged out"))
+            visit.end(CLOSE_LOGGED_OUT, "logged out")
 
     async def page(self, request: web.Request) -> web.StreamResponse:
         """viser's page; parameters that could turn it against the rater are dropped."""
         allowed = [(k, v) for k, v in request.query.items() if is_page_parameter(k)]
         if len(allowed) < len(request.query):
-            return redirect(str(URL("/").with_query(allowed)))
-        accepted = {"Accept-Encoding": request.headers.get("Accept-Encoding", "")}
-        url = f"http://{self._upstream}/"
+            here = URL(f"{self._cfg.path}/")
+            return redirect(str(here.with_query(allowed)))
+        if self._client.closed:
+            return refused(502, _NOT_UP)
         try:
-            async with self._client.get(url, headers=accepted) as answer:
-                body = await answer.read()
+            packed = "gzip" in request.headers.get("Accept-Encoding", "")
+            body, headers = await self._page(packed)
         except aiohttp.ClientError as error:
             logger.warning("no page: %r", error)
             return refused(502, _NOT_UP)
-        kept = ("Content-Type", "Content-Encoding")
-        headers = {
-            name: answer.headers[name] for name in kept if name in answer.headers
-        }
-        headers["Content-Security-Policy"] = page_policy(request.headers["Host"])
-        return web.Response(status=answer.status, body=body, headers=headers)
+        public = self._cfg.public_url
+        host = request.headers["Host"] if public is None else public.netloc
+        policy = {"Content-Security-Policy": page_policy(host)}
+        return web.Response(body=body, headers=headers | policy)
+
+    async def _page(self, packed: bool) -> tuple[bytes, dict[str, str]]:
+        """viser's page and its headers, asked for once: it never changes.
+
+        Raises:
+            aiohttp.ClientError: viser does not give it.
+        """
+        if packed not in self._pages:
+            asked = {SECRET_HEADER: self._secret}
+            asked["Accept-Encoding"] = "gzip" if packed else "identity"
+            url = f"http://{self._upstream}/"
+            async with self._client.get(
+                url, headers=asked, raise_for_status=True
+            ) as answer:
+                kept = ("Content-Type", "Content-Encoding")
+                headers = {n: answer.headers[n] for n in kept if n in answer.headers}
+                self._pages[packed] = (await answer.read(), headers)
+        return self._pages[packed]
 
     async def join(self, request: web.Request, rater: str) -> web.StreamResponse:
         """Join a browser's socket to one of viser's, until either ends."""
@@ -112,17 +145,17 @@ class Relay:
             max_msg_size=self._cfg.max_message_bytes,
             compress=False,
             heartbeat=30.0,
+            timeout=limits.CLOSE_S,
         )
-        visit = _Visit(request, browser)
+        visit = Visit(request, rater, browser, self._rater_of)
         leaving = self._visitors.enter(visit, rater)
         if leaving is None:
             return refused(503, "Too many pages are open; try again later.")
         for old in leaving:
-            self._spawn(old.close(CLOSE_REPLACED, "opened in another window"))
+            old.end(CLOSE_REPLACED, "opened in another window")
+        self._visits[visit.ticket] = visit
         try:
-            async with await self._reach(protocol, rater) as viser:
-                await browser.prepare(request)
-                await _pump(browser, viser)
+            await visit.run(self._carry(request, visit, protocol))
         except ConnectionResetError:
             # It left while viser was being reached; its next try is a visit of its own.
             return browser
@@ -132,78 +165,78 @@ class Relay:
                 return refused(502, _NOT_UP)
         finally:
             self._visitors.leave(visit)
+            del self._visits[visit.ticket]
         return browser
 
-    async def _reach(self, protocol: str, rater: str) -> ClientWebSocketResponse:
-        """A socket to viser for `rater`.
+    async def _carry(self, request: web.Request, visit: Visit, protocol: str) -> None:
+        openings = self._openings[visit.rater]
+        while not openings.taken(time.monotonic()):
+            await asyncio.sleep(openings.wait_s(time.monotonic()))
+        async with await self._reach(protocol, visit) as viser:
+            await visit.browser.prepare(request)
+            await pump(self._from_browser(visit, viser), visit.browser, viser)
+
+    async def _reach(self, protocol: str, visit: Visit) -> ClientWebSocketResponse:
+        """A socket to viser for a visit.
 
         Raises:
             aiohttp.ClientError, TimeoutError: viser did not answer in time.
         """
+        shown = {
+            SECRET_HEADER: self._secret,
+            RATER_HEADER: visit.rater,
+            VISIT_HEADER: visit.ticket,
+        }
         async with asyncio.timeout(_REACH_S):
             while True:
+                if self._client.closed:
+                    raise aiohttp.ClientConnectionError("the server stops")
                 try:
                     return await self._client.ws_connect(
                         f"ws://{self._upstream}/",
                         protocols=[protocol],
-                        headers={SECRET_HEADER: self._secret, RATER_HEADER: rater},
+                        headers=shown,
                         max_msg_size=0,
+                        timeout=_CLOSE,
                     )
                 except aiohttp.ClientError as error:
-                    logger.info("viser is tried again for %s: %s", rater, error)
+                    logger.info("viser is tried again for %s: %s", visit.rater, error)
                     await asyncio.sleep(_REACH_AGAIN_S)
-                    if self._client.closed:
-                        # Meanwhile the server has stopped.
-                        raise
 
-    async def _watched(self, rater_of: Callable[[web.Request], str | None]) -> None:
-        while True:
-            await asyncio.sleep(_WATCH_S)
+    async def _from_browser(self, visit: Visit, viser: ClientWebSocketResponse) -> None:
+        """Carry what the page may say, as fast as a hand can make it."""
+        bucket = self._messages[visit.rater]
+        async for message in visit.browser:
+            if message.type is not WSMsgType.BINARY:
+                reason = message.data if message.type is WSMsgType.ERROR else "text"
+                self._refuse(visit, CLOSE_NOT_OURS, f"no message of the page: {reason}")
+                return
+            while (wait_s := bucket.wait_s(now_s := time.monotonic())) > 0.0:
+                if bucket.pressed_s(now_s) > limits.FLOOD_S:
+                    self._refuse(visit, CLOSE_FLOOD, "too many messages")
+                    return
+                # Nothing more is read meanwhile: what is sent waits at the sender.
+                await asyncio.sleep(wait_s)
+            bucket.take(now_s, 1 + len(message.data) // limits.MESSAGE_UNIT_BYTES)
             try:
-                for visit in self._visitors.everybody():
-                    if rater_of(visit.request) is None:
-                        self._spawn(visit.close(CLOSE_LOGGED_OUT, "logged out"))
-            except GaitprefError as error:
-                logger.error("nobody can be logged out: %s", error)
+                said = read(message.data)
+                if visit.passes(said) and visit.over is None:
+                    await viser.send_bytes(spelled(said))
+            except NotOurs as error:
+                reason = f"no message of the page: {error}"
+                self._refuse(visit, CLOSE_NOT_OURS, reason)
+                return
 
-    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
-        task = asyncio.create_task(work)
-        # The event loop itself keeps no hold of a task.
-        self._closing.add(task)
-        task.add_done_callback(self._closing.discard)
+    def _refuse(self, visit: Visit, code: int, reason: str) -> None:
+        logger.warning("the page of %s is closed: %s", visit.rater, ascii(reason))
+        visit.end(code, ascii(reason)[1:-1])
 
-
-async def _pump(browser: web.WebSocketResponse, viser: ClientWebSocketResponse) -> None:
-    """Carry messages both ways until one side ends; then end the other."""
-    tasks = [
-        asyncio.create_task(_from_browser(browser, viser)),
-        asyncio.create_task(_from_viser(browser, viser)),
-    ]
-    try:
-        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-    finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-    if viser.closed and not browser.closed:
-        code = viser.close_code or CLOSE_BROKEN
-        # 1006 says that nothing was said, and must not itself be said.
-        await browser.close(code=CLOSE_BROKEN if code == 1006 else code)
-
-
-async def _from_browser(
-    browser: web.WebSocketResponse, viser: ClientWebSocketResponse
-) -> None:
-    async for message in browser:
-        if message.type is not WSMsgType.BINARY:
-            await browser.close(code=CLOSE_NOT_BINARY)
-            return
-        await viser.send_bytes(message.data)
-
-
-async def _from_viser(
-    browser: web.WebSocketResponse, viser: ClientWebSocketResponse
-) -> None:
-    async for message in viser:
-        if message.type is WSMsgType.BINARY:
-            await browser.send_bytes(message.data)
+    async def _watched(self) -> None:
+        while True:
+            await asyncio.sleep(limits.WATCH_S)
+            for visit in self._visitors.everybody():
+                try:
+                    if not visit.may_stay():
+                        visit.end(CLOSE_LOGGED_OUT, "logged out")
+                except GaitprefError as error:
+                    logger.error("nobody can be logged out: %s", error)

@@ -18,10 +18,12 @@ from .guidelines import load_guidelines
 from .motion import MotionCache
 from .page import Page, Shared
 from .proxy_cfg import ProxyCfg
+from .public_url import PublicUrl
 from .queue import QueueCfg, RaterSession
 from .site import Site
 from .status import StatusSource, no_status
 from .tokens import TokenStore
+from .visit import Visit
 
 _GUARD = GuardCfg(repeat_gap_s=0.6)
 """A browser that draws in software sends the repeats of a held key in bursts."""
@@ -41,6 +43,8 @@ class LabelCfg:
     """Certificate for TLS, PEM."""
     key: Path | None = None
     """Its private key, PEM."""
+    public_url: PublicUrl | None = None
+    """Where people open the page, if a reverse proxy stands before it."""
     auth: bool = True
     """Ask for a token; only loopback may go without."""
     shadows: bool = True
@@ -71,6 +75,11 @@ class LabelServer:
         """Where the page is; known once it was started."""
         return self._site.url
 
+    @property
+    def notices(self) -> list[str]:
+        """Where the page is and who could listen, line by line, once it was started."""
+        return self._site.notices
+
     def start(self) -> None:
         """Serve the page until `stop`.
 
@@ -85,6 +94,7 @@ class LabelServer:
                 port=cfg.port,
                 cert=cfg.cert,
                 key=cfg.key,
+                public_url=cfg.public_url,
                 auth=cfg.auth,
                 guidelines=cfg.guidelines,
             ),
@@ -123,8 +133,9 @@ class LabelServer:
     ) -> None:
         self.stop()
 
-    def _new_page(self, client: viser.ClientHandle, rater_id: str) -> Page:
+    def _new_page(self, client: viser.ClientHandle, visit: Visit) -> Page:
         session = RaterSession(
-            self._store, rater_id, cfg=self._cfg.queue, rng=np.random.default_rng()
+            self._store, visit.rater, cfg=self._cfg.queue, rng=np.random.default_rng()
         )
-        return Page(client, Desk(session, self._motions), self._shared)
+        desk = Desk(session, self._motions, may_act=visit.may_act)
+        return Page(client, desk, self._shared)

@@ -9,13 +9,19 @@ import threading
 import warnings
 from collections.abc import Callable, Coroutine
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, nullcontext, redirect_stdout
+from contextlib import (
+    AbstractContextManager,
+    ExitStack,
+    nullcontext,
+    redirect_stdout,
+)
 from typing import Any, TypeVar
 
 import viser
 
 from .figures import RaterFigures
-from .proxied import lock_down, new_secret, proxied_rater
+from .log_limit import limited_log
+from .proxied import lock_down, new_secret, only_for, proxied_rater, proxied_visit
 from .proxy import Proxy
 from .proxy_cfg import ProxyCfg
 from .scene import FOV_RAD, SHOTS
@@ -23,13 +29,14 @@ from .status import StatusSource
 from .theme import set_theme
 from .ticker import Ticker, Ticking
 from .tokens import TokenStore
+from .visit import Visit
 from .worker import Work, Worker, logged
 
 logger = logging.getLogger(__name__)
 T = TypeVar("T")
 
-NewPage = Callable[[viser.ClientHandle, str], Ticking]
-"""Makes the page of a client and its rater; called by the worker."""
+NewPage = Callable[[viser.ClientHandle, Visit], Ticking]
+"""Makes the page of a client and its visit; called by the worker."""
 
 
 class Site:
@@ -53,11 +60,12 @@ class Site:
         """
         # A visitor may leave between two writes; viser would warn about each.
         warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
+        self._secret = new_secret()
         # It announces its own port, behind which nobody finds a page.
-        with redirect_stdout(io.StringIO()):
+        with redirect_stdout(io.StringIO()), only_for(self._secret):
             self._viser = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
         lock_down(self._viser)
-        self._secret = new_secret()
+        self._log = ExitStack()
         self._proxy = Proxy(
             cfg,
             upstream_port=self._viser.get_port(),
@@ -77,6 +85,11 @@ class Site:
         """Where the page is; the port is known once it was started."""
         return self._proxy.url
 
+    @property
+    def notices(self) -> list[str]:
+        """Where the page is and who could listen, line by line, once it was started."""
+        return self._proxy.notices
+
     def start(self, new_page: NewPage) -> None:
         """Give every visitor who came through the proxy a page.
 
@@ -86,14 +99,18 @@ class Site:
 
         def connected(client: viser.ClientHandle) -> None:
             rater = proxied_rater(self._viser, client.client_id, self._secret)
-            if rater is not None:
-                self.worker.submit(lambda: self._open(client, rater, new_page))
+            ticket = proxied_visit(self._viser, client.client_id)
+            visit = None if ticket is None else self._proxy.visit(ticket)
+            if visit is not None and visit.rater == rater:
+                visit.seat(client.gui)
+                self.worker.submit(lambda: self._open(client, visit, new_page))
 
         async def disconnected(client: viser.ClientHandle) -> None:
             self._ticker.remove(client.client_id)
 
         self._viser.on_client_connect(connected)
         self._viser.on_client_disconnect(disconnected)
+        self._log.enter_context(limited_log())
         self._ticker.start()
         self._loop.start()
         try:
@@ -136,9 +153,14 @@ class Site:
         self._loop.stop()
         with redirect_stdout(io.StringIO()):
             self._viser.stop()
+        self._log.close()
 
-    def _open(self, client: viser.ClientHandle, rater: str, new_page: NewPage) -> None:
-        self._ticker.add(client.client_id, new_page(client, rater))
+    def _open(
+        self, client: viser.ClientHandle, visit: Visit, new_page: NewPage
+    ) -> None:
+        if visit.over is not None:
+            return
+        self._ticker.add(client.client_id, new_page(client, visit))
         # It may have left while the page was made, before there was one to remove.
         if client.client_id not in self._viser.get_clients():
             self._ticker.remove(client.client_id)

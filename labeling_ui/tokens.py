@@ -6,7 +6,6 @@ it changes, so that a running server knows of a revocation at once.
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import hmac
 import json
@@ -18,14 +17,15 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from data.dataset import LOCK_NAME
 from data.errors import GaitprefError
-from data.files import write_atomically
+from data.files import locked, read_file, write_atomically
+from data.limits import NAME_CHARS, RATERS_BYTES
 
 TOKENS_NAME = "raters.json"
-_NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
+_NAME = re.compile(rf"[A-Za-z0-9_-]{{1,{NAME_CHARS}}}")
+_HEX_32_BYTES = re.compile(r"[0-9a-f]{64}")
 
 
 class TokenError(GaitprefError):
@@ -123,18 +123,23 @@ class TokenStore:
     def _read(self) -> tuple[dict[str, Token], bytes]:
         with self._mutex:
             try:
-                stat = self.path.stat()
-                stamp = (stat.st_ino, stat.st_size, stat.st_mtime_ns)
+                found = self.path.stat()
+                stamp = (found.st_ino, found.st_size, found.st_mtime_ns)
                 if stamp != self._stamp:
-                    content = json.loads(self.path.read_bytes())
-                    self._tokens = _decoded(content["raters"])
-                    self._key = bytes.fromhex(content["key"])
+                    content = read_file(self.path, RATERS_BYTES)
+                    self._tokens, self._key = _decoded(content)
                     self._stamp = stamp
             except FileNotFoundError:
                 self._stamp, self._tokens, self._key = None, {}, b""
-            except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            except OSError as error:
                 raise TokenError(
-                    f"{self.path} cannot be used ({error}); delete it and add the "
+                    f"{self.path} cannot be read ({error.strerror or error}); let "
+                    "whoever runs this read it"
+                ) from None
+            except (ValueError, RecursionError) as error:
+                said = " ".join(str(error).split())[:120]
+                raise TokenError(
+                    f"{self.path} cannot be used ({said}); delete it and add the "
                     "raters again, their answers are kept elsewhere"
                 ) from None
             return self._tokens, self._key
@@ -146,8 +151,7 @@ class TokenStore:
 
     @contextmanager
     def _locked(self) -> Iterator[None]:
-        with (self.path.parent / LOCK_NAME).open("ab") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)
+        with locked(self.path.parent / LOCK_NAME):
             yield
 
 
@@ -159,13 +163,52 @@ def require_name(name: str) -> None:
     """
     if not _NAME.fullmatch(name):
         raise TokenError(
-            f"{name!r} cannot be a rater's name; use 1 to 40 of a-z, A-Z, 0-9, - and "
-            "_, a pseudonym is best"
+            f"{name!r} cannot be a rater's name; use 1 to {NAME_CHARS} of a-z, "
+            "A-Z, 0-9, - and _, a pseudonym is best"
         )
 
 
-def _decoded(raters: dict[str, Any]) -> dict[str, Token]:
-    return {name: Token(**values) for name, values in raters.items()}
+def _decoded(content: bytes) -> tuple[dict[str, Token], bytes]:
+    """Raters and the key of the signatures.
+
+    Raises:
+        ValueError, RecursionError: it is not what `_write` writes.
+    """
+    values = json.loads(content, object_pairs_hook=_unique)
+    key, raters = _fields(values, "the file", "key", "raters")
+    if not isinstance(key, str) or not _HEX_32_BYTES.fullmatch(key):
+        raise ValueError("its key is not 64 hexadecimal digits")
+    if not isinstance(raters, dict):
+        raise ValueError("its raters are no object")
+    tokens = {name: _token(name, entry) for name, entry in raters.items()}
+    if len({token.sha256 for token in tokens.values()}) < len(tokens):
+        raise ValueError("two raters have the same token")
+    return tokens, bytes.fromhex(key)
+
+
+def _token(name: str, entry: object) -> Token:
+    if not _NAME.fullmatch(name):
+        raise ValueError(f"{name[:NAME_CHARS]!r} is no rater's name")
+    created, sha256 = _fields(entry, f"rater {name}", "created_utc", "sha256")
+    if not isinstance(sha256, str) or not _HEX_32_BYTES.fullmatch(sha256):
+        raise ValueError(f"the token of {name} is not 64 hexadecimal digits")
+    if not isinstance(created, str) or datetime.fromisoformat(created).tzinfo is None:
+        raise ValueError(f"the token of {name} has no time in UTC")
+    return Token(sha256, created)
+
+
+def _fields(values: object, owner: str, *names: str) -> list[object]:
+    """The values of an object that has these fields and no others."""
+    if not isinstance(values, dict) or set(values) != set(names):
+        raise ValueError(f"{owner} does not have the fields {' and '.join(names)}")
+    return [values[name] for name in names]
+
+
+def _unique(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    values = dict(pairs)
+    if len(values) < len(pairs):
+        raise ValueError("a name is in it twice")
+    return values
 
 
 def _sha256(token: str) -> str:

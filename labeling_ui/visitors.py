@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 
 V = TypeVar("V", bound=Hashable)
 _MINUTE_S = 60.0
-_MAX_ADDRESSES = 10_000
+_MAX_KEPT = 10_000
 
 
 class Visitors(Generic[V]):
@@ -72,5 +72,21 @@ class Attempts:
         self._times_s.setdefault(address, deque()).append(now_s)
         self._times_s.move_to_end(address)
         # Whoever has that many addresses must not fill the memory as well.
-        while len(self._times_s) > _MAX_ADDRESSES:
+        while len(self._times_s) > _MAX_KEPT:
             self._times_s.popitem(last=False)
+
+
+class Ended:
+    """Logins that were ended before their time; the newest of very many."""
+
+    def __init__(self) -> None:
+        self._ids: OrderedDict[str, None] = OrderedDict()
+
+    def __contains__(self, login: str) -> bool:
+        return login in self._ids
+
+    def add(self, login: str) -> None:
+        """From now on this login is none."""
+        self._ids[login] = None
+        while len(self._ids) > _MAX_KEPT:
+            self._ids.popitem(last=False)

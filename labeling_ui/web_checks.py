@@ -6,12 +6,17 @@ import base64
 import hashlib
 import ipaddress
 import re
-from collections.abc import Iterable
-from urllib.parse import urlsplit
+from collections.abc import Iterable, Mapping, Sequence
+from urllib.parse import parse_qs
 
-_HOST = re.compile(r"(?P<name>[A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\])(:\d{1,5})?")
+_HOST = re.compile(
+    r"(?P<name>[A-Za-z0-9._-]{1,253}|\[[0-9A-Fa-f:.]{1,45}\])(:[0-9]{1,5})?"
+)
 _PAGE_PARAMETERS = ("darkMode", "fixedDpr", "hideViserLogo", "logCamera", "showStats")
 _CAMERA = re.compile(r"initialCamera(Position|LookAt|Up|Fov|Near|Far)")
+_PROTOCOL = re.compile(r"viser-v[A-Za-z0-9.+-]{1,40}")
+_HANDSHAKE_KEY = re.compile(r"[A-Za-z0-9+/]{22}==")
+_HANDSHAKE_VERSION = "13"
 
 SECURITY_HEADERS = {
     "Cache-Control": "no-store",
@@ -30,10 +35,8 @@ def is_loopback(host: str) -> bool:
     """Whether only this machine can reach a server on `host`."""
     if host.lower() == "localhost":
         return True
-    try:
-        return ipaddress.ip_address(host.strip("[]")).is_loopback
-    except ValueError:
-        return False
+    address = _ip_address(host.strip("[]"))
+    return address is not None and address.is_loopback
 
 
 def host_name(host: str) -> str | None:
@@ -44,10 +47,9 @@ def host_name(host: str) -> str | None:
 
 def same_origin(origin: str | None, host: str) -> bool:
     """Whether a page of this very server sent the request."""
-    if origin is None:
-        return False
-    parts = urlsplit(origin)
-    return parts.scheme in ("http", "https") and parts.netloc.lower() == host.lower()
+    # Compared as text: whatever a stranger sends, there is nothing to take apart.
+    own = {f"{scheme}://{host.lower()}" for scheme in ("http", "https")}
+    return origin is not None and origin.lower() in own
 
 
 def is_page_parameter(name: str) -> bool:
@@ -62,18 +64,63 @@ def is_page_parameter(name: str) -> bool:
 def viser_protocol(header: str) -> str | None:
     """The subprotocol viser's client asks for."""
     names: Iterable[str] = (name.strip() for name in header.split(","))
-    return next((name for name in names if name.startswith("viser-v")), None)
+    return next((name for name in names if _PROTOCOL.fullmatch(name)), None)
+
+
+def is_handshake(headers: Mapping[str, str]) -> bool:
+    """Whether a request opens a websocket the way browsers do."""
+    key = headers.get("Sec-WebSocket-Key", "")
+    version = headers.get("Sec-WebSocket-Version", "")
+    return version == _HANDSHAKE_VERSION and _HANDSHAKE_KEY.fullmatch(key) is not None
+
+
+def form_field(body: bytes, name: str) -> str | None:
+    """A field of a form as browsers send it; None if there is none, or more than one.
+
+    It is UTF-8, percent-encoded, whatever the request says of itself.
+    """
+    try:
+        fields = parse_qs(body.decode(), errors="strict", max_num_fields=8)
+    except ValueError:
+        return None
+    values = fields.get(name, [])
+    return values[0] if len(values) == 1 else None
+
+
+def visitor_address(
+    peer: str | None, forwarded: Sequence[str], *, proxied: bool
+) -> str | None:
+    """Who is at the other end of a request.
+
+    Args:
+        peer: The address the connection comes from.
+        forwarded: The headers X-Forwarded-For, in their order.
+        proxied: A reverse proxy on this machine is expected.
+    """
+    if proxied and forwarded and is_loopback(peer or ""):
+        # What stands before the last comma the visitor could have written.
+        return forwarded[-1].rpartition(",")[2].strip()
+    return peer
 
 
 def address_block(address: str | None) -> str:
     """What counts as one visitor: an IPv4 address, or the /64 around an IPv6 one."""
-    try:
-        parsed = ipaddress.ip_address((address or "").partition("%")[0])
-    except ValueError:
+    parsed = _ip_address(address or "")
+    if parsed is None:
         return "unknown"
     if parsed.version == 4:
         return str(parsed)
     return str(ipaddress.ip_network((parsed, 64), strict=False))
+
+
+def _ip_address(text: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    """An address as it is written; one of IPv4 in IPv6 is one of IPv4."""
+    try:
+        parsed = ipaddress.ip_address(text.partition("%")[0])
+    except ValueError:
+        return None
+    mapped = parsed.ipv4_mapped if parsed.version == 6 else None
+    return parsed if mapped is None else mapped
 
 
 def page_policy(host: str) -> str:

@@ -49,13 +49,13 @@ def login_page(complaint: str = "") -> str:
         "Log in",
         '<h1>gaitpref</h1><p class="soft">Which gait is better?</p>'
         f"{bad if complaint else ''}"
-        '<form method="post" action="/login">'
+        '<form method="post" action="login">'
         '<label for="token">Your token</label>'
         '<input id="token" name="token" type="password" required autofocus '
         'autocomplete="current-password" maxlength="200">'
         "<button>Log in</button></form>"
         '<p class="soft">The owner of the data set makes one with '
-        "<code>gaitpref raters add NAME</code>.</p>",
+        "<code>gaitpref raters --dataset DIR add NAME</code>.</p>",
         css_class="narrow",
     )
 
@@ -77,7 +77,7 @@ def figures_page(figures: RaterFigures, *, can_leave: bool) -> str:
         for name, value, meaning in _figure_rows(figures)
     )
     leave = (
-        '<form class="quiet" method="post" action="/logout"><button>Log out</button>'
+        '<form class="quiet" method="post" action="logout"><button>Log out</button>'
         "</form>"
     )
     return _page(
@@ -89,7 +89,7 @@ def figures_page(figures: RaterFigures, *, can_leave: bool) -> str:
     )
 
 
-_BACK = '<p><a href="/">To the pairs</a></p>'
+_BACK = '<p><a href="./">To the pairs</a></p>'
 
 
 def _figure_rows(figures: RaterFigures) -> list[tuple[str, str, str]]:

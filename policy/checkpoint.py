@@ -15,8 +15,10 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 
 from data.errors import GaitprefError
-from data.files import sha256_bytes, write_atomically
+from data.files import read_file, sha256_bytes, write_atomically
+from data.limits import POLICY_BYTES
 from data.plain import from_plain, to_plain
+from data.unpacking import require_stored
 from data.weights import misfits, not_finite
 
 from .config import EnvCfg
@@ -128,6 +130,7 @@ def read_plain(path: Path) -> dict[str, Any]:
     Raises:
         PolicyError: the file is missing, damaged, or not ours, or one of its weights is
             no finite number.
+        FileError: the path leads to something else.
     """
     return _plain(path, _bytes_of(path))
 
@@ -158,15 +161,11 @@ def load_policy(path: Path) -> Policy:
 
 def _bytes_of(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        return read_file(path, POLICY_BYTES)
     except FileNotFoundError:
         raise PolicyError(
             f"there is no policy file {path}; `gaitpref train --out DIR --reward task` "
             f"makes DIR/policy.pt"
-        ) from None
-    except IsADirectoryError:
-        raise PolicyError(
-            f"{path} is a directory, not a policy file; give the policy.pt in it"
         ) from None
 
 
@@ -174,6 +173,7 @@ def _plain(path: Path, content: bytes) -> dict[str, Any]:
     if writer := writer_of_bytes(content):
         raise _of_another(path, writer)
     try:
+        require_stored(content)
         payload = torch.load(io.BytesIO(content), weights_only=True)
     except Exception as error:
         raise PolicyError(

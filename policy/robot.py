@@ -17,7 +17,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from data.files import require_regular
 from data.ground import Ground
+from data.limits import ROBOT_BYTES
 
 from .robots.additions import add_sites_and_sensors, is_complete
 from .robots.anatomy import Skeleton, find_anatomy, find_base, find_joints
@@ -114,13 +116,15 @@ def load_robot(xml: Path | None = None, *, physics_dt_s: float) -> Robot:
     """The robot in the file `xml`, by default the Go1 that ships.
 
     Raises:
+        FileError: the path leads to no file, or to one that is too large.
         RobotError: the file is missing, does not compile or is no quadruped.
     """
     path = SHIPPED_XML if xml is None else xml
-    if not path.is_file():
+    if not path.exists():
         raise RobotError(
             f"{path}: there is no such file; give the path of an MJCF file"
         )
+    require_regular(path, ROBOT_BYTES)
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:

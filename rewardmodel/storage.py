@@ -18,7 +18,8 @@ from safetensors.torch import load as load_tensors
 from safetensors.torch import save as save_tensors
 
 from data.features import FEATURES, features_sha256
-from data.files import replace_directory, sha256_bytes
+from data.files import read_file, replace_directory, sha256_bytes
+from data.limits import FACTS_BYTES, REWARD_BYTES
 from data.plain import from_plain, to_plain
 from data.weights import misfits, not_finite
 
@@ -61,11 +62,12 @@ def load_reward(directory: Path) -> RewardModel:
     """Read what `save_reward` wrote.
 
     Raises:
+        FileError: a path leads to something else than a file.
         RewardError: a file is missing or damaged, or the model was fitted to other
             features or descriptors; the message names them.
     """
-    facts_bytes = _read(directory / FACTS_NAME)
-    tensors_bytes = _read(directory / TENSORS_NAME)
+    facts_bytes = _read(directory / FACTS_NAME, FACTS_BYTES)
+    tensors_bytes = _read(directory / TENSORS_NAME, REWARD_BYTES)
     try:
         facts = json.loads(facts_bytes)
         _check_readable(facts, directory)
@@ -118,9 +120,9 @@ def _facts(model: RewardModel, tensors: bytes) -> dict[str, Any]:
     }
 
 
-def _read(path: Path) -> bytes:
+def _read(path: Path, limit: int) -> bytes:
     try:
-        return path.read_bytes()
+        return read_file(path, limit)
     except (FileNotFoundError, NotADirectoryError):
         raise RewardError(
             f"{path} is missing, so {path.parent} is no reward model; make one with "

@@ -18,10 +18,12 @@ from data import answer_database
 from data.answer_backend import Address, SqliteBackend, parse_address
 from data.answer_check import damaged_rows
 from data.answer_database import SCHEMA_VERSION, backup_path
+from data.answer_lines import from_lines, to_lines
 from data.answers import Answer, AnswerStore, Choice, Pair
 from data.clips import Clip
 from data.dataset import Dataset
 from data.errors import AnswerError, AnswersUnreachable
+from data.limits import NOTE_CHARS, RATER_ID_CHARS
 from data.questions import Overlap, QuestionBoard, Shown
 from data.verify import verify
 
@@ -677,3 +679,36 @@ def test_what_postgresql_cannot_do_is_said_in_one_line(
         verify(tmp_path, answers=nowhere)
     with pytest.raises(AnswerError, match="--answers takes postgresql://"):
         parse_address("mysql://ada:secret@host/none")
+
+
+def test_what_people_type_has_a_limit(store: AnswerStore) -> None:
+    """In every store, whoever asks for it to be kept."""
+    fill(store)
+    pair = store.pairs()[2]
+    longest = "x" * NOTE_CHARS
+    for number, name in enumerate(("note", "reason")):
+        answer_id = f"new{number}"
+        long = make_answer(answer_id, pair, **{name: longest + "x"})
+        with pytest.raises(AnswerError, match=f"the {name} of .* has 1,001 characters"):
+            store.add_answer(long)
+        assert store.find_answer(answer_id) is None
+        assert store.add_answer(make_answer(answer_id, pair, **{name: longest}))
+    with pytest.raises(AnswerError, match="has 201 characters, 200 at most"):
+        store.add_rater("x" * (RATER_ID_CHARS + 1), "human")
+
+
+def test_what_was_typed_before_there_was_a_limit_is_kept(tmp_path: Path) -> None:
+    """It is read, verified, merged, packed and unpacked as it is."""
+    old, rater = Dataset.create(tmp_path / "old"), "r" * 300
+    note = "x" * 900_000
+    pair = make_pair(0)
+    with old.answers() as store:
+        store.add_pairs([pair])
+        store.add_rater(rater, "human", copied=True)
+        answer = make_answer("1", pair, rater_id=rater, note=note)
+        store.add_answer(answer, copied=True)
+    lines = list(to_lines(old.answers_copy()))
+    with Dataset.create(tmp_path / "unpacked").answers() as store:
+        from_lines(store, lines, "lines")
+        assert store.all_answers() == [(pair, answer)]
+        assert store.raters() == {rater: "human"}

@@ -12,17 +12,15 @@ import aiohttp
 import pytest
 import viser
 
-from labeling_ui.proxied import lock_down, new_secret, proxied_rater
+from labeling_ui.proxied import lock_down, new_secret, only_for, proxied_rater
 from labeling_ui.relay import CLOSE_LOGGED_OUT, CLOSE_REPLACED
 from labeling_ui.tokens import TokenStore
 
 from .labeling_visitor import (
-    CAMERA,
     House,
     close_code,
     first,
     house,
-    messages,
     open_socket,
     send,
 )
@@ -56,9 +54,11 @@ class Page:
 
 @pytest.fixture(scope="module")
 def page() -> Iterator[Page]:
-    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    secret = new_secret()
+    with only_for(secret):
+        server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
     lock_down(server)
-    page = Page(server, new_secret())
+    page = Page(server, secret)
     server.on_client_connect(page.greet)
     yield page
     server.stop()
@@ -299,8 +299,8 @@ def test_the_page_has_one_address(page: Page, tmp_path: Path) -> None:
     asyncio.run(scenario())
 
 
-def test_behind_the_proxy_the_page_is_empty(page: Page, tmp_path: Path) -> None:
-    """Another user of the machine finds viser's port, and nothing there."""
+def test_behind_the_proxy_nobody_is_let_in(page: Page, tmp_path: Path) -> None:
+    """Another user, or a foreign web page, finds viser's port, and a closed door."""
 
     async def scenario() -> None:
         url = f"http://127.0.0.1:{page.port}"
@@ -310,13 +310,17 @@ def test_behind_the_proxy_the_page_is_empty(page: Page, tmp_path: Path) -> None:
                 {"X_Rater": "ada"},
                 {"X_Rater": "ada", "X_Proxy_Secret": "x"},
                 {"X_Rater": "ada", "X_Proxy_Secret": ""},
+                {"X_Rater": "ada", "X_Proxy_Secret": page.secret + "x"},
+                {"Upgrade": "WebSocket"},
             ):
-                socket = await open_socket(browser, url, **headers)
-                await send(socket, CAMERA)
-                async for message in messages(socket, within_s=0.5):
-                    assert not is_greeting(message)
-                    assert not is_button(message)
-                await socket.close()
+                with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+                    await open_socket(browser, url, **headers)
+                assert refused.value.status == 403
+            for path in ("/", "/index.html", "/nothing"):
+                async with browser.get(url + path) as response:
+                    assert response.status == 403
+                    assert await response.read() == b""
+        assert not page.server._websock_server._live_connections
 
     asyncio.run(scenario())
 

@@ -4,14 +4,17 @@ import asyncio
 import sqlite3
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from benchmarks.visitor import Visitor
 from benchmarks.walks import walking_dataset
+from data.answers import Answer
+from data.limits import NOTE_CHARS
 from labeling_ui.guard import GuardCfg
 from labeling_ui.page import REFRESH_S
 from labeling_ui.queue import QueueCfg
@@ -126,3 +129,69 @@ def test_what_nobody_waits_for_does_not_pile_up(
     cfg = LabelCfg(port=0, auth=False, queue=QueueCfg(guard=AT_ONCE))
     with LabelServer(dataset, cfg) as server:
         asyncio.run(scenario(server.url))
+
+
+def at_the_page(root: Path, part: Callable[[Visitor], Awaitable[None]]) -> list[Answer]:
+    """Have a rater do something; gives the answers that were stored."""
+    dataset = walking_dataset(root, pairs=4)
+
+    async def scenario(url: str) -> None:
+        visitor = Visitor(url, None)
+        page = asyncio.create_task(visitor.run())
+        await visitor.until_moving()
+        await visitor.press("Close the dialog")
+        await part(visitor)
+        page.cancel()
+
+    cfg = LabelCfg(port=0, auth=False, queue=QueueCfg(guard=AT_ONCE))
+    with LabelServer(dataset, cfg) as server:
+        asyncio.run(scenario(server.url))
+    with dataset.answers() as store:
+        return [answer for _, answer in store.current_answers()]
+
+
+def told(visitor: Visitor, words: str) -> bool:
+    """Whether something on the page says so."""
+    return any(words in text for text in visitor.texts.values())
+
+
+def test_what_is_typed_has_a_limit_that_is_told(tmp_path: Path) -> None:
+    """Too long a text is not stored, nor cut, nor lost; a shorter one is taken."""
+    longest = "x" * NOTE_CHARS
+    other = f"other, up to {NOTE_CHARS:,} characters"
+
+    async def part(visitor: Visitor) -> None:
+        for length in (900_000, NOTE_CHARS + 1):
+            await visitor.set("note", "x" * length)
+            await visitor.press("A better")
+            await until(partial(told, visitor, f"The note has {length:,} characters"))
+        assert visitor.answered == 0
+        await visitor.set("note", f"\x1b[31m{longest[8:]}\0\nb")
+        await visitor.press("A better")
+        await visitor.until_answered(1)
+        await visitor.press("Bad clip")
+        await until(lambda: other in visitor.elements)
+        await visitor.set(other, longest + "x")
+        await visitor.set("Send other reason", True)
+        await until(lambda: told(visitor, "The reason has 1,001 characters, 1,000 at"))
+        assert visitor.answered == 1
+        await visitor.set(other, longest)
+        await visitor.set("Send other reason", True)
+        await visitor.until_answered(2)
+
+    first, second = at_the_page(tmp_path / "set", part)
+    assert first.note == f"[31m{longest[8:]}\nb"
+    assert second.reason == longest
+
+
+def test_a_late_answer_is_none_behind_a_dialog(tmp_path: Path) -> None:
+    """It waits for the last letters of a note, and a dialog may open meanwhile."""
+
+    async def part(visitor: Visitor) -> None:
+        await visitor.set("note", "drags a foot")
+        await visitor.press("A better")
+        await visitor.press("Bad clip")
+        await until(lambda: told(visitor, "Close the dialog first."))
+        assert visitor.answered == 0
+
+    assert at_the_page(tmp_path / "set", part) == []

@@ -1,6 +1,7 @@
 """The proxy's own pages, and when it refuses to start."""
 
 import asyncio
+import re
 import shutil
 import socket
 import ssl
@@ -12,7 +13,9 @@ import aiohttp
 import pytest
 from aiohttp import web
 
+from data.dataset import Dataset
 from data.errors import GaitprefError
+from gaitpref.cli import main
 from labeling_ui.figures import figures
 from labeling_ui.tokens import TokenStore
 from labeling_ui.visitors import Attempts, Visitors
@@ -198,6 +201,62 @@ def test_who_leaves_while_viser_is_reached_leaves_no_trace(
 
     asyncio.run(scenario())
     assert not [record for record in caplog.records if record.exc_info]
+
+
+def test_who_comes_while_the_server_stops_is_told_so(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A browser tries again all the time, also between the last page and the port."""
+
+    async def scenario() -> None:
+        async with house(tmp_path, auth=False) as built:
+            await built.proxy._relay.stop()
+            assert await built.knock() == 502
+            assert (await built.get("/"))[0] == 502
+
+    asyncio.run(scenario())
+    assert not [record for record in caplog.records if record.exc_info]
+
+
+def test_a_file_that_breaks_meanwhile_is_no_traceback(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Nobody is let in, the log says which file, and a mended one is read again."""
+    token = TokenStore(tmp_path).add("ada")
+    guidelines = tmp_path / "guidelines.md"
+    guidelines.write_text("# Look")
+
+    async def scenario() -> None:
+        async with house(tmp_path, guidelines=guidelines) as built:
+            assert await built.login(token) == 303
+            guidelines.unlink()
+            assert (await built.get("/guidelines"))[0] == 503
+            tokens = built.tokens.path.read_bytes()
+            built.tokens.path.write_text('{"key": "", "raters": {}}')
+            assert await built.login(token) == 503
+            assert await built.knock() == 503
+            for path in ("/", "/figures", "/login"):
+                status, text, _ = await built.get(path)
+                assert (status, "tell whoever runs it" in text) == (503, True)
+            built.tokens.path.write_bytes(tokens)
+            assert await built.login(token) == 303
+
+    asyncio.run(scenario())
+    assert "raters.json cannot be used (its key is not" in caplog.text
+    assert "guidelines.md" in caplog.text
+    assert not [record for record in caplog.records if record.exc_info]
+
+
+def test_the_login_page_names_a_command_that_works(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As it is written there, but for the names."""
+    Dataset.create(tmp_path / "set")
+    (command,) = re.findall("<code>gaitpref (.*?)</code>", login_page())
+    words = command.replace("DIR", str(tmp_path / "set")).replace("NAME", "ada")
+    assert main(words.split()) == 0
+    token = capsys.readouterr().out.split()[0]
+    assert TokenStore(tmp_path / "set").rater_of(token) == "ada"
 
 
 def test_guidelines_cannot_bring_scripts() -> None:

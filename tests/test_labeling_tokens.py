@@ -1,11 +1,16 @@
 """Tokens of raters: shown once, kept as a hash, revoked at any time."""
 
 import json
+import os
 import stat
 from pathlib import Path
 
 import pytest
 
+from data.dataset import Dataset
+from data.errors import GaitprefError
+from data.limits import RATERS_BYTES
+from gaitpref.cli import main
 from labeling_ui.tokens import TokenError, TokenStore
 
 
@@ -75,6 +80,95 @@ def test_a_damaged_file_lets_nobody_in(tokens: TokenStore, content: str) -> None
     tokens.path.write_text(content)
     with pytest.raises(TokenError, match="delete it and add the raters again"):
         tokens.rater_of("")
+
+
+KEY, HASH, TIME = "0" * 64, "1" * 64, "2030-01-31T12:00:00+00:00"
+
+
+def written(key: object = KEY, raters: object = None, **more: object) -> str:
+    """A file of tokens; as it should be where nothing is given."""
+    known = {"ada": {"sha256": HASH, "created_utc": TIME}}
+    return json.dumps({"key": key, "raters": raters or known} | more)
+
+
+def entry(**changes: object) -> dict[str, object]:
+    return {"sha256": HASH, "created_utc": TIME} | changes
+
+
+WRONG = {
+    "an empty key": written(""),
+    "a short key": written("00"),
+    "a key of spaces": written(" " * 64),
+    "a key in other digits": written("٣" * 64),
+    "a key that is a number": written(5),
+    "no key": json.dumps({"raters": {}}),
+    "another field": written(version=2),
+    "raters in a list": written(raters=["ada"]),
+    "a rater who is a text": written(raters={"ada": HASH}),
+    "a field too many": written(raters={"ada": entry(admin=True)}),
+    "a hash that is none": written(raters={"ada": entry(sha256="x")}),
+    "a hash that is a number": written(raters={"ada": entry(sha256=1)}),
+    "a hash in letters": written(raters={"ada": entry(sha256="ä" * 64)}),
+    "a time that is none": written(raters={"ada": entry(created_utc="soon")}),
+    "a time without an offset": written(raters={"ada": entry(created_utc=TIME[:19])}),
+    "a time that is a number": written(raters={"ada": entry(created_utc=1)}),
+    "an empty name": written(raters={"": entry()}),
+    "a name with a dot": written(raters={"a.b": entry()}),
+    "a name that draws": written(raters={"\x1b[31m": entry()}),
+    "a name of two lines": written(raters={"a\nb": entry()}),
+    "half a character": '{"key": "' + KEY + '", "raters": {"\\ud800": {}}}',
+    "a long name": written(raters={"a" * 41: entry()}),
+    "one token for two": written(raters={"ada": entry(), "bob": entry()}),
+    "a name twice": written().replace('"ada": {', '"ada": {}, "ada": {'),
+    "a key twice": written().replace('"key"', '"key": "", "key"', 1),
+    "a deep hole": "[" * 100_000,
+    "a deep rater": '{"key": ' + '{"a": ' * 50_000,
+    "a long number": written().replace('"' + HASH + '"', "9" * 5000),
+    "no text": "\x00\x01",
+    "a list": "[]",
+}
+
+
+@pytest.mark.parametrize("kind", WRONG)
+def test_a_file_nobody_wrote_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str
+) -> None:
+    """By every command that reads it, in one line, and nobody is let in by it."""
+    root = Dataset.create(tmp_path / "set").root
+    tokens = TokenStore(root)
+    tokens.path.write_text(WRONG[kind])
+    for command in (
+        ["raters", "--dataset", str(root), "list"],
+        ["raters", "--dataset", str(root), "add", "bob"],
+        ["raters", "--dataset", str(root), "revoke", "ada"],
+        ["label", "--dataset", str(root), "--port", "0"],
+    ):
+        assert main(command) == 2
+        said = capsys.readouterr().err
+        assert "raters.json cannot be used (" in said
+        assert "delete it and add the raters again" in said
+        assert said.count("\n") == 1
+        assert said.rstrip("\n").isprintable()
+        assert len(said) < 500
+    assert tokens.path.read_text() == WRONG[kind]
+
+
+def test_the_file_as_it_should_be_is_taken(tokens: TokenStore) -> None:
+    """Without this, all those would be refused for nothing."""
+    tokens.path.write_text(written())
+    assert list(tokens.names()) == ["ada"]
+
+
+@pytest.mark.parametrize("kind", ["folder", "pipe", "book"])
+def test_what_is_no_such_file_is_refused(tokens: TokenStore, kind: str) -> None:
+    """And nobody waits for its end."""
+    if kind == "book":
+        tokens.path.write_text(written() + " " * RATERS_BYTES)
+    else:
+        (os.mkfifo if kind == "pipe" else os.mkdir)(tokens.path)
+    wrong = "read up to" if kind == "book" else "where a file is wanted"
+    with pytest.raises(GaitprefError, match=wrong):
+        tokens.names()
 
 
 def test_what_is_kept_of_a_token(tokens: TokenStore) -> None:

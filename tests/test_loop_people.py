@@ -19,6 +19,7 @@ import pytest
 from benchmarks.visitor import Visitor
 from data.dataset import Dataset
 from gaitpref.run_config import claim
+from gaitpref.run_inputs import inputs_of
 from labeling_ui.tokens import TokenStore
 from rewardmodel.pairs import count_evidence
 
@@ -105,7 +106,7 @@ def fitted(run: Path, round: int) -> int:
 def test_people_answer_when_they_like(tmp_path: Path) -> None:
     """Killed while it waits, patient for a while, answered while it trains."""
     run, port = tmp_path / "run", free_port()
-    claim(run, human_cfg())
+    claim(run, human_cfg(), inputs_of(human_cfg()).contents)
     token = TokenStore(Dataset.create(run / "dataset").root).add("ann")
 
     async def first_three(visitor: Visitor) -> None:

@@ -9,6 +9,8 @@ from typing import Literal
 
 from data.errors import GaitprefError
 from data.features import JOINTS, LEGS
+from data.files import read_text
+from data.limits import TEXT_BYTES
 from data.plain import from_plain
 
 SHIPPED_ROBOT = "go1"
@@ -137,7 +139,7 @@ def load_map(path: Path) -> BagMap:
         BagError: the file is missing, no TOML, or says something that cannot be.
     """
     try:
-        told = tomllib.loads(path.read_text(encoding="utf-8"))
+        told = tomllib.loads(read_text(path, TEXT_BYTES))
         if "robot" not in told:
             raise BagError(
                 f"{path} does not say which robot the bag is of; write robot = "
@@ -149,6 +151,6 @@ def load_map(path: Path) -> BagMap:
         raise BagError(
             f"{path} is missing; docs/datasets.md shows the map of a bag"
         ) from None
-    except (ValueError, TypeError, KeyError) as error:
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
         found = " ".join(f"{error}".split())
         raise BagError(f"{path}: {found}; docs/datasets.md lists the fields") from None

@@ -11,20 +11,20 @@ from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 import mcap.records
-import yaml
 from mcap.data_stream import ReadDataStream
 from mcap.decoder import DecoderFactory
-from mcap.reader import NonSeekingReader, make_reader
-from mcap.records import Channel, Chunk, Schema
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.reader import make_reader
+from mcap.records import Channel, Chunk
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
-from data.files import sha256_bytes, sha256_file
+from data.files import open_regular, sha256_bytes, sha256_file
+from data.yaml_file import read_yaml
 from gaitpref.extras import require
 
 from .bag_map import BagError
 from .findings import Findings
+from .records import Undecoded, in_order, messages_in, records_of
 
 METADATA_NAME = "metadata.yaml"
 _OTHERS = {
@@ -103,7 +103,7 @@ def messages(
     """
     decoders = require("mcap_ros2.decoder", "view")
     for path in files:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             _require_mcap(path, file.read(16))
             # It remembers messages by a number that means another one in each file.
             factory = decoders.DecoderFactory()
@@ -114,9 +114,9 @@ def topics_in(files: list[Path]) -> list[str]:
     """Names of all topics, as far as the files can be read."""
     names: set[str] = set()
     for path in files:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             try:
-                for record in StreamReader(file).records:
+                for record in in_order(file):
                     if isinstance(record, Channel):
                         names.add(record.topic)
             except Exception:
@@ -162,9 +162,7 @@ def _of_file(
         )
 
 
-def _undecoded(
-    file: IO[bytes], topics: list[str]
-) -> Iterator[tuple[Schema | None, Channel, mcap.records.Message]]:
+def _undecoded(file: IO[bytes], topics: list[str]) -> Iterator[Undecoded]:
     """Messages of `topics` as they were written.
 
     Found by the index where there is one, so that pictures are not unpacked, else by
@@ -172,9 +170,7 @@ def _undecoded(
     """
     summary = _summary(file)
     if summary is None or not summary.chunk_indexes:
-        file.seek(0)
-        reader = NonSeekingReader(file, validate_crcs=True)
-        yield from reader.iter_messages(topics, log_time_order=False)
+        yield from messages_in(in_order(file), topics)
         return
     wanted = {id for id, c in summary.channels.items() if c.topic in topics}
     # One chunk at a time: mcap's own reader would hold all of them.
@@ -184,7 +180,7 @@ def _undecoded(
             continue
         file.seek(index.chunk_start_offset + 9)
         chunk = Chunk.read(ReadDataStream(file))
-        for record in breakup_chunk(chunk, validate_crc=True):
+        for record in records_of(chunk):
             if isinstance(record, mcap.records.Message) and record.channel_id in wanted:
                 channel = summary.channels[record.channel_id]
                 yield summary.schemas.get(channel.schema_id), channel, record
@@ -223,11 +219,11 @@ def _listed(metadata: Path) -> list[str] | None:
     if not metadata.is_file():
         return None
     try:
-        told = yaml.safe_load(metadata.read_text(encoding="utf-8"))
+        told = read_yaml(metadata)
         paths = told["rosbag2_bagfile_information"]["relative_file_paths"]
         # The files lie in the folder, wherever it was when it was written.
         return [Path(str(path)).name for path in paths]
-    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise BagError(
             f"{metadata} does not list the files of the bag ({_short(error)}); give a "
             ".mcap file of it"

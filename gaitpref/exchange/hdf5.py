@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from data import schema
 from data.episode import Episode
+from data.files import require_room
 from gaitpref.extras import require
 
 from .environment import action_bound, env_spec
@@ -16,6 +18,8 @@ from .source import Exported, Source, new_directory
 
 _MINARI_VERSION = "0.5.4"
 """Whose layout it is; a reader compares it with the versions it knows."""
+_OVERHEAD_BYTES = 2**16
+"""What HDF5 needs to describe an episode."""
 _STATES = ("qpos", "qvel")
 
 
@@ -29,6 +33,7 @@ def export_minari(source: Source, out: Path) -> Exported:
     with new_directory(out) as partial:
         data = partial / "data"
         data.mkdir()
+        require_room(data / "main_data.hdf5", _most_bytes(source))
         largest = 0.0
         with h5py.File(data / "main_data.hdf5", "w", track_order=True) as file:
             for number, (entry, episode) in enumerate(
@@ -108,11 +113,18 @@ def write_flat(source: Source, path: Path) -> None:
         arrays |= {f"infos/{name}": getattr(episode, name)[:-1] for name in _STATES}
         for name, array in arrays.items():
             parts.setdefault(name, []).append(array)
+    require_room(path, _most_bytes(source))
     with h5py.File(path, "w") as file:
         for name, arrays_of in parts.items():
             file[name] = np.concatenate(arrays_of)
         file.attrs["control_hz"] = source.control_hz
         file.attrs["episodes"] = [entry.sha256 for entry in source.entries]
+
+
+def _most_bytes(source: Source) -> int:
+    """What a file with all that episodes hold has at most."""
+    steps = source.steps * schema.STEP_RECORD.itemsize * 5 // 4
+    return steps + _OVERHEAD_BYTES * (len(source.entries) + 16)
 
 
 def _ends(episode: Episode, reason: str) -> np.ndarray:

@@ -14,10 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from data.errors import DatasetError
-
-MAX_BYTES = 2 * 2**30
-"""Larger files are refused unread."""
+from data.errors import DatasetError, FileError
+from data.files import read_file
+from data.limits import PICKLE_BYTES
 
 
 class Record:
@@ -105,12 +104,14 @@ def load_plain_pickle(
         records: Module and name of the classes that may be in it.
 
     Raises:
+        FileError: the path leads to no file, or to one that is too large.
         DatasetError: it cannot be read, is damaged, or names anything else.
     """
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise ValueError(f"it has more than {MAX_BYTES} bytes")
-        return _Restricted(io.BytesIO(path.read_bytes()), records).load()
+        content = read_file(path, PICKLE_BYTES)
+        return _Restricted(io.BytesIO(content), records).load()
+    except FileError:
+        raise
     except Exception as error:
         found = " ".join(f"{error}".split())[:200] or type(error).__name__
         raise DatasetError(

@@ -22,6 +22,7 @@ from data.answers import Answer, Choice, Pair
 from data.clips import Clip
 from data.dataset import Dataset
 from data.errors import DatasetError
+from data.files import read_json
 
 from .hdf5 import write_flat
 from .pickles import load_plain_pickle
@@ -88,8 +89,8 @@ def import_uni_rlhf(dataset: Dataset, directory: Path, rater_id: str) -> int:
         DatasetError: a file is missing, damaged, or about other episodes.
     """
     try:
-        episodes = json.loads((directory / _EPISODES_NAME).read_text())
-    except (OSError, ValueError) as error:
+        episodes = read_json(directory / _EPISODES_NAME)
+    except OSError as error:
         raise DatasetError(
             f"{directory / _EPISODES_NAME} cannot be read ({error}); without it nobody "
             "knows which episodes the indices mean. `gaitpref data export --format "

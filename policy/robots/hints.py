@@ -29,6 +29,8 @@ import mujoco
 
 from data.errors import GaitprefError
 from data.features import LEGS
+from data.files import read_text
+from data.limits import TEXT_BYTES
 
 TEXT_NAME = "gaitpref_hints"
 """The custom text of a flattened model that carries the hints along."""
@@ -70,11 +72,11 @@ def read_hints(path: Path) -> Hints:
     Raises:
         RobotError: the file cannot be read as the tables above.
     """
-    if not path.is_file():
+    if not path.exists():
         return Hints()
     try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        tables = tomllib.loads(read_text(path, TEXT_BYTES))
+    except (ValueError, RecursionError) as error:
         raise RobotError(f"{path}: it is no TOML ({error})") from None
     known = [field.name for field in fields(Hints)]
     for name, table in tables.items():
