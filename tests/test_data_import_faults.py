@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import lz4.frame
 import numpy as np
 import pytest
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.records import Chunk
+from mcap.writer import MCAP0_MAGIC
 
 from data.dataset import Dataset
 from data.episode import Episode
@@ -460,3 +467,42 @@ def test_a_folder_that_is_no_bag_in_mcap_is_named(
     if metadata is not None:
         (folder / "metadata.yaml").write_text(metadata)
     assert reason in bench.refuse(folder)
+
+
+BOMBS = {
+    "zstd": lambda size: zstandard.compress(bytes(size), 19),
+    "lz4": lambda size: lz4.frame.compress(bytes(size)),
+}
+MOST_MEMORY_BYTES = 2**30
+
+
+@pytest.mark.parametrize("compression", BOMBS)
+@pytest.mark.parametrize("claimed", [1000, 10**12])
+def test_a_chunk_that_unpacks_to_gigabytes_costs_no_memory(
+    tmp_path: Path, compression: str, claimed: int
+) -> None:
+    """Whatever it claims, with an index or without: one line, and little memory."""
+    (tmp_path / "map.toml").write_text(MAP)
+    packed = BOMBS[compression](2 * 2**30)
+    assert len(packed) < 2**24
+    builder = RecordBuilder()
+    Chunk(compression, packed, 0, 0, 0, claimed).write(builder)
+    path = tmp_path / "bomb.mcap"
+    path.write_bytes(MCAP0_MAGIC + builder.end())
+    command = ["data", "import", "--format", "ros2", str(path), "--map"]
+    command += [str(tmp_path / "map.toml"), "--dataset", str(tmp_path / "set")]
+    code = (
+        "import resource, sys\n"
+        f"resource.setrlimit(resource.RLIMIT_DATA, ({MOST_MEMORY_BYTES},) * 2)\n"
+        "from gaitpref.cli import main\n"
+        "sys.exit(main(sys.argv[1:]))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, *command],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.count("\n") == 1
+    assert "claims to unpack" in done.stderr
