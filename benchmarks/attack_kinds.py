@@ -130,6 +130,7 @@ async def _inner_silence(field: Ground) -> str:
 
 
 _INNER: dict[str, Held] = {
+    "silence": _inner_silence,
     "a socket": lambda field: _knock_inside(field),
     "a foreign page": lambda f: _knock_inside(f, Origin="http://evil.example"),
     "a rater's name": lambda field: _knock_inside(field, X_Rater="honest"),
@@ -140,7 +141,6 @@ _INNER: dict[str, Held] = {
     "its page": lambda field: _inner_get(field, "/"),
     "its file": lambda field: _inner_get(field, "/index.html"),
     "a file beside": lambda field: _inner_get(field, "/%2e%2e/_viser.py"),
-    "silence": _inner_silence,
 }
 
 

@@ -126,7 +126,8 @@ class Proxy:
 
     def _application(self) -> web.Application:
         app = web.Application(
-            middlewares=[self._limit, self._guard], client_max_size=limits.FORM_BYTES
+            middlewares=[self._limit, self._guard, self._pace],
+            client_max_size=limits.FORM_BYTES,
         )
         pages = [
             ("GET", "/", self._page),
@@ -224,6 +225,16 @@ class Proxy:
     async def _nowhere(self, request: web.Request) -> web.StreamResponse:
         return refused(404, "There is no such page.")
 
+    @web.middleware
+    async def _pace(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        """Refuse a rater who asks for more than anybody reads."""
+        rater = self._login.rater(request)
+        if rater is None or self._requests[rater].taken(time.monotonic()):
+            return await handler(request)
+        response = refused(429, "Too many requests; wait a moment.")
+        response.headers["Retry-After"] = "1"
+        return response
+
     async def _page(self, request: web.Request) -> web.StreamResponse:
         rater = self._login.rater(request)
         if _is_websocket(request):
@@ -232,9 +243,7 @@ class Proxy:
             if not is_handshake(request.headers):
                 return self._turned_away(request, 400, "This opens no websocket.")
             return await self._relay.join(request, rater)
-        if rater is None:
-            return self._to_login()
-        return self._too_many(rater) or await self._relay.page(request)
+        return self._to_login() if rater is None else await self._relay.page(request)
 
     def _to_login(self) -> web.Response:
         return redirect(f"{self.cfg.path}/login")
@@ -250,11 +259,8 @@ class Proxy:
         return web.json_response({"status": "ok"})
 
     async def _guidelines(self, request: web.Request) -> web.StreamResponse:
-        rater = self._login.rater(request)
-        if rater is None:
+        if self._login.rater(request) is None:
             return self._to_login()
-        if refusal := self._too_many(rater):
-            return refusal
         # Read every time: the owner may go on writing while people answer.
         return page(guidelines_page(load_guidelines(self.cfg.guidelines)))
 
@@ -262,20 +268,10 @@ class Proxy:
         rater = self._login.rater(request)
         if rater is None:
             return self._to_login()
-        if refusal := self._too_many(rater):
-            return refusal
         # One after the other: they take the processor from the pages.
         async with self._figures_lock:
             figures = await asyncio.to_thread(self._figures, rater)
         return page(figures_page(figures, can_leave=self.cfg.auth))
-
-    def _too_many(self, rater: str) -> web.Response | None:
-        """A refusal where a rater asks for more pages than anybody reads."""
-        if self._requests[rater].taken(time.monotonic()):
-            return None
-        response = refused(429, "Too many requests; wait a moment.")
-        response.headers["Retry-After"] = "1"
-        return response
 
 
 def _is_websocket(request: web.Request) -> bool:
