@@ -12,6 +12,7 @@ import tyro
 from data.errors import GaitprefError
 
 from . import options
+from .extras import missing
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
@@ -62,10 +63,7 @@ def run(command: options.Command) -> int:
     try:
         commands = importlib.import_module(f".{module}", __package__)
     except ModuleNotFoundError as error:
-        raise GaitprefError(
-            f"this command needs the package {error.name}, which is not installed: "
-            f"pip install -e '.[{extra}]' -c constraints.txt"
-        ) from None
+        raise missing(error, extra) from None
     return commands.run(command)
 
 
@@ -90,8 +88,16 @@ def _home_of(command: options.Command) -> tuple[str, str]:
             return "explain_command", "train"
         case options.Play():
             return "play_command", "train,label"
-        case _:
+        case (
+            options.Loop()
+            | options.Train()
+            | options.Record()
+            | options.Answer()
+            | options.Evaluate()
+            | options.Report()
+        ):
             return "commands", "train"
+    raise TypeError(f"no module runs the command {type(command).__name__}")
 
 
 if __name__ == "__main__":

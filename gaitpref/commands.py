@@ -57,6 +57,8 @@ def run(command: options.Command) -> int:
             _evaluate(command)
         case options.Report():
             console.print(f"the report is {write_report(command.run)}")
+        case _:
+            raise TypeError(f"{type(command).__name__} is run by another module")
     return 0
 
 

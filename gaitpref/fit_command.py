@@ -36,6 +36,8 @@ def run(command: options.Command) -> int:
         _relabel(command)
     elif isinstance(command, options.Fit):
         _fit(command)
+    else:
+        raise TypeError(f"{type(command).__name__} is run by another module")
     return 0
 
 

@@ -15,7 +15,7 @@ from torch import Tensor
 from data.dataset import Dataset
 from data.files import replace_directory, write_atomically
 from policy.checkpoint import holding_home, load_policy
-from policy.ppo import IterationStats, RewardFn
+from policy.ppo import IterationStats, ScoreFn
 from policy.robot import Robot
 from policy.train import POLICY_NAME, SUMMARY_NAME, TrainCfg, train
 from rewardmodel.caution import CautiousReward
@@ -151,7 +151,7 @@ class _Plan:
     """What a round's policy is trained on, and from where."""
 
     cfg: TrainCfg
-    reward_fn: RewardFn | None = None
+    reward_fn: ScoreFn | None = None
     reward_name: str = "task"
     init: Path | None = None
     watch: WatchedReward | None = None

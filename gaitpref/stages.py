@@ -15,7 +15,7 @@ from data.dataset import Dataset
 from data.files import write_atomically
 from policy.checkpoint import load_policy
 from policy.evaluate import evaluate, rollout_features, summarise
-from policy.ppo import RewardFn
+from policy.ppo import ScoreFn
 from policy.record import record
 from policy.train import SUMMARY_NAME
 from rewardmodel.fit import fit_reward
@@ -94,7 +94,7 @@ def report_stage(
         seed=seed_of(cfg, 0, 6),
     )
 
-    def measured(score_fn: RewardFn) -> dict[str, Any]:
+    def measured(score_fn: ScoreFn) -> dict[str, Any]:
         return asdict(
             summarise(features, lengths, score_fn, control_dt_s=env.control_dt_s)
         )

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from data.dataset import Dataset
 from data.files import write_atomically
-from policy.reward_ppo import OfRollout, RewardFn
+from policy.reward_ppo import OfRollout, ScoreFn, figures_of, history_of
 from rewardmodel.foresight import foresee
 from rewardmodel.model import RewardModel
 from rewardmodel.pairs import AnsweredPairs, load_pairs
@@ -39,7 +39,7 @@ class WatchedReward:
     """A reward that notices when a policy leaves what was judged and is paid for it."""
 
     def __init__(
-        self, reward: RewardFn, model: RewardModel, support: Support, limit: float
+        self, reward: ScoreFn, model: RewardModel, support: Support, limit: float
     ) -> None:
         """Watch `reward`, of which `model` is the learned part, against `support`.
 
@@ -72,12 +72,12 @@ class WatchedReward:
     @property
     def history_steps(self) -> int:
         """How far the reward looks back."""
-        return getattr(self._reward, "history_steps", 0)
+        return history_of(self._reward)
 
     @property
     def figures(self) -> dict[str, float]:
         """What the reward tells of the rollout scored last."""
-        return getattr(self._reward, "figures", {})
+        return figures_of(self._reward)
 
     @property
     def alarm(self) -> str | None:
@@ -129,7 +129,7 @@ class WatchedReward:
 
 
 def watched(
-    cfg: LoopCfg, round: Round, dataset: Dataset, reward: RewardFn
+    cfg: LoopCfg, round: Round, dataset: Dataset, reward: ScoreFn
 ) -> WatchedReward | None:
     """`reward` of the round, watched; None where the loop lets policies go anywhere."""
     if cfg.far_limit is None:

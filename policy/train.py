@@ -20,7 +20,7 @@ from data.plain import ADDED_LATER, to_plain
 
 from .checkpoint import PolicyError, PolicyInfo, read_plain, save_policy
 from .config import EnvCfg
-from .ppo import IterationStats, PpoCfg, RewardFn, Runner
+from .ppo import IterationStats, PpoCfg, Runner, ScoreFn
 from .randomise import make_env
 from .robot import Robot
 
@@ -95,7 +95,7 @@ def train(
     robot: Robot,
     cfg: TrainCfg,
     *,
-    reward_fn: RewardFn | None = None,
+    reward_fn: ScoreFn | None = None,
     reward_name: str = "task",
     init: Path | None = None,
     resume: bool = False,

@@ -18,9 +18,9 @@ from data.answers import Answer, AnswerStore, Pair
 from data.clips import Clip
 from data.dataset import Dataset
 
-from .acquisition.strategy import AGAIN, NEEDS_MODEL
 from .clips import ClipBatch, fill_clips, with_past
 from .errors import RewardError
+from .strategy_names import AGAIN, NEEDS_MODEL
 
 MIN_ANSWERS = 8
 """Fewer answers than this say nothing about thirty descriptors."""
