@@ -28,8 +28,9 @@ def require(module: str, extra: str) -> Any:
 
 def missing(error: ModuleNotFoundError, extra: str) -> Exception:
     """What to raise where a package is not installed: one line that says which extra
-    brings it, but the error itself where a module of our own is not there."""
-    if (error.name or "").partition(".")[0] in _OURS:
+    brings it, but the error itself where a package of ours lacks a module."""
+    package, dot, _ = (error.name or "").partition(".")
+    if dot and package in _OURS:
         return error
     return MissingExtra(
         f"this needs the package {error.name}, which is not installed: "
