@@ -11,6 +11,7 @@ import torch
 from data.dataset import Dataset
 from data.episode_chunks import Compression
 from data.errors import DatasetError, GaitprefError
+from data.gone import pairs_gone
 from policy.checkpoint import PolicyError, load_policy
 from policy.config import RANDOMISE, EnvCfg, getup_env
 from policy.curriculum import CurriculumCfg
@@ -173,6 +174,8 @@ def _answer(command: options.Answer) -> None:
     console.print(
         f"{count} pairs of {command.dataset} were answered by {command.criterion}"
     )
+    if gone := pairs_gone(dataset):
+        console.print(gone)
 
 
 def _context_of(dataset: Dataset) -> CriterionContext:

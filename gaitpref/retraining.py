@@ -42,7 +42,7 @@ from .side_by_side import labels_kept
 from .sides import in_mirror
 from .standstill import Standstill, standstill_before
 from .tracking_limit import TrackingLimit, limit_beside
-from .watch import WatchedReward, deserves_training, watched
+from .watch import WatchedReward, deserves_training, watched, why_not_trained
 
 LearnedReward = CautiousReward | RisingReward
 
@@ -137,9 +137,10 @@ def _untrained(cfg: LoopCfg, round: Round) -> bytes | None:
         shown = (kept.parent / STANDSTILL_NAME).exists()
         untrained = load_policy(kept).info.steps == 0
         stands = cfg.base == "none" and (untrained or shown)
+        why = why_not_trained(round.before)
         stays = "robot stands still" if stands else "policy stays as it was"
         console.print(
-            f"round {round.number}: the {stays}, because the answers do not agree; "
+            f"round {round.number}: the {stays}, because the answers {why}; "
             f"{'asking again' if asks else 'no round is left'}"
         )
         return holding_home(kept) if stands else kept.read_bytes()
@@ -205,8 +206,10 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
 
 
 def rows_of_round(round: Round, dataset: Dataset) -> Tensor:
-    """Rows [T, N, F] of some episodes of a finished round, as long as the shortest."""
-    names = json.loads(round.recorded.read_text())
+    """Rows [T, N, F] of some episodes of a finished round, as long as the shortest;
+    those that are gone are left out."""
+    recorded = json.loads(round.recorded.read_text())
+    names = [name for name in recorded if dataset.holds(name)]
     some = names[:: max(1, len(names) // _EPISODES_LOOKED_AT)]
     rows = [torch.tensor(dataset.features(name)) for name in some]
     shortest = min(len(each) for each in rows)

@@ -21,8 +21,18 @@ from rewardmodel.model import RewardModel
 from rewardmodel.pairs import AnsweredPairs, load_pairs
 from rewardmodel.storage import load_reward
 from rewardmodel.support import Drift, Support, support_of
-from rewardmodel.trust import alarms, disagree, left_for_pay, reach, spelled
+from rewardmodel.trust import (
+    ENOUGH_NEWEST,
+    alarms,
+    disagree,
+    left_for_pay,
+    prefers,
+    reach,
+    spelled,
+    unforeseen_sides,
+)
 
+from .findings import about_raters
 from .loop_cfg import LoopCfg
 from .rounds import Round, seed_of
 from .trust_command import alarm_json, as_json
@@ -135,14 +145,27 @@ def watched(
     if cfg.far_limit is None:
         return None
     model = load_reward(round.before.reward)
-    support = support_of(_judged_before(dataset, round), model)
+    before = judged_before(load_pairs([dataset], at_least=0), round)
+    if before is None:
+        return None
+    support = support_of(before, model)
     return WatchedReward(reward, model, support, cfg.far_limit)
 
 
 def deserves_training(round: Round) -> bool:
     """Whether the reward of a finished round may be trained on."""
-    trust = json.loads(round.report.read_text()).get("trust", {})
-    return bool(trust.get("deserves_training", True))
+    return bool(_trust_in(round).get("deserves_training", True))
+
+
+def why_not_trained(round: Round) -> str:
+    """What the answers do, where the reward of a finished round may not be."""
+    if _trust_in(round).get("too_little"):
+        return "prefer too little"
+    return "do not agree"
+
+
+def _trust_in(round: Round) -> dict[str, Any]:
+    return json.loads(round.report.read_text()).get("trust", {})
 
 
 def trust_of_round(
@@ -164,27 +187,46 @@ def trust_of_round(
         lengths: [N] of its episodes.
         return_rose: Whether training raised the learned return.
     """
-    reached, foreseen = None, None
-    if round.number:
+    reached, foreseen, about, confirmed = None, None, [], False
+    pairs = load_pairs([dataset], at_least=0)
+    before = judged_before(pairs, round)
+    if before is not None:
         model = load_reward(round.before.reward)
-        judged = _judged_before(dataset, round)
-        reached = reach(model, judged, features, lengths)
-    if round.reward.exists():
+        reached = reach(model, before, features, lengths)
+    too_little = pairs.too_little if round.reward.exists() else ""
+    if round.reward.exists() and not too_little:
         model = load_reward(round.reward)
-        seed = seed_of(cfg, round.number, 5)
-        foreseen = foresee(model, load_pairs([dataset]), seed=seed)
-    values = as_json(foreseen, reached)
-    distrusted = foreseen is not None and disagree(foreseen)
-    reasons = alarms(foreseen, reached, return_rose=return_rose)
+        foreseen = foresee(model, pairs, seed=seed_of(cfg, round.number, 5))
+        about = about_raters(model.provenance.report, pairs.sides)
+        newest = foreseen.newest
+        enough = newest is not None and newest.answers >= ENOUGH_NEWEST
+        if before is not None and enough:
+            confirmed = prefers(model, features, lengths, before)
+    values = as_json(foreseen, reached) | {"raters": about, "confirmed": confirmed}
+    distrusted = foreseen is not None and (
+        disagree(foreseen) or bool(unforeseen_sides(foreseen, pairs.sides))
+    )
+    reasons = alarms(
+        foreseen,
+        reached,
+        return_rose=return_rose,
+        confirmed=confirmed,
+        sides=pairs.sides if foreseen else (),
+    )
+    if too_little:
+        values["too_little"] = too_little
+        reasons = (f"{too_little}: it is 0, and trained on by nobody", *reasons)
     watch = round.policy.parent / WATCH_NAME
     if watch.exists():
         values["watch"] = json.loads(watch.read_text())
         if values["watch"]["alarm"]:
             reasons = (*reasons, values["watch"]["alarm"])
-    return {**values, **alarm_json(reasons), "deserves_training": not distrusted}
+    deserves = not (distrusted or too_little)
+    return {**values, **alarm_json(reasons), "deserves_training": deserves}
 
 
-def _judged_before(dataset: Dataset, round: Round) -> AnsweredPairs:
-    """The answers that the reward of the round before was fitted to."""
-    pairs = load_pairs([dataset])
-    return pairs.subset(torch.tensor(pairs.rounds) < round.number)
+def judged_before(pairs: AnsweredPairs, round: Round) -> AnsweredPairs | None:
+    """Those of the answers that the reward of the round before was fitted to; None
+    where there was none."""
+    earlier = torch.tensor(pairs.rounds) < round.number
+    return pairs.subset(earlier) if earlier.any() else None

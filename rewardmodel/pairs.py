@@ -56,8 +56,10 @@ class AnsweredPairs:
     clips: tuple[tuple[str, str], ...] = ()
     """What the left and the right clip are called; empty where nobody knows, and no two
     answers are taken to be about the same clips."""
+    num_collected: int = 0
+    """Answers there were to choose from."""
     num_gone: int = 0
-    """Answers left out, because an episode they are about is gone."""
+    """Of these, answers left out because an episode they are about is gone."""
     sides: tuple[Sides, ...] = ()
     """Which side of the screen each rater prefers, in all answers of the data sets."""
 
@@ -106,6 +108,17 @@ class AnsweredPairs:
         return count_preferences(self.clips or apart, self.target.tolist())
 
     @property
+    def too_little(self) -> str:
+        """That too few answers prefer a clip to make a reward, in words; or nothing."""
+        preferences = self.num_preferences
+        if preferences >= MIN_ANSWERS:
+            return ""
+        return (
+            f"{preferences} of {len(self)} answers prefer a clip and are not taken "
+            f"back by another, a reward needs {MIN_ANSWERS}"
+        )
+
+    @property
     def at_random(self) -> Tensor:
         """[B] bool: no reward chose the pair for being hard."""
         hard = (*NEEDS_MODEL, AGAIN)
@@ -143,6 +156,7 @@ def load_pairs(
         target=torch.tensor([row.target for row in used.rows]),
         raters=tuple(row.rater_id for row in used.rows),
         num_without_target=used.without_target,
+        num_collected=used.collected,
         num_gone=used.gone,
         sides=used.sides,
         answers_sha256=_label_set(row.line for row in used.rows),

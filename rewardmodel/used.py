@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from data.answers import Answer, AnswerStore, Pair
 from data.dataset import Dataset
+from data.gone import listed_in
 from data.habits import Sides, sides_of
 
 
@@ -55,7 +56,7 @@ def answers_used(datasets: Sequence[Dataset]) -> UsedAnswers:
         DatasetError, AnswerError: a manifest or the answers cannot be read.
     """
     answered = _current_answers(datasets)
-    listed = _listed(datasets)
+    listed = listed_in(datasets)
     here = [row for row in answered if listed(row[0])]
     return UsedAnswers(
         rows=tuple(evidence_of(here)),
@@ -66,9 +67,12 @@ def answers_used(datasets: Sequence[Dataset]) -> UsedAnswers:
     )
 
 
-def count_evidence(store: AnswerStore) -> int:
-    """How many preferences of one data set a fit would use."""
-    rows = evidence_of(store.current_answers())
+def count_evidence(store: AnswerStore, dataset: Dataset | None = None) -> int:
+    """How many preferences of a store a fit would use, those left out that are about
+    episodes which `dataset` lists no more."""
+    listed = listed_in([] if dataset is None else [dataset])
+    answered = store.current_answers()
+    rows = evidence_of(row for row in answered if dataset is None or listed(row[0]))
     clips = [(row.pair.a.key, row.pair.b.key) for row in rows]
     return count_preferences(clips, [row.target for row in rows])
 
@@ -104,17 +108,6 @@ def evidence_of(answered: Iterable[tuple[Pair, Answer]]) -> list[Used]:
     return sorted(evidence, key=lambda row: row.line)
 
 
-def told_gone(gone: int, collected: int, dataset: Dataset) -> str:
-    """That answers are left out as their episodes are gone, in words; or nothing."""
-    if not gone:
-        return ""
-    return (
-        f"{gone} of {collected} answers are about episodes that are gone and are left "
-        f"out; `gaitpref data subset --dataset {dataset.root} --out NEW` makes a clean "
-        f"copy, and another --dataset brings in episodes that lie elsewhere"
-    )
-
-
 def _current_answers(datasets: Sequence[Dataset]) -> list[tuple[Pair, Answer]]:
     """Every current answer once."""
     answers: dict[str, tuple[Pair, Answer]] = {}
@@ -125,15 +118,3 @@ def _current_answers(datasets: Sequence[Dataset]) -> list[tuple[Pair, Answer]]:
     # A copy of a data set may not know that its answer was corrected elsewhere.
     corrected = {answer.supersedes for _, answer in answers.values()}
     return [row for row in answers.values() if row[1].answer_id not in corrected]
-
-
-def _listed(datasets: Sequence[Dataset]) -> Callable[[Pair], bool]:
-    """Whether both episodes of a pair are in one of the data sets."""
-    known: dict[str, bool] = {}
-
-    def holds(sha256: str) -> bool:
-        if sha256 not in known:
-            known[sha256] = any(dataset.holds(sha256) for dataset in datasets)
-        return known[sha256]
-
-    return lambda pair: holds(pair.a.rollout) and holds(pair.b.rollout)
