@@ -110,6 +110,11 @@ def findings_of_run(
         before = earlier[-1] if earlier else {}
         trust = {k: before[k] for k in of_answers if k in before} | trust
     found = findings_of_trust(trust)
+    if len(rounds) > 1 and not (asked := rounds[-2].get("trust", {})).get(
+        "deserves_training", True
+    ):
+        told = f"nothing was trained on the reward before it: {asked['alarm']}"
+        found = replace(found, against=(*found.against, told))
     run = [] if len(rounds) == 1 else _of_run(rounds[0], newest, criterion)
     run += [
         f"the answers preferred the policy before to that of round {of_round['round']}"
