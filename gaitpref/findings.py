@@ -7,7 +7,7 @@ figures: these are read as plain values, as a round's `report.json` holds them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from data.habits import Sides
@@ -29,6 +29,8 @@ from rewardmodel.trust import (
 )
 
 NO_ALARM = "no alarm: nothing says that the learned reward misleads"
+_OLDER = dict.fromkeys((field.name for field in fields(Drift)), 0)
+"""What reports of earlier versions may lack of a drift."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +67,7 @@ def findings_of_trust(trust: dict[str, Any]) -> Findings:
     Args:
         trust: As `gaitpref.trust_command.as_json` gives them, with the alarms.
     """
-    alarms = tuple(trust["alarms"])
+    alarms = tuple(trust.get("alarms", ()))
     against = [name for name in trust.get("raters", ()) if name not in alarms]
     untold = []
     accuracy, newest = _accuracy(trust, "accuracy"), _accuracy(trust, "newest")
@@ -102,7 +104,7 @@ def findings_of_run(
         criterion: What the rater looks for, where that is known.
     """
     newest = rounds[-1]
-    trust = newest.get("trust", {"alarms": ()})
+    trust = newest.get("trust", {})
     if "accuracy" not in trust:
         # Nobody was asked after the last training: the answers are those before it.
         earlier = [r["trust"] for r in rounds if "accuracy" in r.get("trust", {})]
@@ -178,7 +180,7 @@ def _of_policy(trust: dict[str, Any]) -> list[str]:
             f"no episode is long enough to tell where its motion lies: {PIECE_STEPS} "
             f"steps without a fall would"
         ]
-    drift = Drift(**policy["drift"])
+    drift = Drift(**(_OLDER | policy["drift"]))
     return [spelled(drift)] if drift.share_beyond > FAR_SHARE else []
 
 

@@ -73,7 +73,7 @@ def _stats(command: options.Raters, dataset: Dataset) -> None:
     names = sorted({answer.rater_id for _, answer in rows})
     raters = [figures(rows, name) for name in names]
     together = all_figures(rows)
-    doubted = {name: doubts(rows, name) for name in names}
+    doubted = {each.rater_id: doubts(rows, each) for each in raters}
     values = {
         "raters": [
             _as_json(of_rater) | {"doubts": doubted[of_rater.rater_id]}

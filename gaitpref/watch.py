@@ -16,7 +16,7 @@ from torch import Tensor
 from data.dataset import Dataset
 from data.files import write_atomically
 from policy.reward_ppo import OfRollout, ScoreFn, figures_of, history_of
-from rewardmodel.foresight import foresee
+from rewardmodel.foresight import Foreseen, foresee
 from rewardmodel.model import RewardModel
 from rewardmodel.pairs import AnsweredPairs, load_pairs
 from rewardmodel.storage import load_reward
@@ -187,22 +187,20 @@ def trust_of_round(
         lengths: [N] of its episodes.
         return_rose: Whether training raised the learned return.
     """
-    reached, foreseen, about, confirmed = None, None, [], False
     pairs = load_pairs([dataset], at_least=0)
     before = judged_before(pairs, round)
+    reached, foreseen = None, None
+    found: dict[str, Any] = {"confirmed": False}
     if before is not None:
-        model = load_reward(round.before.reward)
-        reached = reach(model, before, features, lengths)
+        trained_on = load_reward(round.before.reward)
+        reached = reach(trained_on, before, features, lengths)
     too_little = pairs.too_little if round.reward.exists() else ""
     if round.reward.exists() and not too_little:
         model = load_reward(round.reward)
         foreseen = foresee(model, pairs, seed=seed_of(cfg, round.number, 5))
-        about = about_raters(model.provenance.report, pairs.sides)
-        newest = foreseen.newest
-        enough = newest is not None and newest.answers >= ENOUGH_NEWEST
-        if before is not None and enough:
-            confirmed = prefers(model, features, lengths, before)
-    values = as_json(foreseen, reached) | {"raters": about, "confirmed": confirmed}
+        found["raters"] = about_raters(model.provenance.report, pairs.sides)
+        if before is not None and was_judged(foreseen):
+            found["confirmed"] = prefers(model, features, lengths, before)
     distrusted = foreseen is not None and (
         disagree(foreseen) or bool(unforeseen_sides(foreseen, pairs.sides))
     )
@@ -210,19 +208,25 @@ def trust_of_round(
         foreseen,
         reached,
         return_rose=return_rose,
-        confirmed=confirmed,
+        confirmed=found["confirmed"],
         sides=pairs.sides if foreseen else (),
     )
     if too_little:
-        values["too_little"] = too_little
+        found["too_little"] = too_little
         reasons = (f"{too_little}: it is 0, and trained on by nobody", *reasons)
     watch = round.policy.parent / WATCH_NAME
     if watch.exists():
-        values["watch"] = json.loads(watch.read_text())
-        if values["watch"]["alarm"]:
-            reasons = (*reasons, values["watch"]["alarm"])
-    deserves = not (distrusted or too_little)
-    return {**values, **alarm_json(reasons), "deserves_training": deserves}
+        found["watch"] = json.loads(watch.read_text())
+        if found["watch"]["alarm"]:
+            reasons = (*reasons, found["watch"]["alarm"])
+    found["deserves_training"] = not (distrusted or too_little)
+    return as_json(foreseen, reached) | found | alarm_json(reasons)
+
+
+def was_judged(foreseen: Foreseen) -> bool:
+    """Whether enough answers about the newest round's clips say what they are worth."""
+    newest = foreseen.newest
+    return newest is not None and newest.answers >= ENOUGH_NEWEST
 
 
 def judged_before(pairs: AnsweredPairs, round: Round) -> AnsweredPairs | None:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from data.habits import guesses, sides_of
 
-from .figures import Row, Share, all_figures, figures
+from .figures import RaterFigures, Row, Share, agreement_of
 
 GOLD = 0.8
 """Known answers that a rater who looks gives, at least: one of the robots falls."""
@@ -20,24 +20,25 @@ _ERRORS = 2.0
 """Standard errors by which the others may agree less than it seems."""
 
 
-def doubts(rows: Sequence[Row], rater_id: str) -> tuple[str, ...]:
+def doubts(rows: Sequence[Row], own: RaterFigures) -> tuple[str, ...]:
     """What says that a rater does not look; nothing of most.
 
     Args:
         rows: Current answers of everybody.
-        rater_id: Whose are looked at.
+        own: The figures of the rater, from these.
     """
-    own = figures(rows, rater_id)
+    rater_id = own.rater_id
     found = [
         str(sides)
-        for sides in sides_of(answer for _, answer in rows)
-        if sides.rater_id == rater_id and sides.one_sided
+        for sides in sides_of(a for _, a in rows if a.rater_id == rater_id)
+        if sides.one_sided
     ]
-    others = all_figures([row for row in rows if row[1].rater_id != rater_id])
+    others = [row for row in rows if row[1].rater_id != rater_id]
+    together = agreement_of(others, {answer.rater_id for _, answer in others})
     for share, expected, what in (
         (own.gold, GOLD, "known answers were given"),
         (own.self_consistency, SELF, "answers were the same when asked again"),
-        (own.agreement, _at_least(others.agreement), "answers are those of others"),
+        (own.agreement, _at_least(together), "answers are those of others"),
     ):
         if expected is not None and guesses(share.hits, share.of, expected):
             found.append(

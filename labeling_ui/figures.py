@@ -107,7 +107,7 @@ def _figures(
         left=Share(sides.count(True), sides.count(True) + sides.count(False)),
         self_consistency=_self_consistency(answers),
         gold=_gold(own),
-        agreement=_agreement(shared, raters),
+        agreement=agreement_of(shared, raters),
         alpha=alpha(shared),
     )
 
@@ -143,7 +143,8 @@ def _votes(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
     return votes
 
 
-def _agreement(rows: Sequence[Row], raters: Collection[str]) -> Share:
+def agreement_of(rows: Sequence[Row], raters: Collection[str]) -> Share:
+    """Answers of two people to one pair, one of them of `raters`, that say the same."""
     verdicts = [
         _direction(first) == _direction(second)
         for by_rater in _votes(rows).values()

@@ -7,7 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,8 @@ from data.dataset import Dataset
 from data.features import column
 from gaitpref.cli import main
 from gaitpref.findings import NO_ALARM, findings_of_run
+from gaitpref.loop import run_configured
+from gaitpref.rater_cfg import RaterCfg
 from gaitpref.report import read_rounds
 from gaitpref.report_trust import alarm_section
 from policy.checkpoint import load_policy
@@ -26,7 +28,11 @@ from rewardmodel import FitCfg, fit_reward, load_reward
 from rewardmodel.support import Drift
 from rewardmodel.trust import Reach, alarms, prefers
 
+from .small_loop import small_cfg
 from .test_rewardmodel_fit import answered, gait
+
+CFG = replace(small_cfg(), simulated=RaterCfg(equal=1e9))
+"""A loop with a rater to whom all is equal."""
 
 
 @dataclass(frozen=True)
@@ -39,16 +45,12 @@ class Told:
 
 @pytest.fixture(scope="module")
 def nothing(tmp_path_factory: pytest.TempPathFactory) -> Told:
-    """A loop with a rater to whom all is equal, as a process."""
+    """The loop, as a process."""
     run = tmp_path_factory.mktemp("loop") / "run"
     code = (
-        "import sys; from dataclasses import replace; from pathlib import Path; "
-        "import torch; torch.set_num_threads(1); "
-        "from gaitpref.loop import run_configured; "
-        "from gaitpref.rater_cfg import RaterCfg; "
-        "from tests.small_loop import small_cfg; "
-        "cfg = replace(small_cfg(), simulated=RaterCfg(equal=1e9)); "
-        "run_configured(Path(sys.argv[1]), cfg)"
+        "import sys; from pathlib import Path; import torch; "
+        "torch.set_num_threads(1); from gaitpref.loop import run_configured; "
+        "from tests.test_findings import CFG; run_configured(Path(sys.argv[1]), CFG)"
     )
     done = subprocess.run(
         [sys.executable, "-c", code, str(run)], capture_output=True, text=True
@@ -78,6 +80,26 @@ def test_a_loop_whose_answers_prefer_nothing_goes_on_and_trains_on_none(
     page = (run / "report/index.html").read_text()
     assert "0 of " in page
     assert "No alarm" not in page
+
+
+def test_a_loop_goes_on_without_episodes_that_are_gone(
+    nothing: Told, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One of the first round's, about which it was answered; the next round asks about
+    the others and counts what it leaves out."""
+    run = Path(shutil.copytree(nothing.run, tmp_path / "run"))
+    for number in (1, 2):
+        shutil.rmtree(run / f"rounds/0{number}")
+    dataset = Dataset.open(run / "dataset")
+    with dataset.answers_copy() as store:
+        asked = next(pair for pair in store.pairs() if pair.round == 0)
+    dataset.path_of(dataset.entry(asked.a.rollout)).unlink()
+    main(["data", "recover", "--dataset", str(dataset.root)])
+    run_configured(run, CFG)
+    read = capsys.readouterr()
+    told = " ".join((read.out + read.err).split())
+    assert "answers are about episodes that are gone and are left out" in told
+    assert (run / "rounds/02/report.json").exists()
 
 
 def _rows(run: Path) -> list[np.ndarray]:
@@ -188,6 +210,17 @@ def test_answers_too_few_for_an_alarm_are_no_all_clear_on_the_page(
     said = _said(finished)
     assert "Too few answers to tell: 12 held-out answers prefer a clip, 40" in said
     assert "no alarm" not in said.lower()
+
+
+def test_a_rater_who_does_not_look_is_told_on_the_page(finished: Path) -> None:
+    """Also where nobody was asked after the last training, and in older reports of
+    which some figures are missing."""
+    guessing = "ann answers as if at random, in 95% of the cases"
+    _change(finished, 1, ("trust",), "raters", [guessing])
+    _change(finished, 2, ("trust", "policy"), "drift", {"share_far": 1.0})
+    said = _said(finished)
+    assert f"Look before you trust it: {guessing}" in said
+    assert "100% of its motion is far" in said
 
 
 def test_an_alarm_is_not_said_twice(finished: Path) -> None:
