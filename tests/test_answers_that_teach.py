@@ -173,7 +173,7 @@ def test_who_always_takes_the_left_clip_is_told_by_all_three(
 def test_who_answers_at_random_is_told(
     dataset: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Alone, and beside two people who look."""
+    """Alone, and beside people who look; who answered is compared with two others."""
     fill(dataset, "ann", at_random)
     alone = told_of(dataset, tmp_path / "alone", capsys)
     assert "look before you trust it: held-out accuracy" in alone["fit"]
@@ -181,8 +181,10 @@ def test_who_answers_at_random_is_told(
     assert "ALARM: the answers do not agree" in alone["trust"]
     assert "as if given at random" in alone["trust"]
     fill(dataset, "bob", honest)
-    fill(dataset, "cyd", honest)
     beside = told_of(dataset, tmp_path / "beside", capsys)
+    fill(dataset, "cyd", honest)
+    assert main(["raters", "--dataset", str(dataset.root), "stats"]) == 0
+    beside["stats"] = capsys.readouterr().out
     for name in ("fit", "trust", "stats"):
         assert "ann answers as if at random" in beside[name]
         assert "bob answers" not in beside[name]
