@@ -102,14 +102,7 @@ def fit_reward(
     model = RewardModel(normaliser, scorer, provenance)
     model.calibrate(standardised)
     if measured:
-        left = remaining(model, pairs)
-        report = replace(
-            report,
-            agreement=left.agreement,
-            open_share=left.open_share,
-            enough=enough(left, report),
-        )
-        model.provenance = replace(provenance, report=report)
+        report = _with_remaining(model, pairs)
     logger.info("fitted a %s reward: %s", cfg.kind, report)
     return model, report
 
@@ -134,7 +127,21 @@ def no_reward(pairs: AnsweredPairs, cfg: FitCfg) -> tuple[RewardModel, FitReport
     )
     seen = frozenset(sha256 for pair in pairs.episodes for sha256 in pair)
     provenance = Provenance(cfg, report, pairs.answers_sha256, seen)
-    return RewardModel(normaliser, make_scorer(cfg), provenance), report
+    model = RewardModel(normaliser, make_scorer(cfg), provenance)
+    return model, _with_remaining(model, pairs)
+
+
+def _with_remaining(model: RewardModel, pairs: AnsweredPairs) -> FitReport:
+    """The report of `model`, which keeps it, with what there is left to ask."""
+    left, report = remaining(model, pairs), model.provenance.report
+    report = replace(
+        report,
+        agreement=left.agreement,
+        open_share=left.open_share,
+        enough=enough(left, report),
+    )
+    model.provenance = replace(model.provenance, report=report)
+    return report
 
 
 def _judged(plain: TrainingPairs, raters: Sequence[str], cfg: FitCfg) -> Judged:
