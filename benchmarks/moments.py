@@ -24,7 +24,7 @@ from gaitpref.criteria import load_criterion
 from gaitpref.rewards import criterion_context, score_of_criterion
 from gaitpref.run_config import read_config
 from policy.checkpoint import load_policy
-from policy.reward_ppo import RewardFn
+from policy.reward_ppo import ScoreFn
 from rewardmodel.clips import pad_clips
 from rewardmodel.explain import explain
 from rewardmodel.model import RewardModel
@@ -76,7 +76,7 @@ def share_found(
 
 
 def rank_correlation(
-    model: RewardModel, score: RewardFn, clip: np.ndarray
+    model: RewardModel, score: ScoreFn, clip: np.ndarray
 ) -> float | None:
     """Spearman's, of the reward and the score of the steps of `clip` [T, F]; None where
     the score is the same throughout."""

@@ -20,7 +20,7 @@ from gaitpref.rewards import criterion_context, score_of_criterion
 from gaitpref.run_config import read_config
 from policy.checkpoint import load_policy
 from policy.evaluate import rollout_features
-from policy.ppo import RewardFn
+from policy.ppo import ScoreFn
 
 from .harness import spearman
 
@@ -38,12 +38,12 @@ class Walk:
     score: float
     """Mean of a step, under the hidden criterion."""
 
-    def paid(self, reward: RewardFn) -> float:
+    def paid(self, reward: ScoreFn) -> float:
         """Mean of `reward` over the steps."""
         return _mean_over(self.rows, self.alive, reward)
 
 
-def _mean_over(rows: Tensor, alive: Tensor, reward: RewardFn) -> float:
+def _mean_over(rows: Tensor, alive: Tensor, reward: ScoreFn) -> float:
     starts = torch.zeros_like(alive)
     starts[0] = True
     return float(reward(rows, starts)[alive].mean())
@@ -80,7 +80,7 @@ def _walk(path: Path, criterion: str) -> Walk:
     return Walk(rows, alive, _mean_over(rows, alive, score))
 
 
-def rank_correlation(walks: Sequence[Walk], reward: RewardFn) -> float:
+def rank_correlation(walks: Sequence[Walk], reward: ScoreFn) -> float:
     """Spearman's rank correlation of what `reward` pays the policies and their scores;
     NaN for fewer than two."""
     if len(walks) < 2:

@@ -35,7 +35,7 @@ from gaitpref.tracking_limit import limit_beside
 from policy.checkpoint import Policy, load_policy
 from policy.commands import env_for
 from policy.evaluate import Evaluation, rollout_features, summarise
-from policy.ppo import PpoCfg, RewardFn
+from policy.ppo import PpoCfg, ScoreFn, history_of
 from policy.rollout import Actor, hold_home
 from policy.train import TrainCfg, train
 
@@ -129,7 +129,7 @@ def _row(
 
 
 def measure(
-    actor: Actor, policy: Policy, score: RewardFn, *, episodes: int
+    actor: Actor, policy: Policy, score: ScoreFn, *, episodes: int
 ) -> Evaluation:
     """`actor` on robot and grid of `policy`, without noise, from equal starts."""
     env = policy.info.env
@@ -144,7 +144,7 @@ def _criterion(cfg: LoopCfg, policy: Policy) -> Criterion:
     return load_criterion(cfg.criterion, context)
 
 
-def _score(cfg: LoopCfg, policy: Policy) -> RewardFn:
+def _score(cfg: LoopCfg, policy: Policy) -> ScoreFn:
     return score_of_criterion(_criterion(cfg, policy))
 
 
@@ -252,7 +252,7 @@ def _beside_the_task(
     )
 
 
-def _standardised(score: RewardFn, features: Tensor, lengths: Tensor) -> RewardFn:
+def _standardised(score: ScoreFn, features: Tensor, lengths: Tensor) -> ScoreFn:
     """`score` scaled as a learned reward is: unit deviation on what the base does in
     episodes [T, N, F] of `lengths` [N]."""
     steps = torch.arange(len(features))[:, None]
@@ -264,7 +264,7 @@ def _standardised(score: RewardFn, features: Tensor, lengths: Tensor) -> RewardF
     def standardised(features: Tensor, starts: Tensor) -> Tensor:
         return (score(features, starts) - mean) / scale
 
-    return SequenceCriterion(standardised, getattr(score, "history_steps", 0))
+    return SequenceCriterion(standardised, history_of(score))
 
 
 def _made_once(out: Path, make: Callable[[Path], None]) -> Path:

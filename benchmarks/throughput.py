@@ -30,7 +30,7 @@ from rich.table import Table
 from data.features import FEATURE_DIM
 from policy.config import EnvCfg
 from policy.env import QuadrupedEnv
-from policy.ppo import PpoCfg, RewardFn, Runner
+from policy.ppo import PpoCfg, Runner, ScoreFn
 from policy.robot import load_robot
 from policy.robots.bare import bare_model
 from rewardmodel.cfg import FitCfg
@@ -196,7 +196,7 @@ def in_process(part: Part, num_envs: int, duration_s: float) -> dict[str, float]
     return json.loads(result.stdout.splitlines()[-1])
 
 
-def _reward() -> RewardFn:
+def _reward() -> ScoreFn:
     """A learned reward of the default kind; what it was fitted to costs nothing."""
     cfg, (left, right) = FitCfg(), torch.randn(2, 16, 20, FEATURE_DIM).unbind()
     valid = torch.ones(16, 20, dtype=torch.bool)

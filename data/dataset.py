@@ -103,6 +103,14 @@ class Dataset:
         """
         return self._manifest.entry(sha256)
 
+    def holds(self, sha256: str) -> bool:
+        """Whether the episode with this hash is listed.
+
+        Raises:
+            DatasetError: the manifest is damaged.
+        """
+        return self._manifest.find(sha256) is not None
+
     def add_episodes(
         self, episodes: Iterable[Episode], *, compression: Compression = ""
     ) -> list[EpisodeEntry]:
@@ -322,7 +330,8 @@ class Dataset:
         except FileNotFoundError:
             raise CorruptEpisode(
                 f"{path} is missing, the manifest promises {entry.bytes} bytes; "
-                "restore it from a copy of the data set"
+                "restore it from a copy of the data set, or go on without it after "
+                f"`gaitpref data recover --dataset {self.root}`"
             ) from None
 
 

@@ -73,18 +73,28 @@ class ManifestFile:
         Raises:
             DatasetError: there is none, or the manifest is damaged.
         """
+        found = self.find(sha256)
+        if found is None:
+            raise DatasetError(
+                f"{self._root} has no episode {sha256[:64]!r} among its "
+                f"{len(self._entries)}; add the data set it was recorded in"
+            )
+        return found
+
+    def find(self, sha256: str) -> EpisodeEntry | None:
+        """The same; None if there is none.
+
+        Raises:
+            DatasetError: the manifest is damaged.
+        """
         known = self._entries.get(sha256) or self._looked_up.get(sha256)
         if known is not None:
             return known
         with self._expected():
             found = look_up(self._path, sha256)
         found = found or self.entries().get(sha256)
-        if found is None:
-            raise DatasetError(
-                f"{self._root} has no episode {sha256[:64]!r} among its "
-                f"{len(self._entries)}; add the data set it was recorded in"
-            )
-        self._looked_up[sha256] = found
+        if found is not None:
+            self._looked_up[sha256] = found
         return found
 
     def change(self, change: Callable[[Entries], Entries]) -> None:

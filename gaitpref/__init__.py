@@ -1,11 +1,12 @@
 """The application: command line, the loop, run directories and their report."""
 
-import contextlib
-
 # A labeler's machine has no Gymnasium; all others find the environment by its name.
-with contextlib.suppress(ModuleNotFoundError):
+try:
     from .gym_registration import register
-
+except ModuleNotFoundError as error:
+    if (error.name or "").partition(".")[0] == __name__:
+        raise
+else:
     register()
 
 __version__ = "0.1.0"

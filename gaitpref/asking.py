@@ -80,7 +80,10 @@ def _count_going_on(cfg: LoopCfg, round: Round, dataset: Dataset, asked: int) ->
     most = cfg.most_first_labels
     if round.number or asked >= most:
         return asked
-    pairs = load_pairs([dataset])
+    pairs = load_pairs([dataset], at_least=0)
+    if pairs.too_little:
+        console.print(f"round 0: {pairs.too_little}, so it asks on, up to {most}")
+        return min(asked + cfg.batch_labels, most)
     seed = seed_of(cfg, 0, 5)
     model, _ = fit_reward(pairs, fit_for_asking(cfg, round), seed=seed, measured=False)
     agreement = remaining(model, pairs).agreement
@@ -101,7 +104,7 @@ def _add_pairs(cfg: LoopCfg, round: Round, dataset: Dataset, count: int) -> None
     where that is to be judged."""
     with dataset.answers() as store:
         known = store.pairs()
-        enough = count_evidence(store) >= MIN_ANSWERS
+        enough = count_evidence(store, dataset) >= MIN_ANSWERS
     # More pairs for the same round are others, even after a restart.
     before = [pair for pair in known if pair.round == round.number]
     asked_before = len(before)
@@ -147,10 +150,15 @@ def _add_pairs(cfg: LoopCfg, round: Round, dataset: Dataset, count: int) -> None
 def _episodes_asked_about(
     cfg: LoopCfg, round: Round, dataset: Dataset
 ) -> list[EpisodeEntry]:
-    """The round's own episodes, and some of what earlier policies did."""
+    """The round's own episodes, and some of what earlier policies did; not those that
+    are gone."""
     by_sha256 = {entry.sha256: entry for entry in dataset.entries()}
     own, *before = (
-        [by_sha256[name] for name in read_json(Round(round.run, n).recorded)]
+        [
+            by_sha256[name]
+            for name in read_json(Round(round.run, n).recorded)
+            if name in by_sha256
+        ]
         for n in range(round.number, -1, -1)
     )
     earlier = [
@@ -169,7 +177,7 @@ def _enough(cfg: LoopCfg, round: Round, dataset: Dataset) -> bool:
     if not cfg.stop_asking:
         return False
     with dataset.answers() as store:
-        if count_evidence(store) < MIN_ANSWERS:
+        if count_evidence(store, dataset) < MIN_ANSWERS:
             return False
     seed = seed_of(cfg, round.number, 5)
     _, report = fit_reward(load_pairs([dataset]), fit_for_asking(cfg, round), seed=seed)
@@ -256,8 +264,8 @@ def wait_for_people(
     """Wait until at most `open_pairs` of the round, `count` in all, are open, or
     patience is over.
 
-    Either way there are answers enough to fit when the round's last pairs were waited
-    for: where too many are "can't tell" or "bad clip", more pairs are asked.
+    Either way enough answers prefer a clip when the round's last pairs were waited for:
+    where too many are "equally good", "can't tell" or "bad clip", more pairs are asked.
 
     Returns whether patience lasted.
 
@@ -276,7 +284,7 @@ def wait_for_people(
             if done and open_pairs:
                 return True
             if done or patience.over:
-                wanted = MIN_ANSWERS - count_evidence(store)
+                wanted = MIN_ANSWERS - count_evidence(store, dataset)
                 if wanted <= 0:
                     break
                 if wanted > left:

@@ -14,6 +14,7 @@ from data.faults import is_full, told
 
 from . import options
 from .bounds import require_bounds
+from .extras import missing
 from .terminal import UNSAID, complain, drop_output, finish, prepare
 from .usage import did_you_mean, require_command
 
@@ -107,10 +108,7 @@ def run(command: options.Command) -> int:
     try:
         commands = importlib.import_module(f".{module}", __package__)
     except ModuleNotFoundError as error:
-        raise GaitprefError(
-            f"this command needs the package {error.name}, which is not installed: "
-            f"pip install -e '.[{extra}]' -c constraints.txt"
-        ) from None
+        raise missing(error, extra) from None
     return commands.run(command)
 
 
@@ -135,8 +133,16 @@ def _home_of(command: options.Command) -> tuple[str, str]:
             return "explain_command", "train"
         case options.Play():
             return "play_command", "train,label"
-        case _:
+        case (
+            options.Loop()
+            | options.Train()
+            | options.Record()
+            | options.Answer()
+            | options.Evaluate()
+            | options.Report()
+        ):
             return "commands", "train"
+    raise TypeError(f"no module runs the command {type(command).__name__}")
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ import torch
 from data.dataset import Dataset
 from data.episode_chunks import Compression
 from data.errors import DatasetError, GaitprefError
+from data.gone import pairs_gone
 from data.lock import only_writer
 from policy.checkpoint import PolicyError, load_policy
 from policy.config import RANDOMISE, EnvCfg, getup_env
@@ -58,6 +59,8 @@ def run(command: options.Command) -> int:
             _evaluate(command)
         case options.Report():
             console.print(f"the report is {write_report(command.run)}")
+        case _:
+            raise TypeError(f"{type(command).__name__} is run by another module")
     return 0
 
 
@@ -177,6 +180,8 @@ def _answer(command: options.Answer) -> None:
     console.print(
         f"{count} pairs of {command.dataset} were answered by {command.criterion}"
     )
+    if gone := pairs_gone(dataset):
+        console.print(gone)
 
 
 def _context_of(dataset: Dataset) -> CriterionContext:

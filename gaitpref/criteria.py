@@ -24,7 +24,7 @@ from torch import Tensor
 
 from data.errors import GaitprefError
 from data.features import FEATURE_DIM, column
-from policy.ppo import RewardFn
+from policy.ppo import ScoreFn
 from policy.reward import TaskRewardCfg, task_score
 
 from .styles import (
@@ -64,7 +64,7 @@ class CriterionError(GaitprefError):
 class SequenceCriterion:
     """A criterion that looks back."""
 
-    score: RewardFn
+    score: ScoreFn
     history_steps: int
     """How many rows before a row matter to its score."""
 

@@ -15,6 +15,7 @@ import torch
 from data.dataset import Dataset
 from data.errors import GaitprefError
 from data.files import require_directory
+from data.gone import told_gone
 from data.lock import LOCK_NAME, only_writer
 from data.manifest_file import writable
 from rewardmodel.acquisition import unanswered_pairs
@@ -26,6 +27,7 @@ from rewardmodel.storage import load_reward, save_reward
 
 from . import options
 from .extras import require
+from .findings import findings_of_fit
 from .fit_summary import fit_summary
 from .opening import address
 from .progress import console, working
@@ -38,6 +40,8 @@ def run(command: options.Command) -> int:
         _relabel(command)
     elif isinstance(command, options.Fit):
         _fit(command)
+    else:
+        raise TypeError(f"{type(command).__name__} is run by another module")
     return 0
 
 
@@ -68,10 +72,15 @@ def _fit_alone(command: options.Fit) -> None:
         model, report = fit_reward(pairs, cfg, seed=command.seed, unanswered=unanswered)
     save_reward(model, command.out)
     kind = model.provenance.cfg.kind
+    findings = findings_of_fit(report, pairs.sides)
     if command.json:
-        print(json.dumps({"model": kind, **asdict(report)}))
+        told = {"answers_gone": pairs.num_gone, "sentence": findings.sentence}
+        print(json.dumps({"model": kind, **asdict(report), **told}))
         return
     console.print(f"{kind}: {fit_summary(report)}; the reward is {command.out}")
+    gone = told_gone(pairs.num_gone, pairs.num_collected, command.dataset[0])
+    for line in filter(None, (gone, *findings.besides)):
+        console.print(line)
     if cfg.doubted_below:
         console.print(f"{report.doubted} answers look wrong and are taken for random")
     for rater, share in report.raters:

@@ -13,14 +13,14 @@ import math
 from data.files import read_json, write_atomically
 from policy.checkpoint import load_policy
 from policy.evaluate import evaluate
-from policy.ppo import RewardFn
+from policy.ppo import ScoreFn
 
 from .loop_cfg import LoopCfg
 from .progress import console
 from .rounds import Round, seed_of
 
 
-def choose_start(cfg: LoopCfg, round: Round, score_fn: RewardFn) -> None:
+def choose_start(cfg: LoopCfg, round: Round, score_fn: ScoreFn) -> None:
     """Write down which policy so far the newest reward, `score_fn`, likes best, of
     those no answers spoke against; nothing where training goes on from the last."""
     if round.began.exists() or not cfg.from_best or not cfg.keeps_task:
@@ -48,7 +48,7 @@ def _may_go_on(round: Round) -> bool:
     return read_json(round.approval)["approved"]
 
 
-def _worth(cfg: LoopCfg, round: Round, score_fn: RewardFn) -> float:
+def _worth(cfg: LoopCfg, round: Round, score_fn: ScoreFn) -> float:
     """Return of the round's policy under `score_fn`; none where nothing can be said of
     it, as its simulations diverge."""
     try:

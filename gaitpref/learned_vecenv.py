@@ -13,7 +13,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from data.features import FEATURE_DIM, column
-from policy.ppo import RewardFn
+from policy.ppo import ScoreFn
 
 from .step_reward import StepReward
 
@@ -29,7 +29,7 @@ class LearnedRewardEnv(VecEnv):
     def __init__(
         self,
         env: VecEnv,
-        score: RewardFn,
+        score: ScoreFn,
         *,
         step_dt_s: float,
         weight: float = 1.0,

@@ -201,6 +201,11 @@ class LoopCfg:
         return self.base != "none"
 
     @property
+    def wish(self) -> str | None:
+        """The criterion that is looked for; None where people know what they want."""
+        return self.criterion if self.rater == "simulated" else None
+
+    @property
     def hopes(self) -> bool:
         """Whether a robot that stands still is got going."""
         return self.optimism > 0.0 and not self.keeps_task and self.rounds > 1

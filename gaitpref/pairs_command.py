@@ -12,6 +12,7 @@ import torch
 
 from data.answers import Pair
 from data.dataset import Dataset
+from data.gone import pairs_gone
 from rewardmodel.acquisition import AGAIN, make_strategy
 from rewardmodel.errors import RewardError
 from rewardmodel.model import RewardModel
@@ -45,6 +46,8 @@ def run(command: options.Pairs) -> int:
         added = store.add_pairs([*chosen, *gold])
     of_these = f", {len(gold)} of them with a known answer" if command.gold else ""
     console.print(f"{added} pairs were added to {command.dataset}{of_these}")
+    if gone := pairs_gone(dataset):
+        console.print(gone)
     return 0
 
 

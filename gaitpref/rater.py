@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 import uuid
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 
 import numpy as np
 import torch
@@ -12,6 +12,7 @@ import torch
 from data.answers import Answer, Pair
 from data.clips import Clip
 from data.dataset import Dataset
+from data.gone import listed_in
 
 from .criteria import Criterion
 from .judging import Standards, judge, standards
@@ -53,7 +54,8 @@ def answer_pairs(
     cfg: RaterCfg = PERFECT,
     round: int | None = None,
 ) -> int:
-    """Answer every pair `rater_id` has not answered yet; gives how many.
+    """Answer every pair `rater_id` has not answered yet; gives how many. Pairs whose
+    episode is gone are left open.
 
     An answer's id follows from pair and rater, and its chance from the id, so that a
     killed run answers no pair twice and none otherwise.
@@ -61,20 +63,22 @@ def answer_pairs(
     scores = ClipScores(dataset.features, criterion)
     with dataset.answers() as store:
         store.add_rater(rater_id, "scripted", {})
-        pairs = store.unanswered(rater_id, round=round)
+        listed = listed_in([dataset])
+        pairs = [p for p in store.unanswered(rater_id, round=round) if listed(p)]
         if pairs:
-            known = standards_among(store.pairs(), scores, cfg)
+            known = standards_among(filter(listed, store.pairs()), scores, cfg)
             for pair in pairs:
                 store.add_answer(_answer(pair, scores, cfg, known, rater_id, seed))
         return len(pairs)
 
 
 def standards_among(
-    pairs: Sequence[Pair], scores: ClipScores, cfg: RaterCfg
+    pairs: Iterable[Pair], scores: ClipScores, cfg: RaterCfg
 ) -> Standards:
     """What a rater who was asked `pairs` compares with."""
     if cfg == PERFECT:
         return Standards(1.0, -np.inf)  # Nothing is compared with them.
+    pairs = list(pairs)
     clips = {clip: float(scores(clip).mean()) for p in pairs for clip in (p.a, p.b)}
     leads = [clips[pair.a] - clips[pair.b] for pair in pairs]
     return standards(leads, list(clips.values()), cfg.skip)

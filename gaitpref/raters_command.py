@@ -9,6 +9,7 @@ from typing import Any
 from data.dataset import Dataset
 from data.errors import GaitprefError
 from data.shown import shown
+from labeling_ui.doubts import doubts
 from labeling_ui.figures import (
     RaterFigures,
     Share,
@@ -74,15 +75,21 @@ def _stats(command: options.Raters, dataset: Dataset) -> None:
     names = sorted({answer.rater_id for _, answer in rows})
     raters = [figures(rows, name) for name in names]
     together = all_figures(rows)
+    doubted = {each.rater_id: doubts(rows, each) for each in raters}
     values = {
-        "raters": [_as_json(of_rater) for of_rater in raters],
+        "raters": [
+            _as_json(of_rater) | {"doubts": doubted[of_rater.rater_id]}
+            for of_rater in raters
+        ],
         "all": _as_json(together),
     }
     header = (
         f"{'rater':<16}{'answers':>8}{'per hour':>10}{'median':>8}{'left':>6}"
         f"{'self':>6}{'known':>7}{'agree':>7}{'alpha':>7}"
     )
-    _show(command, values, [header, *map(_line, [*raters, together])])
+    lines = [header, *map(_line, [*raters, together])]
+    lines += [told for name in names for told in doubted[name]]
+    _show(command, values, lines)
 
 
 def _line(of_rater: RaterFigures) -> str:

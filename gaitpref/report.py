@@ -117,7 +117,7 @@ def render(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
         f"<style>{_STYLE}</style><h1>{title}</h1>"
         f'<p class="lead">{settings}; {done}.</p><p>{verdict}</p>'
         f"{standstill_section(rounds)}{approval_section(rounds)}"
-        f"{alarm_section(rounds)}"
+        f"{alarm_section(rounds, cfg.wish)}"
         f'<div class="curves">{_curves(criterion, rounds)}</div>{_table(rounds)}'
         f"{clips_section(run, rounds)}"
         f"<p>Returns are means over {last['episodes']} episodes on a fixed grid of "

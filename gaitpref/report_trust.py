@@ -14,6 +14,7 @@ from rewardmodel.explain import explain
 from rewardmodel.storage import load_reward
 
 from .explain_command import extremes
+from .findings import NO_ALARM, findings_of_run
 from .pictures import svg_of
 from .strips import clip_picture, curves_picture
 
@@ -21,19 +22,29 @@ COUNT = 2
 """Best, and worst clips on the page."""
 
 
-def alarm_section(rounds: list[dict[str, Any]]) -> str:
-    """Every alarm of every round, or that there was none."""
+def alarm_section(rounds: list[dict[str, Any]], criterion: str | None) -> str:
+    """Every alarm of every round, and what the figures say of the newest.
+
+    Args:
+        rounds: What each reported.
+        criterion: What the rater looks for, where that is known.
+    """
     raised = [
         f"<li>Round {of_round['round']}: {html.escape(reason)}.</li>"
         for of_round in rounds
         for reason in of_round.get("trust", {}).get("alarms", ())
     ]
+    besides = findings_of_run(rounds, criterion=criterion).besides
+    if raised:
+        besides = tuple(told for told in besides if told != NO_ALARM)
+    told = "".join(f"<p>{html.escape(_capitalised(said))}.</p>" for said in besides)
     if not raised:
-        judged = [found["approved"] for r in rounds if (found := r.get("approval"))]
-        if not all(judged):
-            return "<p>No alarm beside that.</p>"
-        return "<p>No alarm: nothing says that the learned reward misleads.</p>"
-    return f'<div class="alarm"><b>Alarm</b><ul>{"".join(raised)}</ul></div>'
+        return told
+    return f'<div class="alarm"><b>Alarm</b><ul>{"".join(raised)}</ul></div>{told}'
+
+
+def _capitalised(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def approval_section(rounds: list[dict[str, Any]]) -> str:

@@ -15,7 +15,7 @@ from data.dataset import Dataset
 from data.files import read_file, read_json, replace_directory, write_atomically
 from data.limits import POLICY_BYTES
 from policy.checkpoint import holding_home, load_policy
-from policy.ppo import IterationStats, RewardFn
+from policy.ppo import IterationStats, ScoreFn
 from policy.robot import Robot
 from policy.train import POLICY_NAME, SUMMARY_NAME, TrainCfg, train
 from rewardmodel.caution import CautiousReward
@@ -42,7 +42,7 @@ from .side_by_side import labels_kept
 from .sides import in_mirror
 from .standstill import Standstill, standstill_before
 from .tracking_limit import TrackingLimit, limit_beside
-from .watch import WatchedReward, deserves_training, watched
+from .watch import WatchedReward, deserves_training, watched, why_not_trained
 
 _EPISODES_LOOKED_AT = 32
 """Of a round, to see whether a reward tells left from right."""
@@ -134,9 +134,10 @@ def _untrained(cfg: LoopCfg, round: Round) -> bytes | None:
         shown = (kept.parent / STANDSTILL_NAME).exists()
         untrained = load_policy(kept).info.steps == 0
         stands = cfg.base == "none" and (untrained or shown)
+        why = why_not_trained(round.before)
         stays = "robot stands still" if stands else "policy stays as it was"
         console.print(
-            f"round {round.number}: the {stays}, because the answers do not agree; "
+            f"round {round.number}: the {stays}, because the answers {why}; "
             f"{'asking again' if asks else 'no round is left'}"
         )
         return holding_home(kept) if stands else read_file(kept, POLICY_BYTES)
@@ -148,7 +149,7 @@ class _Plan:
     """What a round's policy is trained on, and from where."""
 
     cfg: TrainCfg
-    reward_fn: RewardFn | None = None
+    reward_fn: ScoreFn | None = None
     reward_name: str = "task"
     init: Path | None = None
     watch: WatchedReward | None = None
@@ -202,8 +203,9 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
 
 
 def rows_of_round(round: Round, dataset: Dataset) -> Tensor:
-    """Rows [T, N, F] of some episodes of a finished round, as long as the shortest."""
-    names = read_json(round.recorded)
+    """Rows [T, N, F] of some episodes of a finished round, as long as the shortest;
+    those that are gone are left out."""
+    names = [name for name in read_json(round.recorded) if dataset.holds(name)]
     some = names[:: max(1, len(names) // _EPISODES_LOOKED_AT)]
     rows = [torch.tensor(dataset.features(name)) for name in some]
     shortest = min(len(each) for each in rows)
@@ -217,7 +219,7 @@ def _is_judged(cfg: LoopCfg, round: Round, dataset: Dataset) -> bool:
 
 def learned_reward(
     cfg: LoopCfg, round: int, model: RewardModel, *, judged: bool
-) -> RewardFn:
+) -> ScoreFn:
     """What of `model` the retraining of `round`, counted from 1, is paid.
 
     Args:

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from data.features import column
 from policy.config import EnvCfg
-from policy.ppo import RewardFn
+from policy.ppo import ScoreFn, history_of
 from policy.reward import (
     KnownTermsCfg,
     TaskRewardCfg,
@@ -58,7 +58,7 @@ class Unsure(Protocol):
 class TotalReward:
     """`w_learned * r_hat * dt`, the known terms, and the task where it is kept."""
 
-    score: RewardFn
+    score: ScoreFn
     """Per second: a learned reward or a criterion."""
     weight: float
     """Of `score`."""
@@ -79,7 +79,7 @@ class TotalReward:
     @property
     def history_steps(self) -> int:
         """Rows before a row that matter to its reward."""
-        return getattr(self.score, "history_steps", 0)
+        return history_of(self.score)
 
     def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
         """Reward [T, N] per step of `features` [T, N, F], which are one rollout."""
@@ -132,7 +132,7 @@ class TotalReward:
 
 
 def total_reward(
-    score: RewardFn,
+    score: ScoreFn,
     robot: Robot,
     env: EnvCfg,
     *,
@@ -157,7 +157,7 @@ def total_reward(
     )
 
 
-def score_of_criterion(criterion: Criterion) -> RewardFn:
+def score_of_criterion(criterion: Criterion) -> ScoreFn:
     """A criterion as a sequence score, whether it looks at one row or at several."""
     if isinstance(criterion, SequenceCriterion):
         return criterion
@@ -168,7 +168,7 @@ def score_of_criterion(criterion: Criterion) -> RewardFn:
     return score
 
 
-def load_score(reward: str, context: CriterionContext) -> RewardFn:
+def load_score(reward: str, context: CriterionContext) -> ScoreFn:
     """The score named by a criterion or by the directory of a learned reward.
 
     Raises:

@@ -208,6 +208,7 @@ def verdict_of(
         if pair.strategy == STRATEGY and answer.choice in ("a", "b")
     ]
     by_sha256 = {entry.sha256: entry for entry in dataset.entries()}
+    preferred = [clip for clip in preferred if clip.rollout in by_sha256]
     # However sure a fit is that nobody errs, one answer is no proof.
     share = load_reward(round.before.reward).provenance.cfg.error_share
     new_sha256 = sha256_file(new)

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from policy.mirror import has_mirror, mirror_of
-from policy.ppo import PpoCfg, RewardFn
+from policy.ppo import PpoCfg, ScoreFn
 from policy.robot import Robot
 
 _APART = 0.05
@@ -19,7 +19,7 @@ _APART = 0.05
 the reward, from which on a reward tells left from right."""
 
 
-def tells_sides_apart(reward: RewardFn, robot: Robot, features: Tensor) -> bool:
+def tells_sides_apart(reward: ScoreFn, robot: Robot, features: Tensor) -> bool:
     """Whether `reward` pays episodes [T, N, F] of a robot whose sides are alike
     otherwise than their mirror images."""
     starts = torch.zeros(features.shape[:2], dtype=torch.bool)
@@ -33,7 +33,7 @@ def tells_sides_apart(reward: RewardFn, robot: Robot, features: Tensor) -> bool:
 def in_mirror(
     ppo: PpoCfg,
     robot: Robot,
-    reward: RewardFn | None = None,
+    reward: ScoreFn | None = None,
     features: Tensor | None = None,
 ) -> PpoCfg:
     """`ppo` learning from every step in the mirror too, where that is no other task.

@@ -13,16 +13,18 @@ from typing import Any
 
 from data.dataset import Dataset
 from data.files import read_json, write_atomically
+from data.gone import told_gone
 from policy.checkpoint import load_policy
 from policy.evaluate import evaluate, rollout_features, summarise
-from policy.ppo import RewardFn
+from policy.ppo import ScoreFn
 from policy.record import record
 from policy.train import SUMMARY_NAME
-from rewardmodel.fit import fit_reward
+from rewardmodel.fit import fit_reward, no_reward
 from rewardmodel.pairs import load_pairs
 from rewardmodel.storage import load_reward, save_reward
 
 from .criteria import Criterion
+from .findings import findings_of_run
 from .fit_summary import fit_summary
 from .loop_cfg import LoopCfg
 from .people import People
@@ -53,15 +55,23 @@ def record_stage(cfg: LoopCfg, round: Round, dataset: Dataset, people: People) -
 
 
 def fit_stage(cfg: LoopCfg, round: Round, dataset: Dataset, people: People) -> None:
-    """Fit a reward to all answers so far."""
+    """Fit a reward to all answers so far; where they prefer too little, it is 0."""
     if round.reward.exists():
         return
     people.tell(f"{place_of(cfg, round)}: learning from the answers")
-    pairs = load_pairs([dataset])
-    seed = seed_of(cfg, round.number, 5)
-    model, report = fit_reward(pairs, cfg.fit_of(round.number), seed=seed)
+    pairs = load_pairs([dataset], at_least=0)
+    settings = cfg.fit_of(round.number)
+    if pairs.too_little:
+        model, _ = no_reward(pairs, settings)
+        told = f"{pairs.too_little}: it is 0"
+    else:
+        seed = seed_of(cfg, round.number, 5)
+        model, report = fit_reward(pairs, settings, seed=seed)
+        told = fit_summary(report)
     save_reward(model, round.reward)
-    console.print(f"round {round.number}: {fit_summary(report)}")
+    console.print(f"round {round.number}: {told}")
+    if gone := told_gone(pairs.num_gone, pairs.num_collected, dataset.root):
+        console.print(f"round {round.number}: {gone}")
 
 
 def began_with(cfg: LoopCfg, round: Round) -> float:
@@ -94,7 +104,7 @@ def report_stage(
         seed=seed_of(cfg, 0, 6),
     )
 
-    def measured(score_fn: RewardFn) -> dict[str, Any]:
+    def measured(score_fn: ScoreFn) -> dict[str, Any]:
         return asdict(
             summarise(features, lengths, score_fn, control_dt_s=env.control_dt_s)
         )
@@ -134,3 +144,9 @@ def report_stage(
     )
     for reason in result["trust"]["alarms"]:
         console.alarm(f"round {round.number}: {reason}")
+    findings = findings_of_run(
+        [*(read_json(Round(round.run, n).report) for n in range(round.number)), result],
+        criterion=cfg.wish,
+    )
+    for besides in findings.besides:
+        console.print(f"round {round.number}: {besides}")

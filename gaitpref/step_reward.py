@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from policy.config import EnvCfg
-from policy.ppo import RewardFn
+from policy.ppo import ScoreFn, history_of
 from policy.reward import KnownTermsCfg, task_reward_for, task_score
 from policy.robot import Robot
 
@@ -25,9 +25,9 @@ class StepReward:
     it where an episode begins, as when a whole rollout is scored at once.
     """
 
-    def __init__(self, reward_fn: RewardFn, *, history: int | None = None) -> None:
+    def __init__(self, reward_fn: ScoreFn, *, history: int | None = None) -> None:
         """Pay `reward_fn`, shown `history` steps, or as many as it says it looks at."""
-        looks_at = getattr(reward_fn, "history_steps", 0) + 1
+        looks_at = history_of(reward_fn) + 1
         self._history: int = looks_at if history is None else history
         if self._history < 1:
             raise ValueError(f"history must be at least 1 step, got {history}")
@@ -55,7 +55,7 @@ def reward_named(
     *,
     known: KnownTermsCfg | None = None,
     keep_task: bool = False,
-) -> RewardFn:
+) -> ScoreFn:
     """The reward per step that `gaitpref train --reward NAME` trains on.
 
     Args:

@@ -8,6 +8,7 @@ from typing import Any
 
 import torch
 
+from data.gone import told_gone
 from policy.checkpoint import load_policy
 from policy.evaluate import rollout_features
 from rewardmodel.foresight import Foreseen, foresee
@@ -16,6 +17,7 @@ from rewardmodel.storage import load_reward
 from rewardmodel.trust import Reach, alarms, reach, spelled
 
 from . import options
+from .findings import about_raters, findings_of_trust
 from .fit_summary import what_remains
 from .opening import open_dataset
 from .pictures import save_picture
@@ -45,29 +47,35 @@ def run(command: options.Trust) -> int:
             seed=command.seed,
         )
         reached = reach(model, judged, rows, lengths)
-    reasons = alarms(foreseen, reached)
+    reasons = alarms(foreseen, reached, sides=judged.sides)
     if command.picture is not None:
         save_picture(reliability_plot(foreseen), command.picture)
     same = model.provenance.answers_sha256 == judged.answers_sha256
+    report = model.provenance.report
+    values = {
+        **as_json(foreseen, reached),
+        "raters": about_raters(report, judged.sides),
+        **alarm_json(reasons),
+    }
+    findings = findings_of_trust(values)
     if command.json:
-        report = model.provenance.report
-        values = {
+        of_fit = {
             "answers_are_those_fitted": same,
             "enough": report.enough,
             "agreement": report.agreement,
             "open_share": report.open_share,
-            **as_json(foreseen, reached),
+            "answers_gone": judged.num_gone,
         }
-        print(json.dumps({**values, **alarm_json(reasons)}))
+        print(json.dumps({**of_fit, **values, "sentence": findings.sentence}))
         return 0
     for line in _lines(command, judged, foreseen, reached, same):
         say(line)
-    if remains := what_remains(model.provenance.report):
+    if remains := what_remains(report):
         say(f"left to ask     at its fit: {remains}")
     for reason in reasons:
         say(f"ALARM: {reason}")
-    if not reasons:
-        say("no alarm")
+    for besides in findings.besides:
+        say(besides)
     return 0
 
 
@@ -92,9 +100,11 @@ def _lines(
     reached: Reach | None,
     same: bool,
 ) -> list[str]:
+    gone = told_gone(judged.num_gone, judged.num_collected, command.dataset)
     lines = [
         f"answers         {len(judged)} in {command.dataset}"
         + ("" if same else ", others than the reward was fitted to"),
+        *([f"gone            {gone}"] if gone else []),
         f"held out        {foreseen.answers} answers, {foreseen.ties} of them ties"
         + (
             f"; {foreseen.left_out} of who hardly looks are left out"

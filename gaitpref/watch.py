@@ -15,14 +15,24 @@ from torch import Tensor
 
 from data.dataset import Dataset
 from data.files import read_json, write_atomically
-from policy.reward_ppo import OfRollout, RewardFn
-from rewardmodel.foresight import foresee
+from policy.reward_ppo import OfRollout, ScoreFn, figures_of, history_of
+from rewardmodel.foresight import Foreseen, foresee
 from rewardmodel.model import RewardModel
 from rewardmodel.pairs import AnsweredPairs, load_pairs
 from rewardmodel.storage import load_reward
 from rewardmodel.support import Drift, Support, support_of
-from rewardmodel.trust import alarms, disagree, left_for_pay, reach, spelled
+from rewardmodel.trust import (
+    ENOUGH_NEWEST,
+    alarms,
+    disagree,
+    left_for_pay,
+    prefers,
+    reach,
+    spelled,
+    unforeseen_sides,
+)
 
+from .findings import about_raters
 from .loop_cfg import LoopCfg
 from .rounds import Round, seed_of
 from .trust_command import alarm_json, as_json
@@ -39,7 +49,7 @@ class WatchedReward:
     """A reward that notices when a policy leaves what was judged and is paid for it."""
 
     def __init__(
-        self, reward: RewardFn, model: RewardModel, support: Support, limit: float
+        self, reward: ScoreFn, model: RewardModel, support: Support, limit: float
     ) -> None:
         """Watch `reward`, of which `model` is the learned part, against `support`.
 
@@ -76,12 +86,12 @@ class WatchedReward:
     @property
     def history_steps(self) -> int:
         """How far the reward looks back."""
-        return getattr(self._reward, "history_steps", 0)
+        return history_of(self._reward)
 
     @property
     def figures(self) -> dict[str, float]:
         """What the reward tells of the rollout scored last."""
-        return getattr(self._reward, "figures", {})
+        return figures_of(self._reward)
 
     @property
     def alarm(self) -> str | None:
@@ -133,20 +143,33 @@ class WatchedReward:
 
 
 def watched(
-    cfg: LoopCfg, round: Round, dataset: Dataset, reward: RewardFn
+    cfg: LoopCfg, round: Round, dataset: Dataset, reward: ScoreFn
 ) -> WatchedReward | None:
     """`reward` of the round, watched; None where the loop lets policies go anywhere."""
     if cfg.far_limit is None:
         return None
     model = load_reward(round.before.reward)
-    support = support_of(_judged_before(dataset, round), model)
+    before = judged_before(load_pairs([dataset], at_least=0), round)
+    if before is None:
+        return None
+    support = support_of(before, model)
     return WatchedReward(reward, model, support, cfg.far_limit)
 
 
 def deserves_training(round: Round) -> bool:
     """Whether the reward of a finished round may be trained on."""
-    trust = read_json(round.report).get("trust", {})
-    return bool(trust.get("deserves_training", True))
+    return bool(_trust_in(round).get("deserves_training", True))
+
+
+def why_not_trained(round: Round) -> str:
+    """What the answers do, where the reward of a finished round may not be."""
+    if _trust_in(round).get("too_little"):
+        return "prefer too little"
+    return "do not agree"
+
+
+def _trust_in(round: Round) -> dict[str, Any]:
+    return read_json(round.report).get("trust", {})
 
 
 def trust_of_round(
@@ -168,27 +191,50 @@ def trust_of_round(
         lengths: [N] of its episodes.
         return_rose: Whether training raised the learned return.
     """
+    pairs = load_pairs([dataset], at_least=0)
+    before = judged_before(pairs, round)
     reached, foreseen = None, None
-    if round.number:
-        model = load_reward(round.before.reward)
-        judged = _judged_before(dataset, round)
-        reached = reach(model, judged, features, lengths)
-    if round.reward.exists():
+    found: dict[str, Any] = {"confirmed": False}
+    if before is not None:
+        trained_on = load_reward(round.before.reward)
+        reached = reach(trained_on, before, features, lengths)
+    too_little = pairs.too_little if round.reward.exists() else ""
+    if round.reward.exists() and not too_little:
         model = load_reward(round.reward)
-        seed = seed_of(cfg, round.number, 5)
-        foreseen = foresee(model, load_pairs([dataset]), seed=seed)
-    values = as_json(foreseen, reached)
-    distrusted = foreseen is not None and disagree(foreseen)
-    reasons = alarms(foreseen, reached, return_rose=return_rose)
+        foreseen = foresee(model, pairs, seed=seed_of(cfg, round.number, 5))
+        found["raters"] = about_raters(model.provenance.report, pairs.sides)
+        if before is not None and was_judged(foreseen):
+            found["confirmed"] = prefers(model, features, lengths, before)
+    distrusted = foreseen is not None and (
+        disagree(foreseen) or bool(unforeseen_sides(foreseen, pairs.sides))
+    )
+    reasons = alarms(
+        foreseen,
+        reached,
+        return_rose=return_rose,
+        confirmed=found["confirmed"],
+        sides=pairs.sides if foreseen else (),
+    )
+    if too_little:
+        found["too_little"] = too_little
+        reasons = (f"{too_little}: it is 0, and trained on by nobody", *reasons)
     watch = round.policy.parent / WATCH_NAME
     if watch.exists():
-        values["watch"] = read_json(watch)
-        if values["watch"]["alarm"]:
-            reasons = (*reasons, values["watch"]["alarm"])
-    return {**values, **alarm_json(reasons), "deserves_training": not distrusted}
+        found["watch"] = read_json(watch)
+        if found["watch"]["alarm"]:
+            reasons = (*reasons, found["watch"]["alarm"])
+    found["deserves_training"] = not (distrusted or too_little)
+    return as_json(foreseen, reached) | found | alarm_json(reasons)
 
 
-def _judged_before(dataset: Dataset, round: Round) -> AnsweredPairs:
-    """The answers that the reward of the round before was fitted to."""
-    pairs = load_pairs([dataset])
-    return pairs.subset(torch.tensor(pairs.rounds) < round.number)
+def was_judged(foreseen: Foreseen) -> bool:
+    """Whether enough answers about the newest round's clips say what they are worth."""
+    newest = foreseen.newest
+    return newest is not None and newest.answers >= ENOUGH_NEWEST
+
+
+def judged_before(pairs: AnsweredPairs, round: Round) -> AnsweredPairs | None:
+    """Those of the answers that the reward of the round before was fitted to; None
+    where there was none."""
+    earlier = torch.tensor(pairs.rounds) < round.number
+    return pairs.subset(earlier) if earlier.any() else None

@@ -16,6 +16,7 @@ import krippendorff
 import numpy as np
 
 from data.answers import Answer, AnswerStore, Pair
+from data.habits import prefers_left
 
 PAUSE_S = 300.0
 """More time than this between two answers is a pause, not work."""
@@ -96,7 +97,7 @@ def _figures(
 ) -> RaterFigures:
     answers = [answer for _, answer in own]
     times_s = [time_s for answer in answers if (time_s := _time_s(answer)) is not None]
-    sides = [_prefers_left(answer) for answer in answers]
+    sides = [prefers_left(answer) for answer in answers]
     return RaterFigures(
         rater_id=name,
         answers=len(answers),
@@ -106,7 +107,7 @@ def _figures(
         left=Share(sides.count(True), sides.count(True) + sides.count(False)),
         self_consistency=_self_consistency(answers),
         gold=_gold(own),
-        agreement=_agreement(shared, raters),
+        agreement=agreement_of(shared, raters),
         alpha=alpha(shared),
     )
 
@@ -142,7 +143,8 @@ def _votes(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
     return votes
 
 
-def _agreement(rows: Sequence[Row], raters: Collection[str]) -> Share:
+def agreement_of(rows: Sequence[Row], raters: Collection[str]) -> Share:
+    """Answers of two people to one pair, one of them of `raters`, that say the same."""
     verdicts = [
         _direction(first) == _direction(second)
         for by_rater in _votes(rows).values()
@@ -173,13 +175,6 @@ def _gold(rows: Sequence[Row]) -> Share:
 
 def _direction(target: float) -> str:
     return "equal" if target == 0.5 else "a" if target > 0.5 else "b"
-
-
-def _prefers_left(answer: Answer) -> bool | None:
-    """None if no side was preferred."""
-    if answer.target is None or answer.target == 0.5:
-        return None
-    return _direction(answer.target) == answer.shown_left
 
 
 def _time_s(answer: Answer) -> float | None:

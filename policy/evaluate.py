@@ -16,7 +16,7 @@ from data.features import column
 from .checkpoint import Policy, PolicyError
 from .config import EnvCfg
 from .env import QuadrupedEnv
-from .reward_ppo import RewardFn, require_finite
+from .reward_ppo import ScoreFn, require_finite
 from .robot import Robot
 from .rollout import Actor, first_episodes
 
@@ -78,7 +78,7 @@ def rollout_features(
 
 def evaluate(
     policy: Policy,
-    score_fn: RewardFn,
+    score_fn: ScoreFn,
     *,
     episodes: int = 64,
     seed: int = 0,
@@ -112,7 +112,7 @@ def evaluate_actor(
     actor: Actor,
     robot: Robot,
     cfg: EnvCfg,
-    score_fn: RewardFn,
+    score_fn: ScoreFn,
     *,
     episodes: int = 64,
     seed: int = 0,
@@ -125,7 +125,7 @@ def evaluate_actor(
 
 
 def summarise(
-    features: Tensor, lengths: Tensor, score_fn: RewardFn, *, control_dt_s: float
+    features: Tensor, lengths: Tensor, score_fn: ScoreFn, *, control_dt_s: float
 ) -> Evaluation:
     """`Evaluation` of rows [T, N, F] of episodes with `lengths` [N]; 0 is aborted."""
     kept = lengths > 0

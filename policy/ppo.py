@@ -22,6 +22,9 @@ from .kl_penalty import NO_CLIP, KlPenalty, KlPenaltyCfg
 from .mirror import mirror_of
 from .reward_ppo import RewardFn as RewardFn
 from .reward_ppo import RewardPpo as RewardPpo
+from .reward_ppo import ScoreFn as ScoreFn
+from .reward_ppo import figures_of as figures_of
+from .reward_ppo import history_of as history_of
 from .robots.hints import RobotError
 
 
@@ -211,7 +214,7 @@ class Runner(OnPolicyRunner):
             mean_return=mean_return,
             scalars={
                 **scalars,
-                **getattr(self.alg.reward_fn, "figures", {}),
+                **figures_of(self.alg.reward_fn),
                 **{f"loss/{name}": value for name, value in losses.items()},
                 "loss/learning_rate": self.alg.learning_rate,
                 "policy/std": float(self.alg.get_policy().output_std.detach().mean()),

@@ -5,6 +5,8 @@ Shapes: T steps of a rollout, N environments, F feature columns.
 
 from __future__ import annotations
 
+from functools import partial
+from types import BuiltinFunctionType, FunctionType, MethodType
 from typing import Any, Protocol, runtime_checkable
 
 import torch
@@ -21,22 +23,62 @@ from .exploration import ExplorationBonus
 from .kl_penalty import KlPenalty
 from .mirror import Mirror
 
+_FUNCTIONS = (FunctionType, BuiltinFunctionType, MethodType, partial)
+
 
 class RewardNotFinite(GaitprefError, FloatingPointError):
     """A reward that is no number."""
 
 
-class RewardFn(Protocol):
+class ScoreFn(Protocol):
     """Anything that scores feature rows: hand-written, learned, or a test's own."""
 
     def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
-        """Reward [T, N] of `features` [T, N, F]; `starts` [T, N] begin an episode.
-
-        One that looks back has an attribute `history_steps` that says how far: it is
-        shown as many steps of the rollout before. One that tells more of the rollout it
-        scored last has an attribute `figures`, numbers by TensorBoard tag.
-        """
+        """Reward [T, N] of `features` [T, N, F]; `starts` [T, N] begin an episode."""
         ...
+
+
+@runtime_checkable
+class RewardFn(ScoreFn, Protocol):
+    """A score that says how far it looks back."""
+
+    @property
+    def history_steps(self) -> int:
+        """Steps before a step that matter to its reward: it is shown as many of the
+        rollout before."""
+        ...
+
+
+@runtime_checkable
+class Telling(Protocol):
+    """A reward that tells more of the rollout it scored last."""
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """Numbers by TensorBoard tag."""
+        ...
+
+
+def history_of(score: ScoreFn) -> int:
+    """Steps before a step that matter to `score`: none of a plain function, which has
+    no way to say.
+
+    Raises:
+        TypeError: it is an object that does not say.
+    """
+    if isinstance(score, RewardFn):
+        return score.history_steps
+    if isinstance(score, _FUNCTIONS):
+        return 0
+    raise TypeError(
+        f"{type(score).__name__} scores rows and has no `history_steps`, which says "
+        "how far it looks back; 0 if it does not"
+    )
+
+
+def figures_of(score: ScoreFn | None) -> dict[str, float]:
+    """What `score` tells of the rollout it scored last, if it does."""
+    return score.figures if isinstance(score, Telling) else {}
 
 
 @runtime_checkable
@@ -69,7 +111,7 @@ class RewardPpo(PPO):
     less than step by step and lets a reward look at more than one row.
     """
 
-    reward_fn: RewardFn | None = None
+    reward_fn: ScoreFn | None = None
     reference: MLPModel | None = None
     reference_kl_weight: float = 0.0
     bonus: ExplorationBonus | None = None
@@ -123,10 +165,10 @@ class RewardPpo(PPO):
         self.storage.rewards.copy_((rewards + bootstrap)[..., None])
         super().compute_returns(obs)
 
-    def _scored(self, reward_fn: RewardFn) -> Tensor:
+    def _scored(self, reward_fn: ScoreFn) -> Tensor:
         """Reward [T, N] of the rollout, seen behind what came before it."""
         features, starts = self.features, self._starts
-        history = getattr(reward_fn, "history_steps", 0)
+        history = history_of(reward_fn)
         if history and self._before is not None:
             features = torch.cat([self._before[0], features])
             starts = torch.cat([self._before[1], starts])

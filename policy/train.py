@@ -29,7 +29,7 @@ from .checkpoint import (
 )
 from .config import EnvCfg
 from .identity import content_of, differences
-from .ppo import IterationStats, PpoCfg, RewardFn, Runner
+from .ppo import IterationStats, PpoCfg, Runner, ScoreFn
 from .randomise import make_env
 from .robot import Robot
 
@@ -104,7 +104,7 @@ def train(
     robot: Robot,
     cfg: TrainCfg,
     *,
-    reward_fn: RewardFn | None = None,
+    reward_fn: ScoreFn | None = None,
     reward_name: str = "task",
     init: Path | None = None,
     resume: bool = False,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, get_args
 
 from data.plain import ADDED_LATER
 
@@ -204,17 +204,26 @@ class ReliabilityCfg:
 
 Kind = Literal["linear", "sparse", "gp", "mlp", "history", "transformer"]
 """The models there are, from the stiffest to the most flexible."""
+KINDS = (*get_args(Kind), "auto", "grow")
+"""What may be asked for: a model, or how it is chosen."""
 
 
 def sight_of(kind: str) -> Sight:
-    """What a kind of model sees; of one still to be chosen, all that any sees."""
+    """What a kind of model sees; of one still to be chosen, all that any sees.
+
+    Raises:
+        ValueError: there is no such kind.
+    """
     match kind:
         case "sparse" | "auto":
             return "legs"
         case "history" | "transformer":
             return "contacts"
-        case _:
+        case "linear" | "gp" | "mlp":
             return "habits"
+        case "grow":
+            return sight_of("gp")
+    raise ValueError(f"no model is called {kind!r}; there are {', '.join(KINDS)}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -286,6 +295,10 @@ class FitCfg:
     """How much the reward's own opinion counts; None, not at all."""
 
     def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ValueError(
+                f"no model is called {self.kind!r}; there are {', '.join(KINDS)}"
+            )
         if not 0.0 <= self.error_share < 1.0:
             raise ValueError(f"error_share must lie in [0, 1), got {self.error_share}")
         if self.tie_threshold < 0.0:
@@ -302,4 +315,4 @@ class FitCfg:
     @property
     def sight(self) -> Sight:
         """What the model sees; of one still to be chosen, all that any sees."""
-        return sight_of("gp" if self.kind == "grow" else self.kind)
+        return sight_of(self.kind)

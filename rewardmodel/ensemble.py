@@ -5,9 +5,11 @@ Shapes: B pairs.
 
 from __future__ import annotations
 
+from typing import get_args
+
 import torch
 
-from .cfg import FitCfg
+from .cfg import FitCfg, Kind
 from .gp import fit_gp
 from .history import fit_history
 from .linear import fit_linear
@@ -24,7 +26,11 @@ def fit_ensemble(
     pairs: TrainingPairs, cfg: FitCfg, seed: int, others: Unanswered | None = None
 ) -> tuple[Normaliser, Scorer]:
     """Normaliser and ensemble for described `pairs`; with `others`, once more with what
-    the first is sure of in them."""
+    the first is sure of in them.
+
+    Raises:
+        ValueError: `cfg` names no model, or leaves open which.
+    """
     normaliser, scorer = _fit_once(pairs, cfg, seed)
     if others is None or len(others.pairs) == 0:
         return normaliser, scorer
@@ -50,6 +56,11 @@ def _fit_once(
             scorer = fit_history(standardised, cfg, generator=generator)
         case "transformer":
             scorer = fit_transformer(standardised, cfg, generator=generator)
-        case _:
+        case "linear":
             scorer = fit_linear(standardised, cfg, generator=generator)
+        case _:
+            raise ValueError(
+                f"`{cfg.kind}` is no model: one of {', '.join(get_args(Kind))} is, and "
+                "which of them `auto` and `grow` stand for is chosen before a fit"
+            )
     return normaliser, scorer

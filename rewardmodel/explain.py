@@ -121,8 +121,10 @@ def explain(
             shares = steps * model.scorer.weights.mean(dim=0) / model.reward_std  # type: ignore[union-attr]
         case "gradients":
             shares = _gradients(model, steps)
-        case _:
+        case "occlusion":
             shares = torch.full_like(steps, torch.nan)
+        case _:
+            raise ValueError(f"no way to explain is called {chosen!r}")
     groups = tuple(dict.fromkeys(map(group_of, model.names)))
     members = [[group_of(n) == group for n in model.names] for group in groups]
     if chosen == "occlusion":

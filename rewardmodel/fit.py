@@ -9,19 +9,22 @@ import logging
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import get_args
 
 import torch
 from torch import Tensor
 
 from .calibration import calibration, counting, fit_temperature
 from .cfg import FitCfg as FitCfg
+from .cfg import Kind
 from .doubt import without_doubted
 from .enough import enough, remaining
 from .ensemble import fit_ensemble
 from .evidence import erring, find, settled, takes_to_err
 from .held_out import fold_of, held_out_opinions
 from .linear import members_for
-from .model import Provenance, RewardModel, leads_of_pairs, paying
+from .model import Provenance, RewardModel, leads_of_pairs, make_scorer, paying
+from .normaliser import Normaliser
 from .opinion import Opinion
 from .pairs import AnsweredPairs
 from .reliability import Judged, judge
@@ -48,7 +51,8 @@ def fit_reward(
     Where the model is to be chosen, held-out answers choose it; how often answers are
     wrong, and how strong opinions may be, is then found from them, and where several
     raters answered how reliable each is. The reward's own settings name what was found.
-    Equal pairs, settings and seed give equal bytes.
+    Equal pairs, settings and seed give equal bytes. Answers that prefer nothing make no
+    reward: what is expected before any answer is no wish of anybody.
 
     Args:
         pairs: The answers.
@@ -60,6 +64,8 @@ def fit_reward(
         unanswered: Pairs nobody answered, for `cfg.semi_supervised`. Those with a clip
             in a fold are kept from the models the fold measures.
     """
+    if pairs.num_preferences == 0:
+        return no_reward(pairs, cfg)
     started_s = time.perf_counter()
     plain = training_pairs(pairs, cfg)
     kind, considered = choose(plain, pairs, cfg, seed, measured)
@@ -96,16 +102,46 @@ def fit_reward(
     model = RewardModel(normaliser, scorer, provenance)
     model.calibrate(standardised)
     if measured:
-        left = remaining(model, pairs)
-        report = replace(
-            report,
-            agreement=left.agreement,
-            open_share=left.open_share,
-            enough=enough(left, report),
-        )
-        model.provenance = replace(provenance, report=report)
+        report = _with_remaining(model, pairs)
     logger.info("fitted a %s reward: %s", cfg.kind, report)
     return model, report
+
+
+def no_reward(pairs: AnsweredPairs, cfg: FitCfg) -> tuple[RewardModel, FitReport]:
+    """A reward that is 0 everywhere, and says of which answers: they prefer nothing, or
+    too little."""
+    if cfg.kind in ("auto", "grow"):
+        cfg = replace(cfg, kind=get_args(Kind)[0])
+    cfg = replace(cfg, linear=members_for(cfg.linear, len(pairs)))
+    started_s = time.perf_counter()
+    described = training_pairs(pairs, cfg).seen_by(cfg)
+    normaliser = Normaliser(described.steps.shape[-1]).fit(described.scored_steps)
+    report = _report(
+        pairs,
+        described,
+        torch.zeros(len(pairs)),
+        torch.zeros(len(pairs), dtype=torch.bool),
+        Opinion.none(0),
+        cfg,
+        time.perf_counter() - started_s,
+    )
+    seen = frozenset(sha256 for pair in pairs.episodes for sha256 in pair)
+    provenance = Provenance(cfg, report, pairs.answers_sha256, seen)
+    model = RewardModel(normaliser, make_scorer(cfg), provenance)
+    return model, _with_remaining(model, pairs)
+
+
+def _with_remaining(model: RewardModel, pairs: AnsweredPairs) -> FitReport:
+    """The report of `model`, which keeps it, with what there is left to ask."""
+    left, report = remaining(model, pairs), model.provenance.report
+    report = replace(
+        report,
+        agreement=left.agreement,
+        open_share=left.open_share,
+        enough=enough(left, report),
+    )
+    model.provenance = replace(model.provenance, report=report)
+    return report
 
 
 def _judged(plain: TrainingPairs, raters: Sequence[str], cfg: FitCfg) -> Judged:

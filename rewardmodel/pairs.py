@@ -14,16 +14,19 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.answers import Answer, AnswerStore, Pair
+from data.answers import Pair
 from data.clips import Clip
 from data.dataset import Dataset
+from data.habits import Sides
 
-from .acquisition.strategy import AGAIN, NEEDS_MODEL
 from .clips import ClipBatch, fill_clips, with_past
 from .errors import RewardError
+from .strategy_names import AGAIN, NEEDS_MODEL
+from .used import UsedAnswers, answers_used, count_preferences
+from .used import count_evidence as count_evidence
 
 MIN_ANSWERS = 8
-"""Fewer answers than this say nothing about thirty descriptors."""
+"""Fewer answers than this that prefer a clip say nothing about thirty descriptors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +53,15 @@ class AnsweredPairs:
     """Answers left out, because they neither prefer a clip nor call both equal."""
     answers_sha256: str
     """Hash of the answers used, whatever their order: the label set."""
+    clips: tuple[tuple[str, str], ...] = ()
+    """What the left and the right clip are called; empty where nobody knows, and no two
+    answers are taken to be about the same clips."""
+    num_collected: int = 0
+    """Answers there were to choose from."""
+    num_gone: int = 0
+    """Of these, answers left out because an episode they are about is gone."""
+    sides: tuple[Sides, ...] = ()
+    """Which side of the screen each rater prefers, in all answers of the data sets."""
 
     def __post_init__(self) -> None:
         sizes = {
@@ -61,6 +73,7 @@ class AnsweredPairs:
             "commands": len(self.commands),
             "rounds": len(self.rounds),
             "strategies": len(self.strategies),
+            "clips": len(self.clips or self.target),
         }
         if len(set(sizes.values())) != 1 or len(self.target) == 0:
             raise ValueError(f"answered pairs need rows of one number > 0, got {sizes}")
@@ -85,6 +98,24 @@ class AnsweredPairs:
             commands=self.commands[rows],
             rounds=tuple(self.rounds[row] for row in rows),
             strategies=tuple(self.strategies[row] for row in rows),
+            clips=tuple(self.clips[row] for row in rows) if self.clips else (),
+        )
+
+    @property
+    def num_preferences(self) -> int:
+        """Answers that prefer a clip, without those that others take back."""
+        apart = [(f"{row} left", f"{row} right") for row in range(len(self))]
+        return count_preferences(self.clips or apart, self.target.tolist())
+
+    @property
+    def too_little(self) -> str:
+        """That too few answers prefer a clip to make a reward, in words; or nothing."""
+        preferences = self.num_preferences
+        if preferences >= MIN_ANSWERS:
+            return ""
+        return (
+            f"{preferences} of {len(self)} answers prefer a clip and are not taken "
+            f"back by another, a reward needs {MIN_ANSWERS}"
         )
 
     @property
@@ -109,21 +140,26 @@ def load_pairs(
     with the mean of both answers: a contradiction says that the clips are close. Pairs
     with a known answer measure raters and teach nothing.
 
+    Answers about an episode that no data set lists any more are left out and counted.
+
     Raises:
-        RewardError: fewer than `at_least` answers prefer a clip or call both equal.
+        RewardError: fewer than `at_least` answers prefer a clip, without those that
+            others take back, or none has a target.
         DatasetError, EpisodeError: an episode is missing or damaged.
     """
-    answered = _current_answers(datasets)
-    used = _evidence(answered)
-    if len(used) < max(1, at_least):
-        raise RewardError(_too_few(datasets, len(used), len(answered), at_least))
-    gathered = gather_pairs(datasets, [pair for _, pair, _, _ in used])
+    used = answers_used(datasets)
+    if used.preferences < at_least or not used.rows:
+        raise RewardError(_too_few(datasets, used, max(1, at_least)))
+    gathered = gather_pairs(datasets, [row.pair for row in used.rows])
     return replace(
         gathered,
-        target=torch.tensor([target for _, _, _, target in used]),
-        raters=tuple(rater_id for _, _, rater_id, _ in used),
-        num_without_target=sum(answer.target is None for _, answer in answered),
-        answers_sha256=_label_set(line for line, _, _, _ in used),
+        target=torch.tensor([row.target for row in used.rows]),
+        raters=tuple(row.rater_id for row in used.rows),
+        num_without_target=used.without_target,
+        num_collected=used.collected,
+        num_gone=used.gone,
+        sides=used.sides,
+        answers_sha256=_label_set(row.line for row in used.rows),
     )
 
 
@@ -146,6 +182,7 @@ def gather_pairs(datasets: Sequence[Dataset], pairs: Sequence[Pair]) -> Answered
         commands=torch.tensor([entry.meta.command for entry in entries]),
         rounds=tuple(pair.round for pair in pairs),
         strategies=tuple(pair.strategy for pair in pairs),
+        clips=tuple((pair.a.key, pair.b.key) for pair in pairs),
         num_without_target=0,
         answers_sha256="",
     )
@@ -153,46 +190,7 @@ def gather_pairs(datasets: Sequence[Dataset], pairs: Sequence[Pair]) -> Answered
 
 def pairs_behind(datasets: Sequence[Dataset]) -> list[Pair]:
     """The pair that each row of `load_pairs` is about."""
-    return [pair for _, pair, _, _ in _evidence(_current_answers(datasets))]
-
-
-def count_evidence(store: AnswerStore) -> int:
-    """How many answers of one data set a fit would use."""
-    return len(_evidence(store.current_answers()))
-
-
-def _evidence(
-    answered: Sequence[tuple[Pair, Answer]],
-) -> list[tuple[str, Pair, str, float]]:
-    """Pair, rater and mean target of whatever teaches which gait is better.
-
-    Each behind its line, and sorted by that.
-    """
-    targets: dict[tuple[str, str], list[float]] = defaultdict(list)
-    pairs: dict[str, Pair] = {}
-    for pair, answer in answered:
-        target = answer.target
-        if target is not None and pair.gold is None:
-            pairs[pair.pair_id] = pair
-            targets[pair.pair_id, answer.rater_id].append(target)
-    evidence = [
-        (pairs[pair_id], rater_id, sum(of_both) / len(of_both))
-        for (pair_id, rater_id), of_both in targets.items()
-    ]
-    lines = [(_line(*row), *row) for row in evidence]
-    return sorted(lines, key=lambda row: row[0])
-
-
-def _current_answers(datasets: Sequence[Dataset]) -> list[tuple[Pair, Answer]]:
-    """Every current answer once."""
-    answers: dict[str, tuple[Pair, Answer]] = {}
-    for dataset in datasets:
-        with dataset.answers_copy() as store:
-            for pair, answer in store.current_answers():
-                answers[answer.answer_id] = (pair, answer)
-    # A copy of a data set may not know that its answer was corrected elsewhere.
-    corrected = {answer.supersedes for _, answer in answers.values()}
-    return [row for row in answers.values() if row[1].answer_id not in corrected]
+    return [row.pair for row in answers_used(datasets).rows]
 
 
 def _owners(datasets: Sequence[Dataset]) -> Callable[[str], Dataset]:
@@ -218,22 +216,21 @@ def _rows(
             yield positions[index], rows
 
 
-def _line(pair: Pair, rater_id: str, target: float) -> str:
-    """What is fitted of an answer: equal lines are the same evidence."""
-    return f"{pair.a.key} {pair.b.key} {rater_id} {target}"
-
-
 def _label_set(lines: Iterable[str]) -> str:
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
 
-def _too_few(
-    datasets: Sequence[Dataset], used: int, collected: int, needed: int
-) -> str:
+def _too_few(datasets: Sequence[Dataset], used: UsedAnswers, needed: int) -> str:
     roots = [str(dataset.root) for dataset in datasets] or ["DIR"]
+    ties = sum(row.target == 0.5 for row in used.rows)
+    others = [
+        f"{ties} call both clips equal" * bool(ties),
+        f"{used.gone} are about episodes that are gone" * bool(used.gone),
+    ]
+    besides = "".join(f", {words}" for words in others if words)
     return (
-        f"{' and '.join(roots)}: {used} of {collected} answers prefer a clip or call "
-        f"both equal, a fit needs at least {needed}; collect {needed - used} more on "
-        f"the labeling page or with `gaitpref answer --dataset {roots[0]} "
-        "--criterion C`"
+        f"{' and '.join(roots)}: {used.preferences} of {used.collected} answers prefer "
+        f"a clip and are not taken back by another{besides}; a fit needs at least "
+        f"{needed}; collect {needed - used.preferences} more on the labeling page or "
+        f"with `gaitpref answer --dataset {roots[0]} --criterion C`"
     )

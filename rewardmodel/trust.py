@@ -5,10 +5,13 @@ Shapes: T steps, N episodes, F features.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
+
+from data.habits import Sides
 
 from .foresight import LEAST_SHARE, Accuracy, Foreseen
 from .model import RewardModel
@@ -35,6 +38,17 @@ EXTRAPOLATED = 0.6
 which on leaving is no longer believed: see docs/trust.md for where this comes from."""
 SPREAD_RATIO = 1.5
 """Ensemble spread, over that on the judged clips, that counts as doubt."""
+
+MUCH_DRIFT_NATS = 100.0
+"""What follows is no alarm, and nothing to be silent about either. A policy that is
+this far a step from the one of the round before (KL divergence) is another policy: the
+retrainings of `make demo` come to 13 to 45."""
+MUCH_POWER = 2.0
+"""Mechanical power over that of the first policy, where that was trained."""
+MUCH_TRACKING_M_S = 0.1
+"""Tracking error beyond that of the first policy."""
+MUCH_FALLS = 1.0
+"""Falls a minute beyond those of the first policy."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,6 +82,22 @@ def reach(
     )
 
 
+def prefers(
+    model: RewardModel, features: Tensor, lengths: Tensor, judged: AnsweredPairs
+) -> bool:
+    """Whether rows [T, N, F] of episodes with `lengths` [N] are paid more than the
+    steps people saw of `judged`."""
+    valid = torch.arange(len(features))[:, None] < lengths
+    starts = torch.zeros_like(valid)
+    starts[0] = True
+    seen = [
+        model.clip_rewards(clips)[0][clips.scored]
+        for clips in (judged.left, judged.right)
+    ]
+    paid = model(features, starts)[valid].mean()
+    return bool(paid > torch.cat(seen).mean())
+
+
 def judged_spread(model: RewardModel, judged: AnsweredPairs) -> float:
     """Mean ensemble spread on the steps people saw, in units of the reward."""
     found = [
@@ -78,7 +108,12 @@ def judged_spread(model: RewardModel, judged: AnsweredPairs) -> float:
 
 
 def alarms(
-    foreseen: Foreseen | None, reached: Reach | None, *, return_rose: bool = True
+    foreseen: Foreseen | None,
+    reached: Reach | None,
+    *,
+    return_rose: bool = True,
+    confirmed: bool = False,
+    sides: Sequence[Sides] = (),
 ) -> tuple[str, ...]:
     """Why not to trust the reward, the gravest reason first; none is the hope.
 
@@ -87,22 +122,26 @@ def alarms(
         reached: Where the policy is; None without one.
         return_rose: Whether the learned return of the policy rose in training. A
             reward that nobody follows misleads nobody.
+        confirmed: Whether enough clips of the policy were judged since, and the reward
+            fitted to these answers too prefers it to what was judged before.
+        sides: Which side of the screen each rater prefers.
     """
-    found = []
+    found = list(unforeseen_sides(foreseen, sides))
     if foreseen and disagree(foreseen):
         found.append(
             f"the answers do not agree with one another, or with anything this model "
-            f"can see: held-out accuracy {foreseen.accuracy} is "
+            f"can see, as if given at random: held-out accuracy {foreseen.accuracy} is "
             f"{_too_low(foreseen.accuracy)}, and counting answers by how sure it is "
             f"helps little: {foreseen.opinion or 'it never is'}{_as_well(foreseen)}"
         )
     newest = foreseen.newest if foreseen else None
-    if newest and return_rose and _no_better(newest):
+    if newest and return_rose and no_better(newest):
         found.append(
             f"the accuracy on the newest clips, {newest}, is no better than chance"
         )
     drift = reached.drift if reached else None
-    if reached and drift and return_rose and beyond_judgement(drift):
+    left = drift is not None and beyond_judgement(drift)
+    if reached and drift and left and return_rose and not confirmed:
         found.append(f"the policy does what nobody has judged: {spelled(drift)}")
         if reached.spread_ratio > SPREAD_RATIO:
             found.append(
@@ -112,13 +151,32 @@ def alarms(
     return tuple(found)
 
 
+def unforeseen_sides(
+    foreseen: Foreseen | None, sides: Sequence[Sides]
+) -> tuple[str, ...]:
+    """Raters whom a side of the screen seems to decide, where the answers are not
+    foreseen any better than by chance."""
+    accuracy = foreseen.accuracy if foreseen else None
+    if accuracy is not None and not accuracy.says_nothing:
+        return ()
+    return tuple(str(of_rater) for of_rater in sides if of_rater.one_sided)
+
+
+def tells(accuracy: Accuracy | None) -> bool:
+    """Whether so many answers were held out that they can raise an alarm: `ENOUGH`, or
+    fewer of which surely less than half are foreseen."""
+    if accuracy is None:
+        return False
+    return accuracy.answers >= ENOUGH or accuracy.interval[1] < 0.5
+
+
 def disagree(foreseen: Foreseen) -> bool:
     """Whether enough answers were held out to say that they taught too little: it is
     wrong too often, and also where it is sure. Where answers are known to err only the
     latter counts; where it explains them better than it would explain random ones,
     neither does."""
     accuracy, opinion = foreseen.accuracy, foreseen.opinion
-    if accuracy is None or accuracy.answers < ENOUGH:
+    if accuracy is None or not tells(accuracy):
         return False
     if not (accuracy.too_low or foreseen.erring):
         return False
@@ -141,7 +199,8 @@ def _as_well(foreseen: Foreseen) -> str:
     return f"; {foreseen.by_chance:.0%} of random answers are explained as well"
 
 
-def _no_better(newest: Accuracy) -> bool:
+def no_better(newest: Accuracy) -> bool:
+    """Whether the newest answers, as many as it takes, are foreseen by chance alone."""
     return newest.answers >= ENOUGH_NEWEST and newest.share <= 0.5
 
 

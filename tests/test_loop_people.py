@@ -91,15 +91,15 @@ async def answer(visitor: Visitor, enough: Callable[[], bool]) -> None:
 
 
 def evidence(run: Path) -> int:
-    """Answers a fit would use."""
+    """Preferences a fit would use."""
     with Dataset.open(run / "dataset").answers() as store:
         return count_evidence(store)
 
 
 def fitted(run: Path, round: int) -> int:
-    """Answers the reward of a round was fitted to."""
+    """Preferences the reward of a round was fitted to."""
     report = json.loads((run / f"rounds/{round:02d}/report.json").read_text())
-    return report["fit"]["answers"]
+    return report["fit"]["answers"] - report["fit"]["ties"]
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from policy.checkpoint import PolicyError
 from policy.config import EnvCfg
 from policy.identity import content_of, differences
-from policy.ppo import PpoCfg, RewardFn
+from policy.ppo import PpoCfg, ScoreFn
 from policy.robot import Robot, load_robot
 from policy.train import TrainCfg, train
 
@@ -37,7 +37,7 @@ class Paid:
         return self.weight * self.network(features)[..., 0].detach()
 
 
-def paid(bias: float = 0.0, weight: float = 1.0) -> RewardFn:
+def paid(bias: float = 0.0, weight: float = 1.0) -> ScoreFn:
     network = nn.Linear(90, 1)
     nn.init.ones_(network.weight)
     nn.init.constant_(network.bias, bias)
@@ -79,7 +79,7 @@ def test_a_training_goes_on_under_the_same_contents_only(
     begun.write_bytes(policies[0].read_bytes())
     out = tmp_path / "out"
     train(out, robot, CFG, reward_fn=paid(), reward_name="r", init=begun)
-    reward: RewardFn | None = paid()
+    reward: ScoreFn | None = paid()
     init: Path | None = policies[0]
     cfg = replace(CFG, steps=2 * CFG.steps)
     match change:

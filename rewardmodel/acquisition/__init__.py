@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import get_args
 
 from rewardmodel.clips import ClipRows
 from rewardmodel.errors import RewardError
 from rewardmodel.model import RewardModel
+from rewardmodel.strategy_names import AGAIN as AGAIN
+from rewardmodel.strategy_names import NEEDS_MODEL as NEEDS_MODEL
+from rewardmodel.strategy_names import StrategyName as StrategyName
 
 from .batches import Dpp as Dpp
 from .batches import KCenter as KCenter
@@ -14,8 +17,6 @@ from .batches import Medoids as Medoids
 from .choose import asked_for as asked_for
 from .choose import choose_pairs as choose_pairs
 from .phase import in_step as in_step
-from .strategy import AGAIN as AGAIN
-from .strategy import NEEDS_MODEL as NEEDS_MODEL
 from .strategy import Strategy as Strategy
 from .strategy import Uniform as Uniform
 from .unanswered import unanswered_pairs as unanswered_pairs
@@ -23,18 +24,6 @@ from .uncertainty import Bald as Bald
 from .uncertainty import Disagreement as Disagreement
 from .uncertainty import Entropy as Entropy
 from .uncertainty import Improvement as Improvement
-
-StrategyName = Literal[
-    "uniform",
-    "disagreement",
-    "entropy",
-    "bald",
-    "improvement",
-    "kcenter",
-    "kcenter-entropy",
-    "medoids",
-    "dpp",
-]
 
 
 def make_strategy(
@@ -44,8 +33,12 @@ def make_strategy(
 
     Raises:
         RewardError: it needs an ensemble, and there is none.
+        ValueError: there is no such strategy.
     """
     match name:
+        case _ if name not in get_args(StrategyName):
+            known = ", ".join(get_args(StrategyName))
+            raise ValueError(f"no strategy is called {name!r}; there are {known}")
         case "uniform":
             return Uniform()
         case "medoids":
@@ -70,5 +63,5 @@ def make_strategy(
             return Bald(model, clip_rows)
         case "improvement":
             return Improvement(model, clip_rows)
-        case _:
+        case "disagreement":
             return Disagreement(model, clip_rows)

@@ -13,12 +13,6 @@ import numpy as np
 
 from data.clips import Clip
 
-NEEDS_MODEL = ("disagreement", "entropy", "bald", "improvement", "kcenter-entropy")
-"""Names of strategies that ask an ensemble, and of it the hardest questions; kcenter
-and dpp use one where there is one."""
-AGAIN = "again"
-"""Of pairs that were answered and are asked once more, as the answers look wrong."""
-
 
 class Strategy(Protocol):
     """How much an answer to each candidate would be worth."""

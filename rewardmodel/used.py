@@ -1,0 +1,120 @@
+"""Which answers of some data sets teach which gait is better, and which do not."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from data.answers import Answer, AnswerStore, Pair
+from data.dataset import Dataset
+from data.gone import listed_in
+from data.habits import Sides, sides_of
+
+
+@dataclass(frozen=True)
+class Used:
+    """What a rater said of a pair, once."""
+
+    pair: Pair
+    rater_id: str
+    target: float
+    """Mean probability that the left clip is better, of one who was asked again."""
+
+    @property
+    def line(self) -> str:
+        """What is fitted of it: equal lines are the same evidence."""
+        return f"{self.pair.a.key} {self.pair.b.key} {self.rater_id} {self.target}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class UsedAnswers:
+    """The current answers of some data sets, and what of them a fit uses."""
+
+    rows: tuple[Used, ...]
+    """In an order that depends on the answers alone."""
+    collected: int
+    """Answers there are."""
+    without_target: int
+    """Of these, answers that neither prefer a clip nor call both equal."""
+    gone: int
+    """Of these, answers about an episode that no data set has any more."""
+    sides: tuple[Sides, ...]
+    """Which side of the screen each rater prefers."""
+
+    @property
+    def preferences(self) -> int:
+        """As of `count_preferences`."""
+        clips = [(row.pair.a.key, row.pair.b.key) for row in self.rows]
+        return count_preferences(clips, [row.target for row in self.rows])
+
+
+def answers_used(datasets: Sequence[Dataset]) -> UsedAnswers:
+    """What `datasets` say; an answer found in several of them counts once.
+
+    Raises:
+        DatasetError, AnswerError: a manifest or the answers cannot be read.
+    """
+    answered = _current_answers(datasets)
+    listed = listed_in(datasets)
+    here = [row for row in answered if listed(row[0])]
+    return UsedAnswers(
+        rows=tuple(evidence_of(here)),
+        collected=len(answered),
+        without_target=sum(answer.target is None for _, answer in here),
+        gone=len(answered) - len(here),
+        sides=sides_of(answer for _, answer in here),
+    )
+
+
+def count_evidence(store: AnswerStore, dataset: Dataset | None = None) -> int:
+    """How many preferences of a store a fit would use, those left out that are about
+    episodes which `dataset` lists no more."""
+    listed = listed_in([] if dataset is None else [dataset])
+    answered = store.current_answers()
+    rows = evidence_of(row for row in answered if dataset is None or listed(row[0]))
+    clips = [(row.pair.a.key, row.pair.b.key) for row in rows]
+    return count_preferences(clips, [row.target for row in rows])
+
+
+def count_preferences(clips: Sequence[tuple[str, str]], targets: list[float]) -> int:
+    """How many answers prefer a clip, without those that another answer takes back:
+    as sure of the opposite, about the same two clips.
+
+    Args:
+        clips: What the left and the right clip of each answer are called.
+        targets: Probability that the left one is better.
+    """
+    balance: Counter[tuple[tuple[str, ...], float]] = Counter()
+    for pair, target in zip(clips, targets, strict=True):
+        lead = target - 0.5 if pair[0] <= pair[1] else 0.5 - target
+        balance[tuple(sorted(pair)), abs(lead)] += (lead > 0) - (lead < 0)
+    return sum(abs(count) for count in balance.values())
+
+
+def evidence_of(answered: Iterable[tuple[Pair, Answer]]) -> list[Used]:
+    """Whatever teaches which gait is better, sorted."""
+    targets: dict[tuple[str, str], list[float]] = defaultdict(list)
+    pairs: dict[str, Pair] = {}
+    for pair, answer in answered:
+        target = answer.target
+        if target is not None and pair.gold is None:
+            pairs[pair.pair_id] = pair
+            targets[pair.pair_id, answer.rater_id].append(target)
+    evidence = (
+        Used(pairs[pair_id], rater_id, sum(of_both) / len(of_both))
+        for (pair_id, rater_id), of_both in targets.items()
+    )
+    return sorted(evidence, key=lambda row: row.line)
+
+
+def _current_answers(datasets: Sequence[Dataset]) -> list[tuple[Pair, Answer]]:
+    """Every current answer once."""
+    answers: dict[str, tuple[Pair, Answer]] = {}
+    for dataset in datasets:
+        with dataset.answers_copy() as store:
+            for pair, answer in store.current_answers():
+                answers[answer.answer_id] = (pair, answer)
+    # A copy of a data set may not know that its answer was corrected elsewhere.
+    corrected = {answer.supersedes for _, answer in answers.values()}
+    return [row for row in answers.values() if row[1].answer_id not in corrected]
