@@ -30,6 +30,7 @@ class Paid:
 
     network: nn.Module
     weight: float = 1.0
+    history_steps: int = 0
     figures: dict[str, float] = field(default_factory=dict, compare=False)
 
     def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
