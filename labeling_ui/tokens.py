@@ -25,6 +25,15 @@ from data.files import locked, read_file, write_atomically
 from data.limits import FACTS_BYTES
 
 TOKENS_NAME = "raters.json"
+_UNUSABLE = (
+    OSError,
+    ValueError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    RecursionError,
+)
+"""What reading a file that is none of ours can raise."""
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 
 
@@ -132,7 +141,7 @@ class TokenStore:
                     self._stamp = stamp
             except FileNotFoundError:
                 self._stamp, self._tokens, self._key = None, {}, b""
-            except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            except _UNUSABLE as error:
                 raise TokenError(
                     f"{self.path} cannot be used ({error}); delete it and add the "
                     "raters again, their answers are kept elsewhere"
