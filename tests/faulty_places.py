@@ -301,7 +301,7 @@ def small_files(world: Path) -> dict[str, Outcome]:
         out = world.parent / "small" / str(number)
         out.parent.mkdir(exist_ok=True)
         found[str(number)] = outcome(typed.args(world, out), world)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (-1, -1))
     return found
 
 

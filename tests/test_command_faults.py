@@ -18,8 +18,8 @@ import gaitpref.play_command
 from gaitpref.cli import main
 from gaitpref.usage import commands
 
-for _module, _extra in (("mcap_ros2.writer", "view"), ("h5py", "export")):
-    pytest.importorskip(_module, reason=f"needs the extra `{_extra}`")
+pytest.importorskip("mcap_ros2.writer", reason="needs the extra `view`")
+pytest.importorskip("h5py", reason="needs the extra `export`")
 pytest.importorskip("onnxscript", reason="needs the extra `onnx`")
 
 from .command_table import TABLE, Typed, make_world
@@ -105,11 +105,9 @@ def test_what_is_no_file_is_refused(
     assert seen == len(own)
 
 
-@pytest.mark.parametrize(
-    ("place", "word"), [("read-only", "read-only"), ("full", "full")]
-)
+@pytest.mark.parametrize("place", ["read-only", "full"])
 def test_who_writes_says_why_it_cannot(
-    place: str, word: str, found: dict[str, dict[str, dict[str, Any]] | None]
+    place: str, found: dict[str, dict[str, dict[str, Any]] | None]
 ) -> None:
     """The line names the cause; nobody is told to throw a sound store away."""
     outcomes = found[place]
@@ -120,7 +118,7 @@ def test_who_writes_says_why_it_cannot(
         looks_only = typed.words == ("data", "recover") and not typed.writes_out
         if (typed.writes_out or typed.writes_set) and not looks_only:
             assert outcome["code"] == 2, (typed.line, outcome)
-            assert word in outcome["err"], (typed.line, outcome)
+            assert place in outcome["err"], (typed.line, outcome)
     of_train = next(n for n, line in enumerate(LINES) if line.startswith("train"))
     resumed = "with --resume" in outcomes[str(of_train)]["err"]
     assert resumed == (place == "full")
@@ -178,7 +176,7 @@ def test_an_output_of_few_letters(
         finally:
             monkeypatch.undo()
             monkeypatch.chdir(own_world.parent)
-        said = err.buffer.getvalue().decode(encoding)  # type: ignore[attr-defined]
+        said = err.buffer.getvalue().decode(encoding)
         assert code == 0, (args, said)
         assert "Traceback" not in said
 

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from data.errors import FileError
-from data.files import open_regular
+from data.files import BoundedFile, open_regular
+from data.limits import BAG_CHUNK_BYTES
 from gaitpref.extras import require
 
 from .bag_map import BagError, BagMap
@@ -115,7 +116,7 @@ def _samples(path: Path, bag_map: BagMap) -> dict[str, list[Sample]]:
     try:
         with open_regular(path) as file:
             reader = require("mcap.reader", "view").make_reader(
-                file, decoder_factories=[decoder]
+                BoundedFile(file, BAG_CHUNK_BYTES), decoder_factories=[decoder]
             )
             for schema, channel, message, decoded in reader.iter_decoded_messages(
                 topics, log_time_order=False
