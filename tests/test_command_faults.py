@@ -167,15 +167,13 @@ def test_an_output_of_few_letters(
             io.TextIOWrapper(io.BytesIO(), encoding, write_through=True)
             for _ in range(2)
         )
-        monkeypatch.setattr(sys, "stdout", out)
-        monkeypatch.setattr(sys, "stderr", err)
-        try:
-            code = main(args)
-        except SystemExit as left:
-            code = left.code
-        finally:
-            monkeypatch.undo()
-            monkeypatch.chdir(own_world.parent)
+        with monkeypatch.context() as patched:
+            patched.setattr(sys, "stdout", out)
+            patched.setattr(sys, "stderr", err)
+            try:
+                code = main(args)
+            except SystemExit as left:
+                code = left.code
         said = err.buffer.getvalue().decode(encoding)
         assert code == 0, (args, said)
         assert "Traceback" not in said
