@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
 
 from data.answer_fields import Rater, answer_of, pair_of, rater_of
@@ -39,16 +39,22 @@ def from_lines(store: AnswerStore, lines: Iterable[str], name: str) -> None:
     raters: list[Rater] = []
     pairs: list[Pair] = []
     answers: list[Answer] = []
+    known: dict[str, set[str]] = {"rater": set(), "pair": set(), "answer": set()}
     for number, line in enumerate(lines, 1):
         try:
             values = json.loads(line)
             match values.pop("record"):
                 case "rater":
                     raters.append(rater_of(values))
+                    known["rater"].add(raters[-1][0])
                 case "pair":
                     pairs.append(pair_of(values))
+                    known["pair"].add(pairs[-1].pair_id)
                 case "answer":
-                    answers.append(answer_of(values))
+                    answer = answer_of(values)
+                    _require_told(answer, known)
+                    answers.append(answer)
+                    known["answer"].add(answer.answer_id)
                 case other:
                     raise ValueError(f"a record of the kind {str(other)[:40]!r}")
         except Exception as error:
@@ -62,3 +68,20 @@ def from_lines(store: AnswerStore, lines: Iterable[str], name: str) -> None:
         store.add_pairs(pairs)
         for answer in answers:
             store.add_answer(answer, copied=True)
+
+
+def _require_told(answer: Answer, known: Mapping[str, set[str]]) -> None:
+    """Make sure that the lines before have told whom and what an answer is about.
+
+    Raises:
+        ValueError: they have not.
+    """
+    for kind, name in (
+        ("rater", answer.rater_id),
+        ("pair", answer.pair_id),
+        ("answer", answer.supersedes),
+    ):
+        if name is not None and name not in known[kind]:
+            raise ValueError(f"no line before tells of the {kind} {name[:64]!r}")
+    if answer.answer_id in known["answer"]:
+        raise ValueError(f"the answer {answer.answer_id[:64]!r} was told before")

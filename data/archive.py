@@ -15,13 +15,14 @@ import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO, cast
 
 from data.answer_lines import from_lines, to_lines
 from data.answers import AnswerStore
 from data.dataset import ANSWERS_NAME, Dataset
 from data.errors import DatasetError, GaitprefError
 from data.files import (
+    BoundedFile,
     fsync_directory,
     open_regular,
     read_file,
@@ -115,7 +116,8 @@ def unpack(archive: Path, root: Path) -> Dataset:
 def _unpack_into(partial: Path, stream: BinaryIO, archive: Path) -> None:
     """Write everything that is in an archive to a new directory."""
     with _foreign(archive):
-        file = zipfile.ZipFile(_Bounded(stream))
+        bounded = BoundedFile(stream, ARCHIVE_DIRECTORY_BYTES)
+        file = zipfile.ZipFile(cast(BinaryIO, bounded))
     members = _members(file, archive)
     content = _get(file, members[MANIFEST_NAME], archive)
     entries = decode_manifest(content, f"{archive}/{MANIFEST_NAME}")
@@ -139,24 +141,6 @@ def _unpack_into(partial: Path, stream: BinaryIO, archive: Path) -> None:
     if CARD_NAME in members:
         card = _get(file, members[CARD_NAME], archive)
         (partial / CARD_NAME).write_bytes(card)
-
-
-class _Bounded:
-    """An open archive that is read in pieces: its directory is one, and has a limit."""
-
-    def __init__(self, file: BinaryIO) -> None:
-        self._file = file
-
-    def read(self, size: int = -1) -> bytes:
-        """The next bytes, all of them by default."""
-        most = ARCHIVE_DIRECTORY_BYTES + 1
-        content = self._file.read(most if size < 0 else min(size, most))
-        if len(content) == most:
-            raise ValueError(f"its directory has more than {most - 1:,} bytes")
-        return content
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._file, name)
 
 
 @contextmanager

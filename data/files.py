@@ -16,6 +16,7 @@ import shutil
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from io import BufferedReader
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -31,7 +32,7 @@ _KINDS: tuple[tuple[Callable[[int], bool], str], ...] = (
 )
 
 
-def open_regular(path: Path) -> BinaryIO:
+def open_regular(path: Path) -> BufferedReader:
     """Open a file to read its bytes, and nothing but a file.
 
     Raises:
@@ -51,6 +52,31 @@ def open_regular(path: Path) -> BinaryIO:
     except BaseException:
         os.close(descriptor)
         raise
+
+
+class BoundedFile:
+    """An open file whose bytes come in pieces of `most` bytes, and no larger ones.
+
+    For libraries that read as much as a file says they should.
+    """
+
+    def __init__(self, file: BinaryIO, most: int) -> None:
+        self._file, self._most = file, most
+
+    def read(self, size: int = -1) -> bytes:
+        """The next bytes, all of them by default.
+
+        Raises:
+            ValueError: they are too many.
+        """
+        too_many = self._most + 1
+        content = self._file.read(too_many if size < 0 else min(size, too_many))
+        if len(content) == too_many:
+            raise ValueError(f"a part of it has more than {self._most:,} bytes")
+        return content
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
 
 
 def read_file(path: Path, limit: int) -> bytes:

@@ -116,17 +116,18 @@ def _scan(
     final: np.ndarray | None = None
     room = EPISODE_UNPACKED_BYTES
     for opcode, start, end in _records(content):
-        if room < 0:
-            break
         try:
             if opcode == Opcode.METADATA:
                 facts = Metadata.read(_stream(content, start, end)).metadata
             elif opcode == Opcode.ATTACHMENT:
                 mjcf = _attachment(content, start, end)
             elif opcode == Opcode.CHUNK:
+                # What is claimed counts, also where it then does not fit.
+                room -= _CHUNK_HEAD.unpack_from(content, start)[4]
+                if room < 0:
+                    break
                 found, found_final = _chunk(content[start:end])
                 steps.append(found)
-                room -= found.nbytes
                 final = found_final if found_final is not None else final
         except Exception:
             # Foreign bytes fail in any way; what does not parse is not saved.

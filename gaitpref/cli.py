@@ -6,6 +6,7 @@ import importlib
 import importlib.metadata
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 import tyro
 
@@ -87,6 +88,9 @@ def _failed(error: OSError, command: options.Command | None) -> int:
     except OSError as of_output:
         error = of_output
         drop_output()
+    if error.filename is None:
+        # A write that fails does not say where, but where it was to is known.
+        error.filename = _place(command)
     line = told(error)
     if line is None:
         raise error
@@ -94,6 +98,15 @@ def _failed(error: OSError, command: options.Command | None) -> int:
         line += " with --resume"
     complain(line)
     return EXIT_BAD_INPUT
+
+
+def _place(command: options.Command | None) -> Path | None:
+    """Where a command writes to, as it was told."""
+    told_to = command.action if isinstance(command, options.Data) else command
+    for name in ("out", "run", "dataset"):
+        if isinstance(place := getattr(told_to, name, None), Path):
+            return place
+    return None
 
 
 def run(command: options.Command) -> int:

@@ -11,7 +11,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from data.errors import FileError
 from data.files import read_json, write_atomically
 
 from .loop_cfg import LoopCfg, RunError
@@ -73,7 +72,8 @@ def read_rounds(run: Path) -> list[dict[str, Any]]:
     """What every finished round reported, in order.
 
     Raises:
-        RunError: no round is finished yet, or a report is damaged.
+        RunError: no round is finished yet.
+        FileError: a report is damaged.
     """
     files = sorted((run / "rounds").glob("*/report.json"))
     if not files:
@@ -81,15 +81,7 @@ def read_rounds(run: Path) -> list[dict[str, Any]]:
             f"{run} has no finished round yet: `gaitpref loop` with the command it was "
             f"started with goes on"
         )
-    rounds = []
-    for file in files:
-        try:
-            rounds.append(read_json(file))
-        except FileError as error:
-            raise RunError(
-                f"{error}, or move it away and repeat the loop's command"
-            ) from None
-    return rounds
+    return [read_json(file) for file in files]
 
 
 def render(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:

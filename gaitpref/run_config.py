@@ -95,7 +95,7 @@ def read_config(run: Path) -> LoopCfg:
         )
     try:
         return from_plain(LoopCfg, _load(path))
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, OverflowError) as error:
         raise RunError(f"{path} cannot be read: {error}") from None
 
 

@@ -95,7 +95,7 @@ def prepare() -> None:
 
 
 def keep_for_later(failed: threading.ExceptHookArgs) -> None:
-    """Take what a thread failed of: who waits for the thread says it, or the end does."""
+    """Take what a thread failed of: who waits for it says so, or the end does."""
     error = failed.exc_value
     line = told(error) if isinstance(error, OSError) else None
     if line is None:

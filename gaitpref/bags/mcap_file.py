@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, Any, BinaryIO, NamedTuple, cast
 
 import mcap.records
 from mcap.data_stream import ReadDataStream
@@ -18,7 +18,8 @@ from mcap.records import Channel, Chunk
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
-from data.files import open_regular, sha256_bytes, sha256_file
+from data.files import BoundedFile, open_regular, sha256_bytes, sha256_file
+from data.limits import BAG_CHUNK_BYTES
 from data.yaml_file import read_yaml
 from gaitpref.extras import require
 
@@ -103,20 +104,26 @@ def messages(
     """
     decoders = require("mcap_ros2.decoder", "view")
     for path in files:
-        with open_regular(path) as file:
+        with open_regular(path) as opened:
+            file = _in_pieces(opened)
             _require_mcap(path, file.read(16))
             # It remembers messages by a number that means another one in each file.
             factory = decoders.DecoderFactory()
             yield from _of_file(path, file, topics, factory, findings)
 
 
+def _in_pieces(file: BinaryIO) -> IO[bytes]:
+    # It does all that an open file does.
+    return cast(IO[bytes], BoundedFile(file, BAG_CHUNK_BYTES))
+
+
 def topics_in(files: list[Path]) -> list[str]:
     """Names of all topics, as far as the files can be read."""
     names: set[str] = set()
     for path in files:
-        with open_regular(path) as file:
+        with open_regular(path) as opened:
             try:
-                for record in in_order(file):
+                for record in in_order(_in_pieces(opened)):
                     if isinstance(record, Channel):
                         names.add(record.topic)
             except Exception:

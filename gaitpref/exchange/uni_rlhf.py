@@ -11,9 +11,11 @@ from __future__ import annotations
 
 import bisect
 import json
+import operator
 import pickle
 import uuid
 from collections import Counter
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -97,10 +99,11 @@ def import_uni_rlhf(dataset: Dataset, directory: Path, rater_id: str) -> int:
             "uni-rlhf` writes it"
         ) from None
     left, right, labels, length = _queries(directory)
-    known = {entry.sha256 for entry in dataset.entries()}
+    known = {entry.sha256: entry.num_steps for entry in dataset.entries()}
+    spans = _spans(episodes, known, directory / _EPISODES_NAME)
     rows: list[tuple[Pair, Answer]] = []
     for number, (a, b, label) in enumerate(zip(left, right, labels, strict=True)):
-        clips = [_clip(episodes, row, length, known) for row in (a, b)]
+        clips = [_clip(spans, row, length) for row in (a, b)]
         pair = Pair.make(clips[0], clips[1], strategy="uni-rlhf", round=0)
         if label not in _LABELS:
             raise DatasetError(f"{directory}: label {label} is none of 0, 1 and -1")
@@ -163,14 +166,39 @@ def _integers(values: Any, path: Path) -> list[int]:
         raise DatasetError(f"{path} is no list of whole numbers ({error})") from None
 
 
-def _clip(episodes: list[dict], row: int, length: int, known: set[str]) -> Clip:
-    starts = [int(episode["first_row"]) for episode in episodes]
-    place = bisect.bisect_right(starts, row) - 1
+def _spans(
+    episodes: Any, known: Mapping[str, int], path: Path
+) -> list[tuple[int, int, str]]:
+    """First row, number of steps and hash of every episode, in the order of rows.
+
+    Raises:
+        DatasetError: the file is not what an export writes; an episode that is not in
+            the data set has no steps.
+    """
+    try:
+        return sorted(
+            (
+                operator.index(episode["first_row"]),
+                known.get(episode["sha256"], 0),
+                str(episode["sha256"]),
+            )
+            for episode in episodes
+        )
+    except (TypeError, LookupError) as error:
+        raise DatasetError(
+            f"{path} does not list episodes as `gaitpref data export --format "
+            f"uni-rlhf` does ({type(error).__name__}: {error}); get it again"
+        ) from None
+
+
+def _clip(spans: list[tuple[int, int, str]], row: int, length: int) -> Clip:
+    place = bisect.bisect_right(spans, row, key=lambda span: span[0]) - 1
     if row < 0 or place < 0:
         raise DatasetError(f"no episode has row {row}")
-    episode, start = episodes[place], row - starts[place]
-    if start + length > int(episode["steps"]) or episode["sha256"] not in known:
+    first_row, num_steps, sha256 = spans[place]
+    start = row - first_row
+    if start + length > num_steps:
         raise DatasetError(
             f"the clip of {length} steps at row {row} is in no episode of this data set"
         )
-    return Clip(str(episode["sha256"]), start, length)
+    return Clip(sha256, start, length)
