@@ -11,6 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from .errors import GaitprefError
+from .files import require_regular
 
 LOCK_NAME = ".lock"
 _NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL}
@@ -39,6 +40,7 @@ def only_writer(
 
     Raises:
         Busy: another process is at it; the message says which.
+        FileError: something else than a file is where the lock should be.
         OSError: the file cannot be made.
     """
     lock = lock or directory / LOCK_NAME
@@ -65,6 +67,11 @@ def _locked(directory: Path, lock: Path, tell: Callable[[str], None]) -> int:
     while True:
         flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
         descriptor = os.open(lock, flags, 0o666)
+        try:
+            require_regular(lock)
+        except BaseException:
+            os.close(descriptor)
+            raise
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

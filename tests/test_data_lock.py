@@ -12,11 +12,13 @@ from pathlib import Path
 
 import pytest
 
+from data.errors import FileError
 from data.lock import LOCK_NAME, Busy, only_writer
 
 HOLDER = """
 import sys, time
 from pathlib import Path
+from data.errors import FileError
 from data.lock import only_writer
 with only_writer(Path(sys.argv[1]), print):
     print("held", flush=True)
@@ -71,11 +73,22 @@ def test_a_directory_nothing_was_written_into_is_gone_again(tmp_path: Path) -> N
     assert (there / "new" / "file").exists()
 
 
+def test_a_pipe_in_place_of_the_lock_is_told_and_stays(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / LOCK_NAME)
+    with (
+        pytest.raises(FileError, match="is a named pipe"),
+        only_writer(tmp_path, print),
+    ):
+        pass
+    assert (tmp_path / LOCK_NAME).is_fifo()
+
+
 def test_many_who_come_at_once_write_one_after_the_other(tmp_path: Path) -> None:
     """The lock is removed each time, and never two hold it: the counter is right."""
     child = """
 import sys
 from pathlib import Path
+from data.errors import FileError
 from data.lock import Busy, only_writer
 root, done = Path(sys.argv[1]), 0
 while done < 40:
