@@ -47,7 +47,7 @@ def open_regular(path: Path) -> BufferedReader:
             require_regular(path)
         raise
     try:
-        _require_file(path, os.fstat(descriptor).st_mode)
+        require_file_mode(path, os.fstat(descriptor).st_mode)
         return os.fdopen(descriptor, "rb")
     except BaseException:
         os.close(descriptor)
@@ -140,7 +140,7 @@ def require_regular(path: Path, limit: int | None = None) -> None:
         OSError: it is missing.
     """
     found = os.stat(path)
-    _require_file(path, found.st_mode)
+    require_file_mode(path, found.st_mode)
     if limit is not None and found.st_size > limit:
         raise _too_long(path, found.st_size, limit)
 
@@ -160,7 +160,12 @@ def require_replaceable(path: Path) -> None:
         return
 
 
-def _require_file(path: Path, mode: int) -> None:
+def require_file_mode(path: Path, mode: int) -> None:
+    """Make sure that what was opened as `path` is a file, by its mode.
+
+    Raises:
+        FileError: it is something else.
+    """
     if stat.S_ISREG(mode):
         return
     kinds = (name for is_kind, name in _KINDS if is_kind(mode))
@@ -186,7 +191,7 @@ def locked(path: Path) -> Iterator[None]:
     flags = os.O_RDWR | os.O_CREAT | os.O_NONBLOCK | os.O_CLOEXEC
     descriptor = os.open(path, flags, 0o666)
     try:
-        _require_file(path, os.fstat(descriptor).st_mode)
+        require_file_mode(path, os.fstat(descriptor).st_mode)
         fcntl.flock(descriptor, fcntl.LOCK_EX)
         yield
     finally:

@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from .errors import GaitprefError
-from .files import require_regular
+from .files import require_file_mode
 
 LOCK_NAME = ".lock"
 _NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL}
@@ -68,7 +68,7 @@ def _locked(directory: Path, lock: Path, tell: Callable[[str], None]) -> int:
         flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
         descriptor = os.open(lock, flags, 0o666)
         try:
-            require_regular(lock)
+            require_file_mode(lock, os.fstat(descriptor).st_mode)
         except BaseException:
             os.close(descriptor)
             raise

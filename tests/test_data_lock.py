@@ -88,7 +88,6 @@ def test_many_who_come_at_once_write_one_after_the_other(tmp_path: Path) -> None
     child = """
 import sys
 from pathlib import Path
-from data.errors import FileError
 from data.lock import Busy, only_writer
 root, done = Path(sys.argv[1]), 0
 while done < 40:
