@@ -95,14 +95,14 @@ def _nearest_option(args: Sequence[str], known: dict[str, tuple[str, ...]]) -> s
         if name.startswith("--") and name not in known:
             near = difflib.get_close_matches(name.replace("_", "-"), list(known), 1)
             if near:
-                return f"did you mean {near[0]} by {name}?"
+                return f"did you mean {near[0]} instead of {name}?"
         elif known.get(name):
             value = value or "".join(args[index + 1 : index + 2])
             near = difflib.get_close_matches(value, known[name], 1)
             if near and value not in known[name]:
-                return f"did you mean {name} {near[0]} by {value}?"
+                return f"did you mean {name} {near[0]} instead of {value}?"
     first, places = "".join(args[:1]), known.get("", ())
     near = difflib.get_close_matches(first, places, 1)
     if near and first not in places:
-        return f"did you mean {near[0]} by {first}?"
+        return f"did you mean {near[0]} instead of {first}?"
     return ""

@@ -206,10 +206,13 @@ def test_an_output_that_takes_nothing(redirected: str, world: Path) -> None:
     [
         ("trian --out x", "did you mean `gaitpref train`?"),
         ("data pakc --dataset x", "did you mean `gaitpref data pack`?"),
-        ("train --ouut x --reward task", "did you mean --out by --ouut?"),
+        ("train --ouut x --reward task", "did you mean --out instead of --ouut?"),
         ("pairs --dataset d --count 3 --strategy unifrom", "--strategy uniform"),
-        ("data labels --dataset x --format=cvs", "did you mean --format csv by cvs?"),
-        ("raters revok ada --dataset x", "did you mean revoke by revok?"),
+        (
+            "data labels --dataset x --format=cvs",
+            "did you mean --format csv instead of cvs?",
+        ),
+        ("raters revok ada --dataset x", "did you mean revoke instead of revok?"),
     ],
 )
 def test_what_was_meant(
