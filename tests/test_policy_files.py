@@ -18,6 +18,7 @@ from onnx import TensorProto, helper
 from safetensors.torch import save as save_tensors
 from torch import nn
 
+from data.errors import FileError
 from gaitpref.cli import main
 from policy.checkpoint import PolicyError, load_policy, read_plain
 from policy.config import EnvCfg
@@ -125,7 +126,7 @@ def test_a_file_of_another_program_is_told_as_such(
 def test_the_state_of_a_training_is_no_policy(trained: Path) -> None:
     with pytest.raises(PolicyError, match="is the state that a training goes on from"):
         load_policy(trained / "resume.pt")
-    with pytest.raises(PolicyError, match="is a directory, not a policy file"):
+    with pytest.raises(FileError, match="is a directory, where a file is wanted"):
         load_policy(trained)
 
 
