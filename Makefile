@@ -22,11 +22,14 @@ demo: install
 chromium: install
 	.ci/chromium $(BIN)/python
 
+# One process a core; the tests of a file stay together and share what they made.
+PYTEST := $(BIN)/python -m pytest -n auto --dist loadfile
+
 test: install chromium
-	$(BIN)/python -m pytest
+	$(PYTEST)
 
 test-fast: install
-	$(BIN)/python -m pytest -m 'not slow and not browser'
+	$(PYTEST) -m 'not slow and not browser'
 
 check: install
 	$(BIN)/ruff format --check $(SOURCES)
