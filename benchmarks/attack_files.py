@@ -593,7 +593,7 @@ def main(every: int = 1) -> int:
         every: Try only each so many.
     """
     for module in (label_command, play_command):
-        module.wait_until_stopped = lambda: None  # type: ignore[attr-defined]
+        module.wait_until_stopped = lambda _: None  # type: ignore[attr-defined]
     tried: Counter[str] = Counter()
     through: list[Result] = []
     with tempfile.TemporaryDirectory() as folder:

@@ -9,17 +9,17 @@ from labeling_ui.server import LabelCfg, LabelServer
 
 from . import options
 from .opening import open_dataset
-from .serving import require_port, wait_until_stopped
+from .serving import require_port, stoppable, wait_until_stopped
 
 
 def run(command: options.Label) -> int:
     """Serve the page until it is stopped; gives the exit code."""
     cfg = label_cfg(command)
     dataset = open_dataset(command)
-    with LabelServer(dataset, cfg) as page:
+    with stoppable() as stopped, LabelServer(dataset, cfg) as page:
         for line in greeting(page.notices, dataset.root, cfg):
             print(line, flush=True)
-        wait_until_stopped()
+        wait_until_stopped(stopped)
     return 0
 
 

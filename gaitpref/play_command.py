@@ -23,7 +23,7 @@ from policy.sim import BatchSim
 from policy.world import in_world
 
 from . import options
-from .serving import require_port, wait_until_stopped
+from .serving import require_port, stoppable, wait_until_stopped
 
 _FOREVER_S = 1e6
 
@@ -114,8 +114,9 @@ def run(command: options.Play) -> int:
         return PlayPage(client, policies)
 
     site = play_site(policies, command.port, TokenStore(command.policy.parent))
-    site.start(new_page)
-    print(f"the policy is at {site.url}", flush=True)
-    wait_until_stopped()
-    site.stop()
+    with stoppable() as stopped:
+        site.start(new_page)
+        print(f"the policy is at {site.url}", flush=True)
+        wait_until_stopped(stopped)
+        site.stop()
     return 0

@@ -4,20 +4,32 @@ from __future__ import annotations
 
 import signal
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import FrameType
 
 from data.errors import GaitprefError
 
 
-def wait_until_stopped() -> None:
-    """Return on Ctrl-C or SIGTERM."""
+@contextmanager
+def stoppable() -> Iterator[threading.Event]:
+    """Set the event on Ctrl-C or SIGTERM; from the first line on that says the server
+    is up, whoever stops it must find it listening."""
     stopped = threading.Event()
 
     def stop(number: int, frame: FrameType | None) -> None:
         stopped.set()
 
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, stop)
+    before = {s: signal.signal(s, stop) for s in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stopped
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def wait_until_stopped(stopped: threading.Event) -> None:
+    """Return once the event of `stoppable` is set."""
     stopped.wait()
 
 

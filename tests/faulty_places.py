@@ -362,7 +362,7 @@ PLACES: dict[str, Callable[[Path], dict[str, Outcome]]] = {
 def run(world: Path, place: str, found: Path) -> int:
     """Write what became of every command in one place; gives the exit code."""
     for module in (gaitpref.label_command, gaitpref.play_command):
-        module.wait_until_stopped = lambda: None  # type: ignore[attr-defined]
+        module.wait_until_stopped = lambda _: None  # type: ignore[attr-defined]
     with tempfile.TemporaryDirectory() as folder:
         os.chmod(folder, 0o755)
         os.chdir(folder)

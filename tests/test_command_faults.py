@@ -147,7 +147,7 @@ def own_world(world: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> P
     """A world that may be changed; pages are closed as soon as they are open."""
     monkeypatch.chdir(tmp_path)
     for module in (gaitpref.label_command, gaitpref.play_command):
-        monkeypatch.setattr(module, "wait_until_stopped", lambda: None)
+        monkeypatch.setattr(module, "wait_until_stopped", lambda _: None)
     return Path(shutil.copytree(world, tmp_path / "wörld"))
 
 
