@@ -13,7 +13,6 @@ from typing import IO, Any, BinaryIO, NamedTuple, cast
 import mcap.records
 from mcap.data_stream import ReadDataStream
 from mcap.decoder import DecoderFactory
-from mcap.reader import make_reader
 from mcap.records import Channel, Chunk
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
@@ -25,7 +24,7 @@ from gaitpref.extras import require
 
 from .bag_map import BagError
 from .findings import Findings
-from .records import Undecoded, in_order, messages_in, records_of
+from .records import Undecoded, in_order, messages_in, records_of, summary_of
 
 METADATA_NAME = "metadata.yaml"
 _OTHERS = {
@@ -195,8 +194,7 @@ def _undecoded(file: IO[bytes], topics: list[str]) -> Iterator[Undecoded]:
 
 def _summary(file: IO[bytes]) -> Summary | None:
     try:
-        file.seek(0)
-        return make_reader(file).get_summary()
+        return summary_of(file)
     except Exception:
         # Without an end, the bytes where the index should be are anything.
         return None

@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import IO
 
-from mcap.records import Channel, Chunk, McapRecord, Message, Schema
+from mcap.records import (
+    Channel,
+    Chunk,
+    ChunkIndex,
+    Footer,
+    McapRecord,
+    Message,
+    Schema,
+)
 from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.summary import Summary
 
 from data.limits import BAG_CHUNK_BYTES
 from data.unpacking import unpack_lz4, unpack_zstd
+
+_END_BYTES = 37
+"""Of the last record and what marks the end of a file."""
 
 Undecoded = tuple[Schema | None, Channel, Message]
 """A message as it was written, and what it is."""
@@ -51,6 +64,36 @@ def in_order(file: IO[bytes]) -> Iterator[McapRecord]:
             yield from records_of(record)
         else:
             yield record
+
+
+def summary_of(file: IO[bytes]) -> Summary | None:
+    """The index at the end of a file; None without one.
+
+    mcap's own reader of it unpacks a chunk it finds there, whatever that holds.
+
+    Raises:
+        ValueError, McapError, EndOfFile, OSError: the bytes there are anything else.
+    """
+    file.seek(-_END_BYTES, os.SEEK_END)
+    footer = next(StreamReader(file, skip_magic=True, emit_chunks=True).records)
+    if not isinstance(footer, Footer) or not footer.summary_start:
+        return None
+    file.seek(footer.summary_start)
+    found = Summary()
+    reader = StreamReader(
+        file, skip_magic=True, emit_chunks=True, record_size_limit=BAG_CHUNK_BYTES
+    )
+    for record in reader.records:
+        match record:
+            case Schema():
+                found.schemas[record.id] = record
+            case Channel():
+                found.channels[record.id] = record
+            case ChunkIndex():
+                found.chunk_indexes.append(record)
+            case Chunk():
+                return None
+    return found
 
 
 def messages_in(
