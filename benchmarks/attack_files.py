@@ -1,8 +1,9 @@
 """Hostile files of every kind, given to the real commands: which of them get through?
 
-`python -m benchmarks.attack_files` prints a table; `--every N` tries each Nth only. An input is held where the command ends with exit code 2 and one line, or rightly
-with 0 or 1, without a traceback, in seconds, within the memory below, and leaves its
-data set as it was.
+`python -m benchmarks.attack_files` prints a table; `--every N` tries each Nth only. An
+input is held where the command ends with exit code 2 and one line, or rightly with 0 or
+1, without a traceback, in seconds, within the memory below, and leaves its data set as
+it was.
 """
 
 from __future__ import annotations
