@@ -104,7 +104,7 @@ def test_a_urdf_whose_base_is_fixed_is_told_the_elements_that_free_it(
     elements = line.split("to <robot>: ")[1].split(" and ")
     assert [element[:6] for element in elements] == ["<link ", "<joint"]
     path.write_text(urdf("".join(elements)))
-    assert main(["robot", "inspect", str(path)]) == 0
+    assert main(["robot", "inspect", str(path), "--out", str(tmp_path)]) == 0
     assert "12.2 kg, of which 'trunk' weighs 6.0 kg" in capsys.readouterr().out
 
 
@@ -121,4 +121,4 @@ def test_a_urdf_that_is_held_to_its_world_is_told_the_joint(
         '"mount" type="fixed"', '"mount" type="floating"'
     )
     path.write_text(floating)
-    assert main(["robot", "inspect", str(path)]) == 0
+    assert main(["robot", "inspect", str(path), "--out", str(tmp_path)]) == 0
