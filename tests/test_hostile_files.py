@@ -212,7 +212,7 @@ def test_a_compressed_policy_is_refused(
 def test_a_sample_of_all_attacks_is_held() -> None:
     """Each eleventh of those the benchmark tries, by the real commands."""
     done = subprocess.run(
-        [sys.executable, "-m", "benchmarks.attack_files", "11"],
+        [sys.executable, "-m", "benchmarks.attack_files", "--every", "11"],
         capture_output=True,
         text=True,
         cwd=ROOT,
