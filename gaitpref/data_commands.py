@@ -21,6 +21,7 @@ from data.labels import labels, to_csv, to_jsonl
 from data.manifest_file import writable
 from data.overview import Overview, overview
 from data.recovery import RecoveredFile, recover, recover_file
+from data.shown import shown
 from data.transfer import Transferred, split, transfer
 from data.verify import Verified, verify
 
@@ -302,9 +303,9 @@ def _imported(action: options.Import, facts: dict[str, Any]) -> None:
     left_out, told = facts.pop("left_out"), facts.pop("told")
     _say(False, facts | {"missing": missing})
     for kind, count in left_out.items():
-        print(f"left out: {kind}: {count:,}")
+        say(shown(f"left out: {kind}: {count:,}"))
     for line in told:
-        print(f"note: {line}")
+        say(shown(f"note: {line}"))
 
 
 def _say(as_json: bool, facts: dict[str, Any]) -> None:

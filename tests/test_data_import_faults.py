@@ -469,6 +469,21 @@ def test_a_folder_that_is_no_bag_in_mcap_is_named(
     assert reason in bench.refuse(folder)
 
 
+def test_what_is_told_of_a_bag_does_not_act_on_the_terminal(bench: Bench) -> None:
+    """Names of its files are a stranger's, and stand in the notes."""
+    sound = bench.write(chunk_bytes=10_000).read_bytes()
+    bag = bench.root / "wa\x1b[31mlk.mcap"
+    bag.write_bytes(sound[: len(sound) * 3 // 4])
+    (bench.root / "map.toml").write_text(MAP)
+    command = ["data", "import", "--format", "ros2", str(bag)]
+    command += ["--map", str(bench.root / "map.toml")]
+    assert main([*command, "--dataset", str(bench.root / "set")]) == 0
+    said = bench.capsys.readouterr()
+    assert "note: " in said.out
+    assert "wa\\x1b[31mlk.mcap breaks off" in said.out
+    assert "\x1b" not in said.out + said.err
+
+
 BOMBS = {
     "zstd": lambda size: zstandard.compress(bytes(size), 19),
     "lz4": lambda size: lz4.frame.compress(bytes(size)),
