@@ -16,6 +16,7 @@ from gaitpref.rater_cfg import RaterCfg
 from policy.config import getup_env
 from policy.ppo import PpoCfg
 from policy.record import RecordCfg
+from policy.variation import VariationCfg
 from rewardmodel.cfg import FitCfg
 
 TASKS = {
@@ -66,6 +67,33 @@ METHODS: dict[str, Callable[[LoopCfg], LoopCfg]] = {
     "no-mirror": lambda cfg: replace(cfg, mirror=False),
     "no-caution": lambda cfg: replace(cfg, caution=0.0),
     "unjudged": lambda cfg: replace(cfg, approval_labels=0, last_labels=0),
+    "from-last": lambda cfg: replace(cfg, from_best=False),
+    "no-limit": lambda cfg: replace(cfg, tracking_slack_m_s=None),
+    "no-posture": lambda cfg: replace(
+        cfg, record=replace(cfg.record, variation=VariationCfg())
+    ),
+    "no-calm": lambda cfg: replace(cfg, calm_from=0.999),
+    "no-hope": lambda cfg: replace(cfg, optimism=0.0),
+    "no-rhythms": lambda cfg: replace(
+        cfg, record=replace(cfg.record, babble_share=0.0)
+    ),
+    "no-earlier": lambda cfg: replace(cfg, earlier_share=0.0),
+    "no-front": lambda cfg: replace(cfg, first_share=None, most_first_share=None),
+    "keep-noise": lambda cfg: replace(cfg, exploration=None),
+    "not-steady": lambda cfg: replace(
+        cfg, fit=replace(cfg.fit, linear=replace(cfg.fit.linear, unsteady_logit=0.0))
+    ),
+    "not-told": lambda cfg: replace(
+        cfg, fit=replace(cfg.fit, linear=replace(cfg.fit.linear, told_most=False))
+    ),
+    "lean": lambda cfg: replace(
+        cfg,
+        hurry=0.0,
+        quiet_logit=0.0,
+        sure=0.0,
+        fit=replace(cfg.fit, kind="linear"),
+    ),
+    "weight-1": lambda cfg: replace(cfg, learned_weight=1.0),
     "weight-2": lambda cfg: replace(cfg, learned_weight=2.0),
     "weight-4": lambda cfg: replace(cfg, learned_weight=4.0),
     "plain-linear": lambda cfg: replace(
