@@ -15,53 +15,54 @@ from policy.train import POLICY_NAME
 from .asking import Patience, answered
 from .criteria import Criterion
 from .loop_cfg import LoopCfg
+from .method.context import RoundContext
+from .method.method import Method
 from .people import People
 from .progress import console
 from .rounds import Round, began_from
 from .side_by_side import (
     both_policies,
-    first_erred,
     labels_kept,
     pairs_of_both,
     verdict_of,
 )
 
-ODDS_BEFORE = 10.0
-"""That a new policy is better before anybody is asked: 22 of 24 were."""
-ODDS_TO_GO_ON, ODDS_TO_STAY = 1.0 / ODDS_BEFORE, 3.0 / ODDS_BEFORE
-"""How much likelier than not answers alone must make it that a new policy is better:
-for the next training to begin from it, and to be the last one where answers err."""
 
-
-def verdict_stage(round: Round, dataset: Dataset) -> None:
+def verdict_stage(
+    method: Method, round: Round, context: RoundContext, dataset: Dataset
+) -> None:
     """What the round's answers say of its policy, where they were asked about it."""
-    if not round.approval.exists():
-        _judge(
-            round,
-            dataset,
-            round.policy,
-            ODDS_TO_GO_ON,
-            otherwise="training goes on from",
-        )
+    if round.approval.exists() or method.accept is None:
+        return
+    needed = method.accept.odds_needed(context)
+    otherwise = "training goes on from"
+    _judge(round, dataset, round.policy, needed, otherwise=otherwise)
 
 
 def approval_stage(
-    cfg: LoopCfg, round: Round, dataset: Dataset, criterion: Criterion, people: People
+    cfg: LoopCfg,
+    round: Round,
+    context: RoundContext,
+    dataset: Dataset,
+    criterion: Criterion,
+    people: People,
 ) -> None:
     """Have the policy that waits for approval judged; it or the one before it stays."""
     file = round.candidate / POLICY_NAME
-    if round.policy.exists() or not file.exists():
+    accept = cfg.method.accept
+    if round.policy.exists() or not file.exists() or accept is None:
         return
-    both = both_policies(cfg, round, dataset)
+    both = both_policies(cfg.method, round, context)
     with dataset.answers() as store:
         known = store.pairs()
         asked = sum(pair.round == round.number for pair in known)
         if both and not asked:
             pairs = pairs_of_both(cfg, round, dataset, both, known=known)
-            asked = store.add_pairs(pairs[: labels_kept(cfg, round, dataset)])
-    answered(cfg, round, dataset, criterion, Patience(people), asked, last=True)
+            asked = store.add_pairs(pairs[: labels_kept(cfg.method, context)])
+    patience = Patience(people)
+    answered(cfg, round, context, dataset, criterion, patience, asked, last=True)
     # A policy no clip shows, as one whose simulations diverge, is not approved either.
-    needed = ODDS_TO_STAY if first_erred(round) else ODDS_TO_GO_ON
+    needed = accept.odds_needed(context)
     if _judge(round, dataset, file, needed, otherwise="what stays is"):
         replace_directory(round.candidate, round.policy.parent)
         return

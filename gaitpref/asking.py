@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -13,18 +12,17 @@ from data.answers import AnswerStore, Pair
 from data.dataset import Dataset, EpisodeEntry
 from data.files import read_json
 from policy.babble import BABBLE_SHA256
-from rewardmodel.caution import answers_err
-from rewardmodel.cfg import FitCfg
 from rewardmodel.enough import remaining
+from rewardmodel.evidence import takes_to_err
 from rewardmodel.fit import fit_reward
 from rewardmodel.foresight import foresee
 from rewardmodel.pairs import MIN_ANSWERS, count_evidence, load_pairs
-from rewardmodel.storage import load_reward
 from rewardmodel.trust import disagree
 
 from .criteria import Criterion
 from .fit_summary import what_remains
 from .loop_cfg import LoopCfg
+from .method.context import RoundContext
 from .people import People
 from .progress import console, counting_bar
 from .questions import ask, with_known_answer
@@ -40,7 +38,12 @@ _OPEN_PAIRS = 2
 
 
 def questions_stage(
-    cfg: LoopCfg, round: Round, dataset: Dataset, criterion: Criterion, people: People
+    cfg: LoopCfg,
+    round: Round,
+    context: RoundContext,
+    dataset: Dataset,
+    criterion: Criterion,
+    people: People,
 ) -> None:
     """Ask the round's questions in batches, each where the answers so far leave doubt.
 
@@ -49,27 +52,30 @@ def questions_stage(
     if round.reward.exists():
         return
     patience = Patience(people)
+    budget = cfg.method.budget
+    kept = 0 if context.is_first else labels_kept(cfg.method, context)
+    count = budget.labels_of(context, kept=kept)
     with dataset.answers() as store:
-        first, _ = _asked_and_left(store, 0)
-        kept = labels_kept(cfg, round, dataset) if round.number else 0
-        count = cfg.labels_of(round.number, first=first, kept=kept)
         while True:
             asked, _ = _asked_and_left(store, round.number)
             last = asked >= count
             if asked and not answered(
-                cfg, round, dataset, criterion, patience, count, last=last
+                cfg, round, context, dataset, criterion, patience, count, last=last
             ):
                 return
-            if asked and _enough(cfg, round, dataset):
+            if asked and _enough(cfg, context, dataset):
                 return
             if last:
-                count = _count_going_on(cfg, round, dataset, asked)
+                count = _count_going_on(cfg, context, dataset, asked)
                 if asked >= count:
                     return
-            _add_pairs(cfg, round, dataset, min(cfg.batch_labels, count - asked))
+            batch = min(cfg.method.questions.batch, count - asked)
+            _add_pairs(cfg, round, context, dataset, batch)
 
 
-def _count_going_on(cfg: LoopCfg, round: Round, dataset: Dataset, asked: int) -> int:
+def _count_going_on(
+    cfg: LoopCfg, context: RoundContext, dataset: Dataset, asked: int
+) -> int:
     """Answers to ask for in all where a round has asked for its own: more in the first,
     while the members of a reward fitted to them contradict each other.
 
@@ -77,29 +83,32 @@ def _count_going_on(cfg: LoopCfg, round: Round, dataset: Dataset, asked: int) ->
     But answers that err, and agree for all that, hardly tell more of robots that
     tumble; hoping leads to a walk, and more is worth knowing of that.
     """
-    most = cfg.most_first_labels
-    if round.number or asked >= most:
+    budget, batch = cfg.method.budget, cfg.method.questions.batch
+    most = budget.most_first(context)
+    if not context.is_first or asked >= most:
         return asked
     pairs = load_pairs([dataset], at_least=0)
     if pairs.too_little:
         console.print(f"round 0: {pairs.too_little}, so it asks on, up to {most}")
-        return min(asked + cfg.batch_labels, most)
+        return min(asked + batch, most)
     seed = seed_of(cfg, 0, 5)
-    model, _ = fit_reward(pairs, fit_for_asking(cfg, round), seed=seed, measured=False)
+    model, _ = fit_reward(pairs, cfg.method.fit_of(context), seed=seed, measured=False)
     agreement = remaining(model, pairs).agreement
-    if agreement >= cfg.first_agreement:
+    if agreement >= budget.first_agreement:
         return asked
-    hopes = cfg.hopes and answers_err(model)
+    hopes = cfg.method.unstick and takes_to_err(model.provenance.cfg)
     if hopes and not disagree(foresee(model, pairs, seed=seed)):
         return asked
     console.print(
         f"round 0: what {asked} answers say is open (agreement {agreement:.2f}, "
-        f"{cfg.first_agreement} would do), so it asks on, up to {most}"
+        f"{budget.first_agreement} would do), so it asks on, up to {most}"
     )
-    return min(asked + cfg.batch_labels, most)
+    return min(asked + batch, most)
 
 
-def _add_pairs(cfg: LoopCfg, round: Round, dataset: Dataset, count: int) -> None:
+def _add_pairs(
+    cfg: LoopCfg, round: Round, context: RoundContext, dataset: Dataset, count: int
+) -> None:
     """Choose `count` more pairs of a round: first of its policy beside the one before,
     where that is to be judged."""
     with dataset.answers() as store:
@@ -111,15 +120,17 @@ def _add_pairs(cfg: LoopCfg, round: Round, dataset: Dataset, count: int) -> None
     entries = _episodes_asked_about(cfg, round, dataset)
     rng = np.random.default_rng([seed_of(cfg, round.number, 3), asked_before])
     chosen: list[Pair] = []
-    if both := both_policies(cfg, round, dataset):
+    if (accept := cfg.method.accept) and (
+        both := both_policies(cfg.method, round, context)
+    ):
         judged = sum(pair.strategy == STRATEGY for pair in before)
-        most = min(count, cfg.approval_labels - judged)
+        most = min(count, accept.noisy_labels - judged)
         chosen = pairs_of_both(cfg, round, dataset, both, known=known)[: max(0, most)]
     if len(chosen) < count:
         model = None
         if enough:
             seed = seed_of(cfg, round.number, 7, asked_before)
-            fit = fit_for_asking(cfg, round)
+            fit = cfg.method.fit_of(context)
             # Only its doubt is asked for; the round's own fit is the one measured.
             model, _ = fit_reward(load_pairs([dataset]), fit, seed=seed, measured=False)
         chosen += ask(
@@ -130,8 +141,8 @@ def _add_pairs(cfg: LoopCfg, round: Round, dataset: Dataset, count: int) -> None
             known=[*known, *chosen],
             model=model,
             round_number=round.number,
-            uniform_share=cfg.uniform_share,
-            strategy=cfg.strategy,
+            uniform_share=cfg.method.questions.uniform_share,
+            strategy=cfg.method.questions.strategy,
             rng=rng,
         )
     if cfg.rater == "human":
@@ -167,41 +178,32 @@ def _episodes_asked_about(
         for entry in entries
         if entry.meta.policy_sha256 != BABBLE_SHA256
     ]
-    count = min(len(earlier), int(cfg.earlier_share * len(own)))
+    count = min(len(earlier), int(cfg.method.clips.earlier_share * len(own)))
     rng = np.random.default_rng(seed_of(cfg, round.number, 8))
     return own + [earlier[i] for i in rng.permutation(len(earlier))[:count]]
 
 
-def _enough(cfg: LoopCfg, round: Round, dataset: Dataset) -> bool:
+def _enough(cfg: LoopCfg, context: RoundContext, dataset: Dataset) -> bool:
     """Whether the round's questions end here, because more answers will not help."""
     if not cfg.stop_asking:
         return False
     with dataset.answers() as store:
         if count_evidence(store, dataset) < MIN_ANSWERS:
             return False
-    seed = seed_of(cfg, round.number, 5)
-    _, report = fit_reward(load_pairs([dataset]), fit_for_asking(cfg, round), seed=seed)
+    seed = seed_of(cfg, context.number, 5)
+    fit = cfg.method.fit_of(context)
+    _, report = fit_reward(load_pairs([dataset]), fit, seed=seed)
     if report.enough:
         console.print(
-            f"round {round.number}: {what_remains(report)}, so it stops asking"
+            f"round {context.number}: {what_remains(report)}, so it stops asking"
         )
     return report.enough
-
-
-def fit_for_asking(cfg: LoopCfg, round: Round) -> FitCfg:
-    """Settings of a fit between two batches: where the model is to be chosen, the last
-    round's choice is kept. Members that share what they look at would agree."""
-    fit = cfg.fit_of(round.number)
-    fit = replace(fit, sparse=replace(fit.sparse, shared=False))
-    if fit.kind in ("auto", "grow") and round.number:
-        chosen = load_reward(round.before.reward).provenance.cfg
-        return replace(fit, kind=chosen.kind)
-    return fit
 
 
 def answered(
     cfg: LoopCfg,
     round: Round,
+    context: RoundContext,
     dataset: Dataset,
     criterion: Criterion,
     patience: Patience,
@@ -215,7 +217,7 @@ def answered(
         # A few open pairs keep people busy while the next batch is chosen.
         open_pairs = 0 if last else _OPEN_PAIRS
         return wait_for_people(
-            cfg, round, dataset, patience, count, open_pairs=open_pairs
+            cfg, round, context, dataset, patience, count, open_pairs=open_pairs
         )
     answer_pairs(
         dataset,
@@ -255,6 +257,7 @@ class Patience:
 def wait_for_people(
     cfg: LoopCfg,
     round: Round,
+    context: RoundContext,
     dataset: Dataset,
     patience: Patience,
     count: int,
@@ -288,7 +291,7 @@ def wait_for_people(
                 if wanted <= 0:
                     break
                 if wanted > left:
-                    _add_pairs(cfg, round, dataset, wanted - left)
+                    _add_pairs(cfg, round, context, dataset, wanted - left)
             people.tell(
                 f"{place_of(cfg, round)}: waiting for {wanted} more "
                 f"answer{'s' * (wanted != 1)}",

@@ -1,9 +1,4 @@
-"""Which policy a training goes on from.
-
-A reward learned in between knows more than the one a policy was trained on: where the
-training went too far, or followed what later answers took back, an earlier policy is
-better, and the newest reward says so without another answer.
-"""
+"""Which policy a training goes on from, as the method decides it, written down."""
 
 from __future__ import annotations
 
@@ -21,16 +16,16 @@ from .rounds import Round, seed_of
 
 
 def choose_start(cfg: LoopCfg, round: Round, score_fn: ScoreFn) -> None:
-    """Write down which policy so far the newest reward, `score_fn`, likes best, of
-    those no answers spoke against; nothing where training goes on from the last."""
-    if round.began.exists() or not cfg.from_best or not cfg.keeps_task:
+    """Write down which policy so far, of those no answers spoke against, the training
+    of `round` goes on from by the newest reward, `score_fn`; nothing where it goes on
+    from the last."""
+    if round.began.exists() or cfg.method.start is None:
         return
     earlier = (Round(round.run, number) for number in range(round.number))
     worth = {
         each.number: _worth(cfg, each, score_fn) for each in earlier if _may_go_on(each)
     }
-    # Of policies that are worth the same the newest, as where one stayed for a round.
-    best = max(worth, key=lambda number: (worth[number], number))
+    best = cfg.method.start.choose(worth)
     if best != max(worth):
         console.print(
             f"round {round.number}: training goes on from the policy of round {best}, "

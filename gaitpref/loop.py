@@ -25,7 +25,7 @@ from .presets import resolve
 from .progress import console
 from .report import PAGE_NAME, write_report
 from .retraining import policy_stage
-from .rounds import Round
+from .rounds import Round, context_of
 from .run_config import claim
 from .run_inputs import inputs_of
 from .setting import Setting, setting_of
@@ -89,16 +89,17 @@ def _run(run: Path, cfg: LoopCfg, open_page: OpenPage, answers: Address | None) 
         for number in range(cfg.rounds + 1):
             round = Round(run, number)
             round.root.mkdir(parents=True, exist_ok=True)
-            policy_stage(cfg, round, robot, dataset, people)
+            context = context_of(cfg, round, dataset)
+            policy_stage(cfg, round, context, robot, dataset, people)
             if number < cfg.rounds:
                 record_stage(cfg, round, dataset, people)
-                show_stage(cfg, round, dataset, people)
-                questions_stage(cfg, round, dataset, criterion, people)
-                verdict_stage(round, dataset)
-                fit_stage(cfg, round, dataset, people)
+                show_stage(cfg, round, context, dataset, people)
+                questions_stage(cfg, round, context, dataset, criterion, people)
+                verdict_stage(cfg.method, round, context, dataset)
+                fit_stage(cfg, round, context, dataset, people)
             else:
-                show_stage(cfg, round, dataset, people)
-                approval_stage(cfg, round, dataset, criterion, people)
+                show_stage(cfg, round, context, dataset, people)
+                approval_stage(cfg, round, context, dataset, criterion, people)
             report_stage(cfg, round, dataset, criterion)
             write_report(run)
 

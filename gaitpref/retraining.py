@@ -18,15 +18,12 @@ from policy.checkpoint import holding_home, load_policy
 from policy.ppo import IterationStats, ScoreFn
 from policy.robot import Robot
 from policy.train import POLICY_NAME, SUMMARY_NAME, TrainCfg, train
-from rewardmodel.caution import CautiousReward
-from rewardmodel.model import RewardModel
-from rewardmodel.rising import RisingReward
-from rewardmodel.sparse import SparseScorer
 from rewardmodel.storage import load_reward
 
 from .going_on import choose_start
 from .loop_cfg import LoopCfg
-from .noise import with_noise
+from .method.context import RoundContext
+from .method.exploration import pays_for_rate
 from .people import People
 from .progress import console, training_bar
 from .rewards import total_reward
@@ -42,7 +39,7 @@ from .side_by_side import labels_kept
 from .sides import in_mirror
 from .standstill import Standstill, standstill_before
 from .tracking_limit import TrackingLimit, limit_beside
-from .watch import WatchedReward, deserves_training, watched, why_not_trained
+from .watch import deserves_training, why_not_trained
 
 _EPISODES_LOOKED_AT = 32
 """Of a round, to see whether a reward tells left from right."""
@@ -53,7 +50,12 @@ class Interrupted(KeyboardInterrupt):
 
 
 def policy_stage(
-    cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset, people: People
+    cfg: LoopCfg,
+    round: Round,
+    context: RoundContext,
+    robot: Robot,
+    dataset: Dataset,
+    people: People,
 ) -> None:
     """Train the round's policy: the first on the base, later ones on the reward.
 
@@ -70,7 +72,7 @@ def policy_stage(
         write_atomically(partial / POLICY_NAME, untrained)
         replace_directory(partial, round.policy.parent)
         return
-    plan = _plan(cfg, round, robot, dataset)
+    plan = _plan(cfg, round, context, robot, dataset)
     if plan.standstill:
         console.print(
             f"round {round.number}: the robot goes nowhere ({plan.standstill}); it is "
@@ -79,14 +81,7 @@ def policy_stage(
     _train(cfg, round, robot, plan, people, out=partial)
     if plan.standstill:
         plan.standstill.save(partial)
-    if plan.watch:
-        plan.watch.save(partial)
-        if plan.watch.alarm:
-            told = f"round {round.number}: {plan.watch.alarm}"
-            asks = round.number < cfg.rounds
-            before = ", so it asks before it trains on" if asks else ""
-            console.alarm(f"{told}{before}")
-    judged = round.number == cfg.rounds and labels_kept(cfg, round, dataset)
+    judged = context.is_last and labels_kept(cfg.method, context)
     replace_directory(partial, round.candidate if judged else round.policy.parent)
 
 
@@ -98,22 +93,21 @@ def _train(
     Raises:
         Interrupted: the user ended it before it was done.
     """
-    place, asks = place_of(cfg, round), round.number < cfg.rounds
+    place = place_of(cfg, round)
     with training_bar(f"round {round.number}: training", plan.cfg.steps) as bar:
 
-        def after(stats: IterationStats) -> bool:
+        def after(stats: IterationStats) -> None:
             bar(stats)
             # The last iteration may end beyond the steps that were asked for.
             done = min(stats.steps / max(plan.cfg.steps, 1), 1.0)
             people.tell(f"{place}: training", done)
-            return asks and bool(plan.watch and plan.watch.alarm)
 
         people.tell(f"{place}: training", 0.0)
         result = train(
             out,
             robot,
             plan.cfg,
-            reward_fn=plan.watch or plan.reward_fn,
+            reward_fn=plan.reward_fn,
             reward_name=plan.reward_name,
             init=plan.init,
             resume=True,
@@ -152,52 +146,57 @@ class _Plan:
     reward_fn: ScoreFn | None = None
     reward_name: str = "task"
     init: Path | None = None
-    watch: WatchedReward | None = None
     standstill: Standstill | None = None
     """What it is to leave."""
 
 
-def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
+def _plan(
+    cfg: LoopCfg, round: Round, context: RoundContext, robot: Robot, dataset: Dataset
+) -> _Plan:
+    method = cfg.method
     train_cfg = TrainCfg(
         steps=planned_steps(cfg, round),
         env=cfg.env,
         ppo=cfg.ppo,
         seed=seed_of(cfg, round.number, 1),
     )
-    if round.number == 0:
-        if cfg.mirror:
+    if context.is_first:
+        if method.mirror:
             train_cfg = replace(train_cfg, ppo=in_mirror(cfg.ppo, robot))
         return _Plan(cfg=train_cfg)
     model = load_reward(round.before.reward)
     choose_start(cfg, round, model)
-    if cfg.mirror:
+    if method.mirror:
         seen = rows_of_round(round.before, dataset)
         train_cfg = replace(train_cfg, ppo=in_mirror(cfg.ppo, robot, model, seen))
-    standstill = standstill_before(cfg, round)
-    learned = (
-        standstill.reward(model, cfg)
-        if standstill
-        else learned_reward(
-            cfg, round.number, model, judged=_is_judged(cfg, round, dataset)
-        )
-    )
+    standstill = standstill_before(cfg, round, context)
+    if standstill and method.unstick:
+        learned = standstill.reward(model, method.unstick)
+    else:
+        judged = not context.is_last or labels_kept(method, context) > 0
+        learned = method.paid.of(model, context, judged=judged)
     reward_fn = total_reward(
         learned,
         robot,
         cfg.env,
-        known=cfg.known,
-        weight=cfg.learned_weight,
+        known=method.safety,
+        weight=method.weight,
         keep_task=cfg.keeps_task,
         tracking_limit=_tracking_limit(cfg, round),
     )
     init = began_from(round)
-    train_cfg = with_noise(cfg, round.number, train_cfg, model, load_policy(init))
+    if method.exploration:
+        noise = method.exploration.noise(
+            context,
+            policy_std=float(load_policy(init).std.mean()),
+            pays_for_rate=pays_for_rate(model),
+        )
+        train_cfg = noise.put_into(train_cfg)
     return _Plan(
         cfg=train_cfg,
         reward_fn=reward_fn,
         reward_name=f"the reward learned in round {round.number - 1}",
         init=init,
-        watch=watched(cfg, round, dataset, reward_fn),
         standstill=standstill,
     )
 
@@ -212,44 +211,19 @@ def rows_of_round(round: Round, dataset: Dataset) -> Tensor:
     return torch.stack([each[:shortest] for each in rows], dim=1)
 
 
-def _is_judged(cfg: LoopCfg, round: Round, dataset: Dataset) -> bool:
-    """Whether answers follow the training of `round`."""
-    return round.number < cfg.rounds or labels_kept(cfg, round, dataset) > 0
-
-
-def learned_reward(
-    cfg: LoopCfg, round: int, model: RewardModel, *, judged: bool
-) -> ScoreFn:
-    """What of `model` the retraining of `round`, counted from 1, is paid.
-
-    Args:
-        cfg: The loop.
-        round: Which retraining.
-        model: The reward fitted before it.
-        judged: Whether somebody is asked about what becomes of it.
-    """
-    if cfg.beyond and judged and isinstance(model.scorer, SparseScorer):
-        return RisingReward(model, cfg.beyond)
-    return CautiousReward.suited(model, cfg.caution, sure=cfg.sure_of(round))
-
-
 def _tracking_limit(cfg: LoopCfg, round: Round) -> TrackingLimit | None:
     """The same in all rounds, so that they cannot each add to the last one's error."""
-    if not cfg.keeps_task or cfg.tracking_slack_m_s is None:
+    if cfg.method.tracking is None:
         return None
-    return limit_beside(
-        load_policy(Round(round.run, 0).policy),
-        slack_m_s=cfg.tracking_slack_m_s,
-        seed=seed_of(cfg, 0, 9),
-    )
+    base = load_policy(Round(round.run, 0).policy)
+    return limit_beside(base, cfg.method.tracking, seed=seed_of(cfg, 0, 9))
 
 
 def planned_steps(cfg: LoopCfg, round: Round) -> int:
     """Environment steps of a round: its own, and what the round before left over."""
     if round.number == 0:
-        return cfg.base_steps
-    last = round.number == cfg.rounds
-    own = cfg.last_round_steps if last else cfg.round_steps
+        return cfg.steps.base
+    own = cfg.steps.last if round.number == cfg.rounds else cfg.steps.round
     if round.number == 1:
         return own
     before = planned_steps(cfg, round.before)

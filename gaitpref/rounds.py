@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from data.dataset import Dataset
 from data.files import read_json
 from policy.train import POLICY_NAME
 
 from .loop_cfg import LoopCfg
+from .method.context import RoundContext
 
 STANDSTILL_NAME = "standstill.json"
 
@@ -57,6 +60,11 @@ class Round:
         return self.root / "reward"
 
     @property
+    def decided(self) -> Path:
+        """What the first reward of a run says of the answers; only in its round."""
+        return self.root / "decided.json"
+
+    @property
     def report(self) -> Path:
         return self.root / "report.json"
 
@@ -81,9 +89,25 @@ class Round:
             raise ValueError("before round 0 there is none")
         return Round(self.run, self.number - 1)
 
-    @property
-    def first(self) -> Round:
-        return Round(self.run, 0)
+
+def context_of(cfg: LoopCfg, round: Round, dataset: Dataset) -> RoundContext:
+    """What the decisions of `round` may know, once it begins."""
+    with dataset.answers() as store:
+        asked = [pair for pair in store.pairs(round=0) if pair.gold is None]
+    return RoundContext(
+        number=round.number,
+        rounds=cfg.rounds,
+        labels=cfg.labels,
+        noisy=bool(decided_before(round).get("noisy", False)),
+        first_asked=len(asked),
+    )
+
+
+def decided_before(round: Round) -> dict[str, Any]:
+    """What was decided of the answers before `round`; nothing where no reward was
+    fitted yet."""
+    earlier = (Round(round.run, number).decided for number in range(round.number))
+    return next((read_json(path) for path in earlier if path.exists()), {})
 
 
 def approved(round: Round) -> Path:

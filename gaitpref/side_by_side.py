@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
 
@@ -22,13 +22,15 @@ from data.files import read_json, sha256_file, write_atomically
 from policy.checkpoint import Policy, load_policy
 from policy.record import record
 from policy.train import POLICY_NAME
-from policy.variation import VariationCfg
 from rewardmodel.acquisition import asked_for, in_step
-from rewardmodel.caution import answers_err
 from rewardmodel.evidence import ERROR_SHARES
 from rewardmodel.storage import load_reward
 
 from .loop_cfg import LoopCfg
+from .method.acceptance import Verdict
+from .method.clips import ClipSources
+from .method.context import RoundContext
+from .method.method import Method
 from .people import People
 from .questions import clips_of
 from .rounds import Round, began_from, place_of, seed_of
@@ -40,89 +42,48 @@ _LEAST_CLIP_S = 0.1
 """A fall is seen in no time, and one who falls at once is to be judged too."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Verdict:
-    """What the answers say of a new policy beside the one it was to better."""
-
-    for_new: int
-    """Answers that prefer it."""
-    for_old: int
-    """Answers that prefer the other."""
-    error_share: float
-    """Share of answers that are random, as the newest reward found it, in (0, 1)."""
-    needed: float
-    """Odds from which on the new policy is approved."""
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.error_share < 1.0:
-            raise ValueError(f"error_share must lie in (0, 1), got {self.error_share}")
-
-    @property
-    def odds(self) -> float:
-        """That the new policy is better, if either was as likely before."""
-        wrong = self.error_share / 2
-        return ((1 - wrong) / wrong) ** (self.for_new - self.for_old)
-
-    @property
-    def approved(self) -> bool:
-        return self.odds >= self.needed
-
-
-def labels_kept(cfg: LoopCfg, round: Round, dataset: Dataset) -> int:
+def labels_kept(method: Method, context: RoundContext) -> int:
     """Answers that are kept for judging the last policy."""
-    wanted = cfg.approval_labels if first_erred(round) else cfg.last_labels
-    if not wanted:
+    if method.accept is None:
         return 0
-    with dataset.answers() as store:
-        asked = [pair for pair in store.pairs(round=0) if pair.gold is None]
-    return cfg.most_kept(wanted, first=len(asked))
-
-
-def first_erred(round: Round) -> bool:
-    """Whether the first round's answers turned out to err."""
-    return answers_err(load_reward(round.first.reward))
+    return method.budget.most_kept(context, method.accept.labels(context))
 
 
 def both_policies(
-    cfg: LoopCfg, round: Round, dataset: Dataset
+    method: Method, round: Round, context: RoundContext
 ) -> tuple[Policy, Policy] | None:
     """The new policy of a round and the one it was to better, where the round's
     questions are about them.
 
-    A first walk from scratch is not judged, nor one that leaves a standstill: it need
-    not please yet.
+    One that leaves a standstill is not judged: it need not please yet.
     """
-    last = round.number == cfg.rounds
-    first = 1 if cfg.keeps_task else 2
-    if round.number < first or not labels_kept(cfg, round, dataset):
+    if method.accept is None or not method.accept.judges(context):
         return None
-    if round.standstill.exists():
+    if not labels_kept(method, context) or round.standstill.exists():
         return None
-    if not last and not first_erred(round):
-        return None
-    file = round.candidate / POLICY_NAME if last else round.policy
+    file = round.candidate / POLICY_NAME if context.is_last else round.policy
     if not file.exists():
         return None
     new, old = load_policy(file), load_policy(began_from(round))
     return None if new.sha256 == old.sha256 else (new, old)
 
 
-def show_stage(cfg: LoopCfg, round: Round, dataset: Dataset, people: People) -> None:
+def show_stage(
+    cfg: LoopCfg,
+    round: Round,
+    context: RoundContext,
+    dataset: Dataset,
+    people: People,
+) -> None:
     """Log both policies as they would be used, from equal starts."""
-    # A run that an earlier version finished is not asked about again.
     if round.shown.exists() or round.reward.exists():
         return
-    policies = both_policies(cfg, round, dataset)
+    policies = both_policies(cfg.method, round, context)
     if policies is None:
         return
     people.tell(f"{place_of(cfg, round)}: showing the new policy beside the last")
-    plain = replace(
-        cfg.record,
-        episodes=_EPISODES,
-        noisy_share=0.0,
-        variation=VariationCfg(),
-        babble_share=0.0,
-    )
+    alike = ClipSources(noisy_share=0.0, posture_share=0.0)
+    plain = alike.recorded(replace(cfg.record, episodes=_EPISODES))
     entries = dataset.add_episodes(
         episode
         for policy in policies

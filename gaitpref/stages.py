@@ -27,10 +27,12 @@ from .criteria import Criterion
 from .findings import findings_of_run
 from .fit_summary import fit_summary
 from .loop_cfg import LoopCfg
+from .method.context import RoundContext
+from .method.noisy import NoisyAnswers
 from .people import People
 from .progress import console, counting_bar
 from .rewards import score_of_criterion
-from .rounds import Round, began_from, place_of, seed_of
+from .rounds import Round, began_from, decided_before, place_of, seed_of
 from .watch import trust_of_round
 
 
@@ -44,7 +46,10 @@ def record_stage(cfg: LoopCfg, round: Round, dataset: Dataset, people: People) -
 
         def counted() -> Any:
             for episode in record(
-                round.policy, cfg.record, seed=seed, round=round.number
+                round.policy,
+                cfg.method.clips.recorded(cfg.record),
+                seed=seed,
+                round=round.number,
             ):
                 bar.advance(bar.task_ids[0])
                 yield episode
@@ -54,13 +59,22 @@ def record_stage(cfg: LoopCfg, round: Round, dataset: Dataset, people: People) -
     write_atomically(round.recorded, json.dumps(names, indent=0).encode())
 
 
-def fit_stage(cfg: LoopCfg, round: Round, dataset: Dataset, people: People) -> None:
-    """Fit a reward to all answers so far; where they prefer too little, it is 0."""
+def fit_stage(
+    cfg: LoopCfg,
+    round: Round,
+    context: RoundContext,
+    dataset: Dataset,
+    people: People,
+) -> None:
+    """Fit a reward to all answers so far; where they prefer too little, it is 0.
+
+    The first reward of a run decides whether its answers err.
+    """
     if round.reward.exists():
         return
     people.tell(f"{place_of(cfg, round)}: learning from the answers")
     pairs = load_pairs([dataset], at_least=0)
-    settings = cfg.fit_of(round.number)
+    settings = cfg.method.fit_of(context)
     if pairs.too_little:
         model, _ = no_reward(pairs, settings)
         told = f"{pairs.too_little}: it is 0"
@@ -68,6 +82,11 @@ def fit_stage(cfg: LoopCfg, round: Round, dataset: Dataset, people: People) -> N
         seed = seed_of(cfg, round.number, 5)
         model, report = fit_reward(pairs, settings, seed=seed)
         told = fit_summary(report)
+        if not decided_before(round):
+            decided = NoisyAnswers.of(model)
+            text = json.dumps({**asdict(decided), "told": str(decided)})
+            write_atomically(round.decided, text.encode())
+            told = f"{told}; {decided}"
     save_reward(model, round.reward)
     console.print(f"round {round.number}: {told}")
     if gone := told_gone(pairs.num_gone, pairs.num_collected, dataset.root):
@@ -120,6 +139,8 @@ def report_stage(
         result["training"] = read_json(summary)
     if round.approval.exists():
         result["approval"] = read_json(round.approval)
+    if round.decided.exists():
+        result["decided"] = read_json(round.decided)
     if round.standstill.exists():
         result["standstill"] = read_json(round.standstill)
     rose = False

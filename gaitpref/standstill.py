@@ -1,9 +1,6 @@
 """A robot from scratch that stands still, and what it is trained on to get it going.
 
-Answers about robots that tumble make standing still look best, and one that stands
-shows nobody what walking would be like: round after round nothing new is asked about.
-So a policy that begins from such a one follows those of its reward's members who think
-least of that. It is not judged beside the other: it is there to be seen.
+What comes of that is not judged beside the policy before: it is there to be seen.
 
 Shapes: T steps, N episodes, F feature columns.
 """
@@ -25,11 +22,10 @@ from rewardmodel.model import RewardModel
 from rewardmodel.optimism import OptimisticReward
 
 from .loop_cfg import LoopCfg
+from .method.context import RoundContext
+from .method.unstick import Optimism
 from .rounds import STANDSTILL_NAME, Round, approved, seed_of
-from .side_by_side import first_erred
 
-STILL = 0.2
-"""Share of the speed it is told below which a robot stands still."""
 _EPISODES = 16
 
 
@@ -49,10 +45,10 @@ class Standstill:
     def __str__(self) -> str:
         return f"{self.speed_m_s:.2f} m/s where told {self.told_m_s:.2f}"
 
-    def reward(self, model: RewardModel, cfg: LoopCfg) -> OptimisticReward:
+    def reward(self, model: RewardModel, optimism: Optimism) -> OptimisticReward:
         """What `model` pays who hopes for something better."""
         return OptimisticReward.leaving(
-            model, self.features, self.lengths, cfg.optimism
+            model, self.features, self.lengths, optimism.deviations
         )
 
     def save(self, folder: Path) -> None:
@@ -61,15 +57,13 @@ class Standstill:
         write_atomically(folder / STANDSTILL_NAME, json.dumps(found).encode())
 
 
-def standstill_before(cfg: LoopCfg, round: Round) -> Standstill | None:
-    """The policy a round begins from, if it stands still and the round is to leave it.
-
-    Not in the last round, after which nobody is asked; not of a base, which walks; and
-    the first time only where answers err: others tell what to do instead.
-    """
-    if not cfg.hopes or round.number in (0, cfg.rounds):
-        return None
-    if round.number == 1 and not first_erred(round):
+def standstill_before(
+    cfg: LoopCfg, round: Round, context: RoundContext
+) -> Standstill | None:
+    """The policy a round begins from, if it stands still and the round is to leave
+    it."""
+    optimism = cfg.method.unstick
+    if optimism is None or not optimism.looks(context):
         return None
     policy = load_policy(approved(round.before))
     features, lengths = rollout_features(
@@ -79,18 +73,20 @@ def standstill_before(cfg: LoopCfg, round: Round) -> Standstill | None:
         episodes=_EPISODES,
         seed=seed_of(cfg, round.number, 12),
     )
-    return seen_standing(features, lengths)
+    return seen_standing(features, lengths, still=optimism.still)
 
 
-def seen_standing(features: Tensor, lengths: Tensor) -> Standstill | None:
-    """What rows [T, N, F] of episodes with `lengths` [N] show, if that is a robot far
-    slower than it is told."""
+def seen_standing(
+    features: Tensor, lengths: Tensor, *, still: float
+) -> Standstill | None:
+    """What rows [T, N, F] of episodes with `lengths` [N] show, if that is a robot whose
+    speed is below a share `still` of what it is told."""
     rows = features[torch.arange(len(features))[:, None] < lengths]
     speed, told = (
         float(rows[:, column(name)][:, :2].norm(dim=1).mean())
         for name in ("base_lin_vel_b", "command")
     )
-    if not speed < STILL * told:
+    if not speed < still * told:
         return None
     return Standstill(
         speed_m_s=speed, told_m_s=told, features=features, lengths=lengths

@@ -13,7 +13,7 @@ Shapes: T steps of a rollout, N environments, F feature columns.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from torch import Tensor
 
@@ -22,11 +22,8 @@ from policy.checkpoint import Policy
 from policy.env import QuadrupedEnv
 from policy.rollout import first_episodes
 
-SHARPNESS = 5.0
-"""A fifth beyond the limit, the style counts 1/e of what it does within it."""
-PRICE, FULL_PRICE_AT = 10.0, 0.2
-"""What an error of 1 m/s costs a second, and the excess over the limit from which on it
-costs as much."""
+from .method.tracking import TrackingPrice
+
 _EPISODES = 64
 
 
@@ -42,6 +39,8 @@ class TrackingLimit:
 
     error_m_s: float
     """Mean planar error of a rollout that is still fine, exploration noise included."""
+    price: TrackingPrice = field(default_factory=TrackingPrice)
+    """What more costs."""
 
     def excess(self, features: Tensor) -> float:
         """How far, as a share of the limit, the mean error of a rollout [T, N, F] is
@@ -55,7 +54,7 @@ class TrackingLimit:
 
     def share(self, features: Tensor) -> float:
         """Share of the style's reward left for a rollout [T, N, F], in (0, 1]."""
-        return math.exp(-SHARPNESS * self.excess(features))
+        return math.exp(-self.price.sharpness * self.excess(features))
 
     def cost(self, features: Tensor) -> Tensor:
         """What the errors of a rollout [T, N, F] cost, per second, [T, N].
@@ -64,17 +63,17 @@ class TrackingLimit:
         do, and walking on is worth what it was.
         """
         error = tracking_error(features)
-        price = PRICE * min(1.0, self.excess(features) / FULL_PRICE_AT)
-        return price * (error - error.mean())
+        due = min(1.0, self.excess(features) / self.price.full_price_at)
+        return self.price.price * due * (error - error.mean())
 
 
-def limit_beside(base: Policy, *, slack_m_s: float, seed: int) -> TrackingLimit:
-    """`slack_m_s` more than `base` errs without noise, at commands that change as they
-    do in training."""
+def limit_beside(base: Policy, price: TrackingPrice, *, seed: int) -> TrackingLimit:
+    """The limit for a style on top of `base`: some slack more than this errs without
+    noise, at commands that change as they do in training."""
     env = QuadrupedEnv(base.robot(), base.info.env, _EPISODES, seed=seed)
     total, steps = 0.0, 0.0
     for step in first_episodes(base, env):
         counts = step.alive & ~step.aborted
         total += float(tracking_error(step.features)[counts].sum())
         steps += float(counts.sum())
-    return TrackingLimit(error_m_s=total / steps + slack_m_s)
+    return TrackingLimit(error_m_s=total / steps + price.slack_m_s, price=price)

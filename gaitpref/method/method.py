@@ -1,0 +1,98 @@
+"""The two methods that ship: what the loop decides, from top to bottom.
+
+A decision is left out with `replace(STYLE, start=None)`, or another put in its place.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from policy.reward import KnownTermsCfg
+from rewardmodel.cfg import FitCfg, LinearCfg, SparseCfg
+
+from .acceptance import Compared
+from .budget import FrontLoaded, Shrinking
+from .clips import ClipSources
+from .context import RoundContext
+from .expectations import OnceItWalks
+from .exploration import Descending, PutBack
+from .paid import AgreedCurves, AsFitted, SurelyLiked
+from .questions import Questions
+from .start import BestLiked
+from .tracking import TrackingPrice
+from .unstick import Optimism
+
+
+@dataclass(frozen=True, kw_only=True)
+class Method:
+    """How a wish becomes a policy: a named decision for everything that is decided."""
+
+    clips: ClipSources
+    """What the questions can be about."""
+    budget: Shrinking | FrontLoaded
+    """How many answers a round asks for."""
+    questions: Questions = field(default_factory=Questions)
+    """Which pairs it asks about."""
+    reward: FitCfg
+    """What is fitted to the answers."""
+    once_it_walks: OnceItWalks | None = None
+    """What the last rewards expect besides; None: nothing."""
+    paid: AgreedCurves | SurelyLiked | AsFitted
+    """What of the reward a training is paid."""
+    weight: float
+    """Weight of that, which has unit standard deviation per second."""
+    safety: KnownTermsCfg = field(default_factory=KnownTermsCfg)
+    """Known terms it is added to, the robot's safety."""
+    start: BestLiked | None = None
+    """Where a training goes on from; None: from the newest policy."""
+    exploration: Descending | PutBack | None
+    """Its exploration noise; None: what the policy has."""
+    mirror: bool = True
+    """Whether every step counts as its mirror image too, where both sides of the robot
+    are the same and what is learned does not tell left from right: a leg that is held
+    up, as in no walk anybody wants, is a habit PPO does not unlearn."""
+    unstick: Optimism | None = None
+    """How a robot that stands still is got going; None: by nothing."""
+    accept: Compared | None
+    """Which policy stays; None: always the new one."""
+    tracking: TrackingPrice | None = None
+    """What following commands worse than the base costs; None: nothing, or there is no
+    base."""
+
+    def fit_of(self, context: RoundContext) -> FitCfg:
+        """What is fitted in the round of `context`."""
+        if self.once_it_walks is None:
+            return self.reward
+        return self.once_it_walks.expected(self.reward, context)
+
+
+FROM_SCRATCH = Method(
+    # Beside clips without noise, those with it teach that moving is bad.
+    clips=ClipSources(noisy_share=1.0, rhythm_share=0.3),
+    budget=FrontLoaded(first_share=0.48, most_first_share=0.75, first_least=30),
+    # Robots that tumble move their feet and joints whatever they do of what they are
+    # told; answers that err cannot tell the two apart.
+    reward=FitCfg(kind="linear", linear=LinearCfg(told_most=True)),
+    once_it_walks=OnceItWalks(),
+    paid=SurelyLiked(),
+    weight=1.0,
+    exploration=Descending(),
+    unstick=Optimism(),
+    accept=Compared(first=2),
+)
+"""A walk from nothing but answers and the known safety terms."""
+
+STYLE = Method(
+    clips=ClipSources(),
+    budget=Shrinking(),
+    # A wish about a walk that is there is about few things, and not about following
+    # commands, which the task pays for.
+    reward=FitCfg(kind="sparse", sparse=SparseCfg(told=False)),
+    paid=AgreedCurves(),
+    weight=3.0,
+    start=BestLiked(),
+    exploration=PutBack(),
+    accept=Compared(first=1, last_labels=5),
+    tracking=TrackingPrice(),
+)
+"""Another way of walking, on top of a policy that walks."""

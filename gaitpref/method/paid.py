@@ -1,0 +1,65 @@
+"""What of a learned reward a retraining is paid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from policy.reward_ppo import RewardFn
+from rewardmodel.caution import CautiousReward
+from rewardmodel.model import RewardModel
+from rewardmodel.rising import RisingReward
+
+from .context import RoundContext
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurelyLiked:
+    """Of a linear reward, what the answers are sure of, weight by weight."""
+
+    sure: float = 2.0
+    """Where answers do not err, from the second retraining on: deviations over the
+    ensemble that a weight must be above 0 to pay at all. The first needs a reward that
+    tells walking from standing; later ones must not pay for what chance made positive.
+    0 pays all."""
+    caution: float = 1.0
+    """Where answers err: deviations over the ensemble within which a habit is paid only
+    as was expected of it before any answer."""
+
+    def of(
+        self, model: RewardModel, context: RoundContext, *, judged: bool
+    ) -> RewardFn:
+        """The reward of the retraining of `context`; `judged`: somebody is asked about
+        what becomes of it."""
+        if context.noisy:
+            # What moves well takes more effort than what stands, and answers that err
+            # cannot tell the two apart.
+            return CautiousReward(model, self.caution, pays_effort=self.caution == 0.0)
+        sure = self.sure if context.number > 1 else 0.0
+        return CautiousReward(model, 0.0, sure=sure)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AgreedCurves:
+    """Of a sum of curves, what members agree on, and more beyond what was judged."""
+
+    beyond: float = 0.5
+    """Share of the judged range of a habit by which a curve that still rises at its end
+    goes on, wherever somebody is asked about what is found there."""
+
+    def of(
+        self, model: RewardModel, context: RoundContext, *, judged: bool
+    ) -> RewardFn:
+        """The reward of the retraining of `context`; `judged`: somebody is asked about
+        what becomes of it."""
+        return RisingReward(model, self.beyond) if self.beyond and judged else model
+
+
+@dataclass(frozen=True, kw_only=True)
+class AsFitted:
+    """The reward as it was fitted, for models of any kind."""
+
+    def of(
+        self, model: RewardModel, context: RoundContext, *, judged: bool
+    ) -> RewardFn:
+        """`model`, whatever the round."""
+        return model

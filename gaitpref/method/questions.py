@@ -1,0 +1,30 @@
+"""Which pairs of clips a round asks about."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rewardmodel.strategy_names import StrategyName
+
+
+@dataclass(frozen=True, kw_only=True)
+class Questions:
+    """Pairs in batches, each chosen where the answers so far leave doubt.
+
+    Within one batch, questions about the same doubt are as good as one.
+    """
+
+    strategy: StrategyName = "disagreement"
+    """How a pair is chosen."""
+    uniform_share: float = 0.2
+    """Share of the pairs chosen at random: they measure the reward."""
+    batch: int = 10
+    """Questions chosen at a time; a reward is fitted to all answers before the next."""
+
+    def __post_init__(self) -> None:
+        if self.batch < 1:
+            raise ValueError(f"batch must be at least 1, got {self.batch}")
+        if not 0.0 <= self.uniform_share <= 1.0:
+            raise ValueError(
+                f"uniform_share must lie in [0, 1], got {self.uniform_share}"
+            )
