@@ -8,15 +8,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from gaitpref.loop_cfg import LoopCfg
+from gaitpref.loop_cfg import LoopCfg, StepsCfg
+from gaitpref.method.budget import Shrinking
+from gaitpref.method.expectations import OnceItWalks
+from gaitpref.method.exploration import PutBack
+from gaitpref.method.method import Method
+from gaitpref.method.paid import AgreedCurves, AsFitted, SurelyLiked
 from gaitpref.options import Loop
 from gaitpref.presets import resolve
 from gaitpref.rater_cfg import RaterCfg
 from policy.config import getup_env
 from policy.ppo import PpoCfg
 from policy.record import RecordCfg
-from policy.variation import VariationCfg
 from rewardmodel.cfg import FitCfg
 
 TASKS = {
@@ -48,60 +53,71 @@ RATERS = {
     "stochastic30": RaterCfg(beta=1.0),
     "mistakes40": RaterCfg(mistakes=0.4),
 }
-METHODS: dict[str, Callable[[LoopCfg], LoopCfg]] = {
-    "default": lambda cfg: cfg,
-    "uniform": lambda cfg: replace(cfg, uniform_share=1.0),
+Change = Callable[[Method], Method]
+"""What is changed of a method."""
+
+METHODS: dict[str, Change] = {
+    "default": lambda method: method,
+    "uniform": lambda method: _asking(method, uniform_share=1.0),
     **{
-        name: lambda cfg, name=name: replace(cfg, strategy=name)
+        name: lambda method, name=name: _asking(method, strategy=name)
         for name in ("entropy", "bald", "kcenter", "medoids", "dpp")
     },
     **{
-        name: lambda cfg, name=name: replace(cfg, fit=replace(cfg.fit, kind=name))
+        name: lambda method, name=name: replace(
+            method,
+            reward=replace(method.reward, kind=name),
+            once_it_walks=None,
+            paid=AsFitted(),
+        )
         for name in ("linear", "sparse", "gp", "mlp", "auto")
     },
-    "sets": lambda cfg: replace(
-        cfg, fit=replace(cfg.fit, sparse=replace(cfg.fit.sparse, shared=True))
+    "plain-linear": lambda method: replace(
+        method,
+        reward=FitCfg(kind="linear", error_share=0.0, tie_threshold=0.0, adapt=False),
+        once_it_walks=None,
+        paid=AsFitted(),
     ),
-    "no-hurry": lambda cfg: replace(cfg, hurry=0.0),
-    "not-beyond": lambda cfg: replace(cfg, beyond=0.0),
-    "no-mirror": lambda cfg: replace(cfg, mirror=False),
-    "no-caution": lambda cfg: replace(cfg, caution=0.0),
-    "unjudged": lambda cfg: replace(cfg, approval_labels=0, last_labels=0),
-    "from-last": lambda cfg: replace(cfg, from_best=False),
-    "no-limit": lambda cfg: replace(cfg, tracking_slack_m_s=None),
-    "no-posture": lambda cfg: replace(
-        cfg, record=replace(cfg.record, variation=VariationCfg())
+    "not-beyond": lambda method: replace(method, paid=AgreedCurves(beyond=0.0)),
+    "not-sure": lambda method: replace(method, paid=SurelyLiked(sure=0.0)),
+    "no-caution": lambda method: replace(method, paid=SurelyLiked(caution=0.0)),
+    "no-hurry": lambda method: replace(method, once_it_walks=OnceItWalks(hurry=0.0)),
+    "no-quiet": lambda method: replace(
+        method, once_it_walks=OnceItWalks(quiet_logit=0.0)
     ),
-    "no-calm": lambda cfg: replace(cfg, calm_from=0.999),
-    "no-hope": lambda cfg: replace(cfg, optimism=0.0),
-    "no-rhythms": lambda cfg: replace(
-        cfg, record=replace(cfg.record, babble_share=0.0)
+    "lean": lambda method: replace(
+        method, once_it_walks=None, paid=SurelyLiked(sure=0.0)
     ),
-    "no-earlier": lambda cfg: replace(cfg, earlier_share=0.0),
-    "no-front": lambda cfg: replace(cfg, first_share=None, most_first_share=None),
-    "keep-noise": lambda cfg: replace(cfg, exploration=None),
-    "not-steady": lambda cfg: replace(
-        cfg, fit=replace(cfg.fit, linear=replace(cfg.fit.linear, unsteady_logit=0.0))
-    ),
-    "not-told": lambda cfg: replace(
-        cfg, fit=replace(cfg.fit, linear=replace(cfg.fit.linear, told_most=False))
-    ),
-    "lean": lambda cfg: replace(
-        cfg,
-        hurry=0.0,
-        quiet_logit=0.0,
-        sure=0.0,
-        fit=replace(cfg.fit, kind="linear"),
-    ),
-    "weight-1": lambda cfg: replace(cfg, learned_weight=1.0),
-    "weight-2": lambda cfg: replace(cfg, learned_weight=2.0),
-    "weight-4": lambda cfg: replace(cfg, learned_weight=4.0),
-    "plain-linear": lambda cfg: replace(
-        cfg,
-        fit=FitCfg(kind="linear", error_share=0.0, tie_threshold=0.0, adapt=False),
-    ),
+    "not-steady": lambda method: _expecting(method, unsteady_logit=0.0),
+    "not-told": lambda method: _expecting(method, told_most=False),
+    "from-last": lambda method: replace(method, start=None),
+    "no-calm": lambda method: replace(method, exploration=PutBack(calm_from=0.999)),
+    "keep-noise": lambda method: replace(method, exploration=None),
+    "no-limit": lambda method: replace(method, tracking=None),
+    "no-mirror": lambda method: replace(method, mirror=False),
+    "no-hope": lambda method: replace(method, unstick=None),
+    "unjudged": lambda method: replace(method, accept=None),
+    "no-posture": lambda method: _showing(method, posture_share=0.0),
+    "no-rhythms": lambda method: _showing(method, rhythm_share=0.0),
+    "no-earlier": lambda method: _showing(method, earlier_share=0.0),
+    "no-front": lambda method: replace(method, budget=Shrinking(most_first_share=0.0)),
+    "weight-1": lambda method: replace(method, weight=1.0),
 }
-"""What is changed of the loop's configuration."""
+"""The methods by name: the one that ships, and it with a decision left out or another
+in its place."""
+
+
+def _asking(method: Method, **changes: Any) -> Method:
+    return replace(method, questions=replace(method.questions, **changes))
+
+
+def _showing(method: Method, **changes: Any) -> Method:
+    return replace(method, clips=replace(method.clips, **changes))
+
+
+def _expecting(method: Method, **changes: Any) -> Method:
+    linear = replace(method.reward.linear, **changes)
+    return replace(method, reward=replace(method.reward, linear=linear))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,7 +226,7 @@ def loop_cfg(
     cfg = replace(resolve(options), simulated=RATERS[cell.rater])
     if cell.task == "get_up":
         cfg = replace(cfg, env=getup_env(cfg.env))
-    cfg = METHODS[cell.method](cfg)
+    cfg = replace(cfg, method=METHODS[cell.method](cfg.method))
     return tiny(cfg) if quick else cfg
 
 
@@ -220,8 +236,7 @@ def tiny(cfg: LoopCfg) -> LoopCfg:
         cfg,
         rounds=1,
         labels=12,
-        base_steps=1536,
-        last_round_steps=1536,
+        steps=StepsCfg(base=1536, round=1536, last=1536),
         evaluation_episodes=8,
         ppo=PpoCfg(num_envs=32, hidden_sizes=(16,)),
         record=RecordCfg(episodes=40, episode_s=2.0),
@@ -230,4 +245,4 @@ def tiny(cfg: LoopCfg) -> LoopCfg:
 
 def steps_of(cfg: LoopCfg) -> int:
     """Environment steps a loop trains for, without its base."""
-    return (cfg.rounds - 1) * cfg.round_steps + cfg.last_round_steps
+    return (cfg.rounds - 1) * cfg.steps.round + cfg.steps.last

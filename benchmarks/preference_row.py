@@ -22,7 +22,8 @@ from data.files import write_atomically
 from gaitpref.criteria import Criterion, SequenceCriterion, load_criterion
 from gaitpref.loop import run_configured
 from gaitpref.loop_cfg import LoopCfg
-from gaitpref.noise import put_back
+from gaitpref.method.context import RoundContext
+from gaitpref.method.exploration import PutBack
 from gaitpref.rewards import (
     TotalReward,
     criterion_context,
@@ -156,9 +157,9 @@ def walking_base(cell: Cell, places: Places) -> Path:
 
     def make(out: Path) -> None:
         setting = setting_of(None, places.robot)
-        ppo = in_mirror(cfg.ppo, setting.robot) if cfg.mirror else cfg.ppo
+        ppo = in_mirror(cfg.ppo, setting.robot) if cfg.method.mirror else cfg.ppo
         train_cfg = TrainCfg(
-            steps=cfg.base_steps, env=setting.env, ppo=ppo, seed=REFERENCE_SEED
+            steps=cfg.steps.base, env=setting.env, ppo=ppo, seed=REFERENCE_SEED
         )
         train(out, setting.robot, train_cfg, resume=True)
 
@@ -178,7 +179,7 @@ def _references(
     def make(out: Path) -> None:
         # A loop decides by its reward whether noise comes down; here whichever is
         # better is compared with.
-        ways = (False,) if cfg.calm_std is None else (False, True)
+        ways = (False,) if base is None else (False, True)
         places_of = {calm: out / ("calm" if calm else "noisy") for calm in ways}
         for calm, place in places_of.items():
             _train_on_criterion(place, cfg, base, calm=calm)
@@ -203,19 +204,22 @@ def _train_on_criterion(
 ) -> None:
     xml = None if cfg.robot is None else Path(cfg.robot)
     setting = setting_of(base, xml)
-    ppo = in_mirror(cfg.ppo, setting.robot) if cfg.mirror else cfg.ppo
+    ppo = in_mirror(cfg.ppo, setting.robot) if cfg.method.mirror else cfg.ppo
     reward_fn = None
     if base is not None:
         ppo, reward_fn = _beside_the_task(cfg, base, ppo)
     elif cfg.criterion != "task":
         context = criterion_context(setting.robot, cfg.env)
         score = score_of_criterion(load_criterion(cfg.criterion, context))
-        reward_fn = total_reward(score, setting.robot, cfg.env, known=cfg.known)
+        reward_fn = total_reward(score, setting.robot, cfg.env, known=cfg.method.safety)
     train_cfg = TrainCfg(steps=steps_of(cfg), env=cfg.env, ppo=ppo, seed=REFERENCE_SEED)
     if base is not None:
-        train_cfg = put_back(cfg, train_cfg, load_policy(base), std=cfg.noise_back)
-    if calm:
-        train_cfg = replace(train_cfg, final_std=cfg.calm_std, calm_from=cfg.calm_from)
+        noise = PutBack().noise(
+            RoundContext(number=1, rounds=cfg.rounds, labels=cfg.labels),
+            policy_std=float(load_policy(base).std.mean()),
+            pays_for_rate=calm,
+        )
+        train_cfg = noise.put_into(train_cfg)
     train(
         out,
         setting.robot,
@@ -236,19 +240,19 @@ def _beside_the_task(
     rows, lengths = rollout_features(
         policy, setting.robot, setting.env, episodes=EPISODES, seed=REFERENCE_SEED
     )
-    score, slack = _score(cfg, policy), cfg.tracking_slack_m_s
-    if cfg.mirror:
+    score, tracking = _score(cfg, policy), cfg.method.tracking
+    if cfg.method.mirror:
         ppo = in_mirror(cfg.ppo, setting.robot, score, rows)
     return ppo, total_reward(
         _standardised(score, rows, lengths),
         setting.robot,
         setting.env,
-        known=cfg.known,
-        weight=cfg.learned_weight,
+        known=cfg.method.safety,
+        weight=cfg.method.weight,
         keep_task=True,
         tracking_limit=None
-        if slack is None
-        else limit_beside(policy, slack_m_s=slack, seed=REFERENCE_SEED),
+        if tracking is None
+        else limit_beside(policy, tracking, seed=REFERENCE_SEED),
     )
 
 

@@ -16,85 +16,57 @@ Where they hardly err, a linear reward may charge in full and pay only what is s
 liked. What is charged ends at nothing; of what is paid a policy can have more than any
 clip showed, and it finds those weights that chance made positive.
 
-Of a sum of few curves each is paid by the share of members that have it
-(`SparseScorer.agreed`), and those in full: members differ most about what the wanted
-habit is worth where it is strongest. Of a high step the doubt was twice the pay, and
-training lost the step.
-
 Shapes: M ensemble members, T steps, N sequences, F features, D descriptors.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
 
 import torch
 from torch import Tensor
 
 from .descriptors import EFFORT, named
-from .evidence import FEW_ERRORS, takes_to_err
 from .linear import LinearScorer
 from .model import RewardModel
-from .sparse import SparseScorer
-
-MANY_ERRORS = 0.2
-"""Share of random answers from which on a reward is as careful as it may be; it begins
-to be so at `FEW_ERRORS`."""
-
-
-def answers_err(model: RewardModel) -> bool:
-    """Whether more answers were random than can be overlooked, as the fit found."""
-    return takes_to_err(model.provenance.cfg)
 
 
 @dataclass(frozen=True, eq=False)
 class CautiousReward:
-    """A reward function: what `model` pays, careful where its ensemble disagrees."""
+    """A reward function: what a linear `model` pays, careful where its ensemble
+    disagrees."""
 
     model: RewardModel
-    caution: float
-    """Standard deviations of the ensemble taken off: of every weight of a linear
-    reward, of every step's reward of another."""
+    caution: float = 0.0
+    """Standard deviations of the ensemble by which every weight is doubted."""
     pays_effort: bool = True
-    """Whether a linear reward may pay for effort."""
+    """Whether effort may be paid for."""
     sure: float = 0.0
-    """Standard deviations of the ensemble that a weight of a linear reward must be
-    above 0 to pay at all."""
+    """Standard deviations of the ensemble that a weight must be above 0 to pay at
+    all."""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.model.scorer, LinearScorer):
+            raise TypeError(
+                "only a linear reward is paid weight by weight, this one is of kind "
+                f"{self.model.provenance.cfg.kind}"
+            )
 
     @property
     def history_steps(self) -> int:
         """Steps before a step that matter to its reward."""
         return self.model.history_steps
 
-    @classmethod
-    def suited(cls, model: RewardModel, most: float, *, sure: float = 0.0) -> Self:
-        """Caution by how often answers err, as the fit of `model` found: none where up
-        to `FEW_ERRORS` are random, `most` from `MANY_ERRORS` on. None of a sparse
-        reward. A linear one pays only what is `sure` where there is none.
-        """
-        if isinstance(model.scorer, SparseScorer):
-            return cls(model, 0.0)
-        if isinstance(model.scorer, LinearScorer) and not answers_err(model):
-            return cls(model, 0.0, sure=sure)
-        share = model.provenance.cfg.error_share
-        doubt = (share - FEW_ERRORS) / (MANY_ERRORS - FEW_ERRORS)
-        careful = most * min(1.0, max(0.0, doubt))
-        return cls(model, careful, pays_effort=careful == 0.0)
-
     def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
         """Reward [T, N] for rows [T, N, F], in units of the model's."""
-        scorer = self.model.scorer
         if self.caution == 0.0 and self.pays_effort and self.sure == 0.0:
             return self.model(features, starts)
-        if isinstance(scorer, LinearScorer):
-            paid = self.model.standardised(features) @ self._weights(scorer)
-        else:
-            members = self.model.members(features, starts)
-            paid = members.mean(dim=0) - self.caution * members.std(dim=0)
+        paid = self.model.standardised(features) @ self._weights()
         return self.model.centred(paid)
 
-    def _weights(self, scorer: LinearScorer) -> Tensor:
+    def _weights(self) -> Tensor:
+        scorer = self.model.scorer
+        assert isinstance(scorer, LinearScorer)
         weights = careful_weights(scorer, self.caution)
         if self.sure:
             weights = surely_paid(weights, self.sure * scorer.weights.std(dim=0))

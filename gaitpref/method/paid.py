@@ -35,7 +35,7 @@ class SurelyLiked:
             # cannot tell the two apart.
             return CautiousReward(model, self.caution, pays_effort=self.caution == 0.0)
         sure = self.sure if context.number > 1 else 0.0
-        return CautiousReward(model, 0.0, sure=sure)
+        return CautiousReward(model, sure=sure)
 
 
 @dataclass(frozen=True, kw_only=True)
