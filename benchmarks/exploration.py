@@ -22,8 +22,8 @@ from torch import Tensor
 from policy.config import EnvCfg
 from policy.exploration import ExplorationBonusCfg, base_motion
 from policy.kl_penalty import KlPenaltyCfg
+from policy.known_terms import KnownTermsCfg, known_terms
 from policy.ppo import IterationStats, PpoCfg
-from policy.reward import KnownTermsCfg, known_terms
 from policy.robot import load_robot
 from policy.train import TrainCfg, train
 

@@ -19,6 +19,7 @@ import torch
 from torch import Tensor
 
 from data.files import write_atomically
+from gaitpref.by_method import with_noise
 from gaitpref.criteria import Criterion, SequenceCriterion, load_criterion
 from gaitpref.loop import run_configured
 from gaitpref.loop_cfg import LoopCfg
@@ -219,7 +220,7 @@ def _train_on_criterion(
             policy_std=float(load_policy(base).std.mean()),
             pays_for_rate=calm,
         )
-        train_cfg = noise.put_into(train_cfg)
+        train_cfg = with_noise(train_cfg, noise)
     train(
         out,
         setting.robot,

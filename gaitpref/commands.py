@@ -19,9 +19,10 @@ from policy.curriculum import CurriculumCfg
 from policy.evaluate import evaluate
 from policy.exploration import ExplorationBonusCfg
 from policy.kl_penalty import KlPenaltyCfg
+from policy.known_terms import KnownTermsCfg
 from policy.ppo import PpoCfg
 from policy.record import LONGEST_S, RecordCfg, record
-from policy.reward import KnownTermsCfg, task_reward_for
+from policy.reward import task_reward_for
 from policy.robot import load_robot_xml
 from policy.train import POLICY_NAME, RESUME_NAME, TrainCfg, train
 from policy.variation import VariationCfg

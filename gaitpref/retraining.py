@@ -20,13 +20,12 @@ from policy.robot import Robot
 from policy.train import POLICY_NAME, SUMMARY_NAME, TrainCfg, train
 from rewardmodel.storage import load_reward
 
+from .by_method import Retraining
 from .going_on import choose_start
 from .loop_cfg import LoopCfg
 from .method.context import RoundContext
-from .method.exploration import pays_for_rate
 from .people import People
 from .progress import console, training_bar
-from .rewards import total_reward
 from .rounds import (
     STANDSTILL_NAME,
     Round,
@@ -38,7 +37,6 @@ from .rounds import (
 from .side_by_side import labels_kept
 from .sides import in_mirror
 from .standstill import Standstill, standstill_before
-from .tracking_limit import TrackingLimit, limit_beside
 from .watch import deserves_training, why_not_trained
 
 _EPISODES_LOOKED_AT = 32
@@ -166,35 +164,27 @@ def _plan(
         return _Plan(cfg=train_cfg)
     model = load_reward(round.before.reward)
     choose_start(cfg, round, model)
-    if method.mirror:
-        seen = rows_of_round(round.before, dataset)
-        train_cfg = replace(train_cfg, ppo=in_mirror(cfg.ppo, robot, model, seen))
+    init = began_from(round)
+    retraining = Retraining(
+        method=method,
+        context=context,
+        robot=robot,
+        model=model,
+        seen=rows_of_round(round.before, dataset),
+        start=load_policy(init),
+        base=load_policy(Round(round.run, 0).policy) if cfg.keeps_task else None,
+        # The same in all rounds, so that they cannot each add to the last one's error.
+        limit_seed=seed_of(cfg, 0, 9),
+    )
     standstill = standstill_before(cfg, round, context)
     if standstill and method.unstick:
         learned = standstill.reward(model, method.unstick)
     else:
         judged = not context.is_last or labels_kept(method, context) > 0
         learned = method.paid.of(model, context, judged=judged)
-    reward_fn = total_reward(
-        learned,
-        robot,
-        cfg.env,
-        known=method.safety,
-        weight=method.weight,
-        keep_task=cfg.keeps_task,
-        tracking_limit=_tracking_limit(cfg, round),
-    )
-    init = began_from(round)
-    if method.exploration:
-        noise = method.exploration.noise(
-            context,
-            policy_std=float(load_policy(init).std.mean()),
-            pays_for_rate=pays_for_rate(model),
-        )
-        train_cfg = noise.put_into(train_cfg)
     return _Plan(
-        cfg=train_cfg,
-        reward_fn=reward_fn,
+        cfg=retraining.trained(train_cfg),
+        reward_fn=retraining.reward(learned, train_cfg),
         reward_name=f"the reward learned in round {round.number - 1}",
         init=init,
         standstill=standstill,
@@ -209,14 +199,6 @@ def rows_of_round(round: Round, dataset: Dataset) -> Tensor:
     rows = [torch.tensor(dataset.features(name)) for name in some]
     shortest = min(len(each) for each in rows)
     return torch.stack([each[:shortest] for each in rows], dim=1)
-
-
-def _tracking_limit(cfg: LoopCfg, round: Round) -> TrackingLimit | None:
-    """The same in all rounds, so that they cannot each add to the last one's error."""
-    if cfg.method.tracking is None:
-        return None
-    base = load_policy(Round(round.run, 0).policy)
-    return limit_beside(base, cfg.method.tracking, seed=seed_of(cfg, 0, 9))
 
 
 def planned_steps(cfg: LoopCfg, round: Round) -> int:

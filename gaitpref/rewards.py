@@ -14,11 +14,10 @@ from torch import Tensor
 
 from data.features import column
 from policy.config import EnvCfg
+from policy.known_terms import KnownTermsCfg, known_terms
 from policy.ppo import ScoreFn, history_of
 from policy.reward import (
-    KnownTermsCfg,
     TaskRewardCfg,
-    known_terms,
     known_terms_for,
     task_reward_for,
     task_score,

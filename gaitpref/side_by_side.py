@@ -26,6 +26,7 @@ from rewardmodel.acquisition import asked_for, in_step
 from rewardmodel.evidence import ERROR_SHARES
 from rewardmodel.storage import load_reward
 
+from .by_method import recorded_by
 from .loop_cfg import LoopCfg
 from .method.acceptance import Verdict
 from .method.clips import ClipSources
@@ -83,7 +84,7 @@ def show_stage(
         return
     people.tell(f"{place_of(cfg, round)}: showing the new policy beside the last")
     alike = ClipSources(noisy_share=0.0, posture_share=0.0)
-    plain = alike.recorded(replace(cfg.record, episodes=_EPISODES))
+    plain = recorded_by(alike, replace(cfg.record, episodes=_EPISODES))
     entries = dataset.add_episodes(
         episode
         for policy in policies

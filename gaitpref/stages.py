@@ -23,6 +23,7 @@ from rewardmodel.fit import fit_reward, no_reward
 from rewardmodel.pairs import load_pairs
 from rewardmodel.storage import load_reward, save_reward
 
+from .by_method import recorded_by
 from .criteria import Criterion
 from .findings import findings_of_run
 from .fit_summary import fit_summary
@@ -47,7 +48,7 @@ def record_stage(cfg: LoopCfg, round: Round, dataset: Dataset, people: People) -
         def counted() -> Any:
             for episode in record(
                 round.policy,
-                cfg.method.clips.recorded(cfg.record),
+                recorded_by(cfg.method.clips, cfg.record),
                 seed=seed,
                 round=round.number,
             ):

@@ -11,8 +11,9 @@ import torch
 from torch import Tensor
 
 from policy.config import EnvCfg
+from policy.known_terms import KnownTermsCfg
 from policy.ppo import ScoreFn, history_of
-from policy.reward import KnownTermsCfg, task_reward_for, task_score
+from policy.reward import task_reward_for, task_score
 from policy.robot import Robot
 
 from .rewards import criterion_context, load_score, total_reward

@@ -23,8 +23,8 @@ from gaitpref.tracking_limit import (
 )
 from policy.checkpoint import load_policy
 from policy.config import EnvCfg
+from policy.known_terms import KnownTermsCfg
 from policy.ppo import PpoCfg
-from policy.reward import KnownTermsCfg
 from policy.robot import load_robot
 from policy.train import TrainCfg, train
 from rewardmodel import FitCfg, fit_reward

@@ -18,7 +18,8 @@ from gaitpref.criteria import (
 from gaitpref.judging import better
 from gaitpref.rewards import score_of_criterion, total_reward
 from policy.config import EnvCfg
-from policy.reward import KnownTermsCfg, TaskRewardCfg
+from policy.known_terms import KnownTermsCfg
+from policy.reward import TaskRewardCfg
 from policy.robot import load_robot
 
 CONTEXT = CriterionContext(task=TaskRewardCfg(height_m=0.28), control_dt_s=0.02)

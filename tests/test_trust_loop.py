@@ -27,9 +27,9 @@ from policy.checkpoint import holding_home, load_policy
 from policy.config import EnvCfg
 from policy.evaluate import evaluate
 from policy.features import OBS_DIM
+from policy.known_terms import KnownTermsCfg
 from policy.ppo import IterationStats, PpoCfg
 from policy.record import RecordCfg, record
-from policy.reward import KnownTermsCfg
 from policy.robot import load_robot
 from policy.train import TrainCfg, train
 from rewardmodel import AnsweredPairs, FitCfg, RewardModel, fit_reward, load_pairs

@@ -16,8 +16,8 @@ from gaitpref import cli, commands, fit_command
 from gaitpref.rewards import total_reward
 from gaitpref.step_reward import StepReward
 from policy.config import EnvCfg
+from policy.known_terms import KnownTermsCfg
 from policy.ppo import PpoCfg
-from policy.reward import KnownTermsCfg
 from policy.robot import load_robot
 from policy.train import TrainCfg, train
 from rewardmodel import FitCfg, RewardError, fit_reward, load_reward, save_reward

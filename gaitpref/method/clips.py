@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
-from policy.record import RecordCfg
-from policy.variation import VariationCfg
+from dataclasses import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,12 +21,3 @@ class ClipSources:
     """Share of a policy's episodes in another posture, or with larger steps."""
     earlier_share: float = 0.5
     """Episodes of earlier rounds' policies that are asked about, for every new one."""
-
-    def recorded(self, record: RecordCfg) -> RecordCfg:
-        """`record` with these shares in it."""
-        return replace(
-            record,
-            noisy_share=self.noisy_share,
-            babble_share=self.rhythm_share,
-            variation=VariationCfg(share=self.posture_share),
-        )

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from policy.train import TrainCfg
 from rewardmodel.model import RewardModel
 from rewardmodel.sparse import SparseScorer
 
@@ -32,15 +31,6 @@ class Noise:
     """The most at its end; None: what it comes to."""
     calm_from: float = 0.0
     """Share of the training after which it comes down to that."""
-
-    def put_into(self, cfg: TrainCfg) -> TrainCfg:
-        """`cfg` with this noise."""
-        return replace(
-            cfg,
-            exploration_std=self.start_std,
-            final_std=self.final_std,
-            calm_from=self.calm_from,
-        )
 
 
 @dataclass(frozen=True, kw_only=True)

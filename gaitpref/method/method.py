@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from policy.reward import KnownTermsCfg
+from policy.known_terms import KnownTermsCfg
 from rewardmodel.cfg import FitCfg, LinearCfg, SparseCfg
 
 from .acceptance import Compared

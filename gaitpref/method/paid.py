@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from policy.reward_ppo import RewardFn
 from rewardmodel.caution import CautiousReward
 from rewardmodel.model import RewardModel
 from rewardmodel.rising import RisingReward
 
 from .context import RoundContext
+
+if TYPE_CHECKING:
+    # A reward can be fitted where nothing is trained.
+    from policy.reward_ppo import RewardFn
 
 
 @dataclass(frozen=True, kw_only=True)
