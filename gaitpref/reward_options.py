@@ -35,7 +35,6 @@ class Pairs:
             "kcenter-entropy",
             "medoids",
             "dpp",
-            "again",
         ]
         | None
     ) = None
@@ -43,12 +42,10 @@ class Pairs:
     would tell most about the reward (bald), or where the better clip may beat the best
     known (improvement); the pairs farthest apart (of all, or of those whose answer is
     open), those that stand for most others, or a determinantal batch that is both
-    unsure and various; or what was answered already and looks most wrong to a reward
-    fitted to the other answers, sides swapped (again). disagreement where --reward is
-    given, else uniform."""
+    unsure and various. disagreement where --reward is given, else uniform."""
     reward: Path | None = None
-    """Learned reward whose ensemble is asked; disagreement, entropy, bald, improvement,
-    kcenter-entropy and again need it, kcenter and dpp take it into account."""
+    """Learned reward whose ensemble is asked; disagreement, entropy, bald, improvement
+    and kcenter-entropy need it, kcenter and dpp take it into account."""
     answers: str | None = None
     """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
     file by default."""

@@ -22,5 +22,5 @@ StrategyName = Literal[
 NEEDS_MODEL = ("disagreement", "entropy", "bald", "improvement", "kcenter-entropy")
 """Names of strategies that ask an ensemble, and of it the hardest questions; kcenter
 and dpp use one where there is one."""
-AGAIN = "again"
-"""Of pairs that were answered and are asked once more, as the answers look wrong."""
+ASKED_AGAIN = "again"
+"""Of pairs that earlier versions asked once more, as the answers looked wrong."""

@@ -7,7 +7,6 @@ from typing import get_args
 from rewardmodel.clips import ClipRows
 from rewardmodel.errors import RewardError
 from rewardmodel.model import RewardModel
-from rewardmodel.strategy_names import AGAIN as AGAIN
 from rewardmodel.strategy_names import NEEDS_MODEL as NEEDS_MODEL
 from rewardmodel.strategy_names import StrategyName as StrategyName
 
