@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Literal
+from typing import ClassVar, Literal
 
 from data.errors import GaitprefError
 from data.plain import ADDED_LATER
@@ -53,6 +53,9 @@ class ExplorationCfg:
 @dataclass(frozen=True, kw_only=True)
 class LoopCfg:
     """Everything that decides how a run goes, resolved before it starts."""
+
+    REMOVED: ClassVar = ("far_limit",)
+    """Settings that older files have: of when a training ended before its steps did."""
 
     rounds: int
     """Times questions are asked and the policy is retrained."""
@@ -133,11 +136,6 @@ class LoopCfg:
     calm_from: float = field(default=0.85, metadata=ADDED_LATER)
     """Share of a training after which it comes down to that: the less noise, the slower
     is learned."""
-    far_limit: float | None = None
-    """Share of a policy's motion that is far from every judged clip, or paid more than
-    any of them, at which a round's training ends early and asks, if much of the reward
-    is for what no clip shows (`rewardmodel.trust.EXTRAPOLATED`); the steps left are
-    added to the next round. The last round only reports. None never ends a round."""
     clips: ClipCfg = field(default_factory=ClipCfg)
     """How episodes are cut into clips."""
     first_share: float | None = field(default=None, metadata=ADDED_LATER)

@@ -42,7 +42,7 @@ from .side_by_side import labels_kept
 from .sides import in_mirror
 from .standstill import Standstill, standstill_before
 from .tracking_limit import TrackingLimit, limit_beside
-from .watch import WatchedReward, deserves_training, watched, why_not_trained
+from .watch import deserves_training, why_not_trained
 
 _EPISODES_LOOKED_AT = 32
 """Of a round, to see whether a reward tells left from right."""
@@ -79,13 +79,6 @@ def policy_stage(
     _train(cfg, round, robot, plan, people, out=partial)
     if plan.standstill:
         plan.standstill.save(partial)
-    if plan.watch:
-        plan.watch.save(partial)
-        if plan.watch.alarm:
-            told = f"round {round.number}: {plan.watch.alarm}"
-            asks = round.number < cfg.rounds
-            before = ", so it asks before it trains on" if asks else ""
-            console.alarm(f"{told}{before}")
     judged = round.number == cfg.rounds and labels_kept(cfg, round, dataset)
     replace_directory(partial, round.candidate if judged else round.policy.parent)
 
@@ -98,22 +91,21 @@ def _train(
     Raises:
         Interrupted: the user ended it before it was done.
     """
-    place, asks = place_of(cfg, round), round.number < cfg.rounds
+    place = place_of(cfg, round)
     with training_bar(f"round {round.number}: training", plan.cfg.steps) as bar:
 
-        def after(stats: IterationStats) -> bool:
+        def after(stats: IterationStats) -> None:
             bar(stats)
             # The last iteration may end beyond the steps that were asked for.
             done = min(stats.steps / max(plan.cfg.steps, 1), 1.0)
             people.tell(f"{place}: training", done)
-            return asks and bool(plan.watch and plan.watch.alarm)
 
         people.tell(f"{place}: training", 0.0)
         result = train(
             out,
             robot,
             plan.cfg,
-            reward_fn=plan.watch or plan.reward_fn,
+            reward_fn=plan.reward_fn,
             reward_name=plan.reward_name,
             init=plan.init,
             resume=True,
@@ -152,7 +144,6 @@ class _Plan:
     reward_fn: ScoreFn | None = None
     reward_name: str = "task"
     init: Path | None = None
-    watch: WatchedReward | None = None
     standstill: Standstill | None = None
     """What it is to leave."""
 
@@ -197,7 +188,6 @@ def _plan(cfg: LoopCfg, round: Round, robot: Robot, dataset: Dataset) -> _Plan:
         reward_fn=reward_fn,
         reward_name=f"the reward learned in round {round.number - 1}",
         init=init,
-        watch=watched(cfg, round, dataset, reward_fn),
         standstill=standstill,
     )
 

@@ -91,19 +91,6 @@ class OfRollout(Protocol):
         ...
 
 
-@runtime_checkable
-class Remembering(Protocol):
-    """A reward that keeps something over a rollout, and over a resume with it."""
-
-    def remembered(self) -> dict[str, Any]:
-        """Plain values."""
-        ...
-
-    def recall(self, state: dict[str, Any]) -> None:
-        """Go on from them."""
-        ...
-
-
 class RewardPpo(PPO):
     """PPO that scores a whole rollout at once with a `RewardFn`, once it is collected.
 
@@ -196,8 +183,6 @@ class RewardPpo(PPO):
         """Networks and optimiser, what penalty and bonus have learned, and the steps a
         reward looks back at."""
         saved = super().save()
-        if isinstance(self.reward_fn, Remembering):
-            saved["reward"] = self.reward_fn.remembered()
         if self._before is not None:
             saved["before"] = list(self._before)
         if self.bonus is not None:
@@ -214,8 +199,6 @@ class RewardPpo(PPO):
             if "before" in loaded_dict:
                 features, starts = loaded_dict["before"]
                 self._before = features.to(self.device), starts.to(self.device)
-            if isinstance(self.reward_fn, Remembering) and "reward" in loaded_dict:
-                self.reward_fn.recall(loaded_dict["reward"])
             if self.bonus is not None:
                 self.bonus.load_state_dict(loaded_dict["bonus_state_dict"])
             if self.penalty is not None:
