@@ -34,7 +34,7 @@ from gaitpref.rounds import Round
 from gaitpref.stages import fit_stage, record_stage
 from policy.checkpoint import Policy, load_policy
 from policy.evaluate import evaluate_actor
-from policy.exploration import ExplorationBonusCfg
+from policy.extensions.exploration import ExplorationBonusCfg
 from policy.robot import Robot
 from policy.rollout import hold_home
 from policy.train import TrainCfg, train

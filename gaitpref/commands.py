@@ -17,8 +17,8 @@ from policy.checkpoint import PolicyError, load_policy
 from policy.config import RANDOMISE, EnvCfg, getup_env
 from policy.curriculum import CurriculumCfg
 from policy.evaluate import evaluate
-from policy.exploration import ExplorationBonusCfg
-from policy.kl_penalty import KlPenaltyCfg
+from policy.extensions.exploration import ExplorationBonusCfg
+from policy.extensions.kl_penalty import KlPenaltyCfg
 from policy.ppo import PpoCfg
 from policy.record import LONGEST_S, RecordCfg, record
 from policy.reward import KnownTermsCfg, task_reward_for
@@ -98,8 +98,16 @@ def _train_alone(command: options.Train) -> int:
         ppo=PpoCfg(
             num_envs=command.envs,
             hidden_sizes=setting.hidden_sizes,
-            bonus=ExplorationBonusCfg(kind=command.exploration),
-            kl_penalty=KlPenaltyCfg(kind=command.kl_penalty),
+            bonus=(
+                None
+                if command.exploration == "none"
+                else ExplorationBonusCfg(kind=command.exploration)
+            ),
+            kl_penalty=(
+                None
+                if command.kl_penalty == "none"
+                else KlPenaltyCfg(kind=command.kl_penalty)
+            ),
             mirror=command.mirror,
             privileged_critic=command.randomize != "off",
         ),

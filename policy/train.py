@@ -32,6 +32,7 @@ from .identity import content_of, differences
 from .ppo import IterationStats, PpoCfg, Runner, ScoreFn
 from .randomise import make_env
 from .robot import Robot
+from .written import as_written
 
 RESUME_NAME = "resume.pt"
 POLICY_NAME = "policy.pt"
@@ -195,7 +196,6 @@ class _Session:
             reference = Runner(self.runner.env, self.cfg.ppo).alg.get_policy()
         reference.load_state_dict(torch.load(buffer, weights_only=True))
         self.runner.alg.reference = reference.eval()
-        self.runner.alg.reference_kl_weight = self.cfg.ppo.reference_kl_weight
 
     def start_fresh(self) -> None:
         """Prepare the first iteration."""
@@ -294,6 +294,7 @@ class _Session:
         settings = to_plain(self.cfg, whole=True)
         for free in ("steps", "checkpoints", "save_every"):
             del settings[free]
+        settings["ppo"] = as_written(settings["ppo"])
         told = {
             **settings,
             "robot": self.robot.model_sha256,
