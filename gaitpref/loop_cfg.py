@@ -8,11 +8,11 @@ from typing import ClassVar, Literal
 
 from data.errors import GaitprefError
 from data.plain import ADDED_LATER
+from data.strategy_names import StrategyName
 from policy.config import EnvCfg
 from policy.ppo import PpoCfg
 from policy.record import RecordCfg
 from policy.reward import KnownTermsCfg
-from rewardmodel.acquisition import StrategyName
 from rewardmodel.cfg import FitCfg
 from rewardmodel.pairs import MIN_ANSWERS
 

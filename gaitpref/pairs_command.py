@@ -13,9 +13,9 @@ import torch
 from data.answers import Pair
 from data.dataset import Dataset
 from data.gone import pairs_gone
-from rewardmodel.acquisition import make_strategy
 from rewardmodel.model import RewardModel
 from rewardmodel.storage import load_reward
+from rewardmodel.strategies import make_strategy
 
 from . import options
 from .opening import open_dataset

@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 
 import tyro
 
+from data.strategy_names import StrategyName
+
 from .bounds import Count, CountOrZero, Seed
 
 
@@ -24,20 +26,7 @@ class Pairs:
     one falls. Fewer where not so many fell."""
     clip_s: float = 1.2
     """Length of a clip; 5 to 20 to ask about a whole manoeuvre."""
-    strategy: (
-        Literal[
-            "uniform",
-            "disagreement",
-            "entropy",
-            "bald",
-            "improvement",
-            "kcenter",
-            "kcenter-entropy",
-            "medoids",
-            "dpp",
-        ]
-        | None
-    ) = None
+    strategy: StrategyName | None = None
     """At random; where the ensemble disagrees, where the answer is most open, where it
     would tell most about the reward (bald), or where the better clip may beat the best
     known (improvement); the pairs farthest apart (of all, or of those whose answer is

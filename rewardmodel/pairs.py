@@ -18,10 +18,10 @@ from data.answers import Pair
 from data.clips import Clip
 from data.dataset import Dataset
 from data.habits import Sides
+from data.strategy_names import ASKED_AGAIN, NEEDS_MODEL
 
 from .clips import ClipBatch, fill_clips, with_past
 from .errors import RewardError
-from .strategy_names import ASKED_AGAIN, NEEDS_MODEL
 from .used import UsedAnswers, answers_used, count_preferences
 from .used import count_evidence as count_evidence
 

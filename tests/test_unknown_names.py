@@ -21,9 +21,9 @@ from policy.reward import KnownTermsCfg
 from policy.robot import load_robot
 from policy.train import TrainCfg, train
 from rewardmodel import FitCfg, RewardError, fit_reward, load_reward, save_reward
-from rewardmodel.acquisition import make_strategy
 from rewardmodel.cfg import sight_of
 from rewardmodel.ensemble import fit_ensemble
+from rewardmodel.strategies import make_strategy
 from rewardmodel.training import training_pairs
 
 from .test_rewardmodel_fit import answered

@@ -1,8 +1,4 @@
-"""What the ways to choose a pair are called; a pair keeps the name of its own.
-
-Nothing is imported here: pairs are told apart by these names, and strategies are made
-of what is fitted to pairs.
-"""
+"""What the ways to choose a pair are called; a pair keeps the name of its own."""
 
 from __future__ import annotations
 
