@@ -6,8 +6,6 @@ import json
 import sys
 from dataclasses import asdict, replace
 
-import torch
-
 from data.dataset import Dataset
 from data.episode_chunks import Compression
 from data.errors import DatasetError, GaitprefError
@@ -36,15 +34,11 @@ from .rater_cfg import rater_cfg
 from .report import write_report
 from .rewards import criterion_context, load_score, total_reward
 from .setting import setting_of
-
-EXIT_INTERRUPTED = 130
+from .terminal import EXIT_INTERRUPTED
 
 
 def run(command: options.Command) -> int:
     """Run the command; gives the exit code."""
-    # The networks are small: a second thread wins little, loses a lot where another
-    # process wants the core, and would let results depend on the number of cores.
-    torch.set_num_threads(1)
     match command:
         case options.Loop():
             page = run_loop(command)

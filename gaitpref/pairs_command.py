@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import torch
 
 from data.answers import Pair
 from data.dataset import Dataset
@@ -25,7 +24,6 @@ from .questions import ClipCfg, ask, with_known_answer
 
 def run(command: options.Pairs) -> int:
     """Run the command; gives the exit code."""
-    torch.set_num_threads(1)
     dataset = open_dataset(command)
     model = None if command.reward is None else load_reward(command.reward)
     cut, rng = ClipCfg.of(command.clip_s), np.random.default_rng(command.seed)

@@ -156,6 +156,18 @@ sys.exit(main(["fit", "--dataset", "d", "--out", "o"]))
     assert "pip install" not in done.stderr
 
 
+def test_commands_compute_with_one_thread(tmp_path: Path) -> None:
+    """However many there are, so that results do not depend on the machine."""
+    done = run_with(f"""
+import torch
+from gaitpref.cli import main
+torch.set_num_threads(3)
+main(["trust", "--dataset", {str(tmp_path)!r}, "--reward", {str(tmp_path)!r}])
+print(torch.get_num_threads())
+""")
+    assert done.stdout.strip() == "1", done.stderr
+
+
 def test_any_module_of_the_reward_model_can_be_imported_first() -> None:
     """None leans on the order in which the package happens to import the others."""
     done = run_with(f"""
