@@ -21,6 +21,8 @@ ADDED_LATER = {"added_later": True}
 """Metadata of a field that older files lack: its default is not written, so that what
 does not use it is the same file to the last byte, name and hash."""
 
+KIND_NONE = {"kind_none": True}
+"""Metadata of a field whose None was settings of the kind `none` in older files."""
 
 _IN_WORDS = {
     int: "a whole number",
@@ -62,16 +64,26 @@ def from_plain(cls: type[T], values: Mapping[str, Any]) -> T:
         ValueError: a field is missing, unknown or of the wrong shape.
     """
     hints = get_type_hints(cls)
-    known = {field.name for field in fields(cls)}  # type: ignore[arg-type]
+    known = {field.name: field for field in fields(cls)}  # type: ignore[arg-type]
     removed = getattr(cls, "REMOVED", ())
-    values = {name: value for name, value in values.items() if name not in removed}
-    unknown = sorted(set(values) - known)
+    values = {
+        name: None if _is_none(known.get(name), value) else value
+        for name, value in values.items()
+        if name not in removed
+    }
+    unknown = sorted(values.keys() - known.keys())
     if unknown:
         raise ValueError(f"{cls.__name__} has no field {', '.join(unknown)}")
     try:
         return cls(**{name: _typed(hints[name], v, name) for name, v in values.items()})
     except TypeError as error:
         raise ValueError(f"{cls.__name__}: {error}") from None
+
+
+def _is_none(field: Field[Any] | None, value: Any) -> bool:
+    """Whether an older file says in `value` that `field` is None."""
+    was_kind = field is not None and "kind_none" in field.metadata
+    return was_kind and isinstance(value, Mapping) and value.get("kind") == "none"
 
 
 def _plain(value: Any, whole: bool) -> Any:

@@ -16,11 +16,17 @@ from data.faults import is_full, told
 from . import options
 from .bounds import require_bounds
 from .extras import missing
-from .terminal import UNSAID, complain, drop_output, finish, prepare
+from .terminal import (
+    EXIT_INTERRUPTED,
+    UNSAID,
+    complain,
+    drop_output,
+    finish,
+    prepare,
+)
 from .usage import did_you_mean, require_command
 
 EXIT_BAD_INPUT = 2
-EXIT_INTERRUPTED = 130
 EXIT_NOT_READ = 141
 """As of a program that SIGPIPE ends."""
 
@@ -122,6 +128,10 @@ def run(command: options.Command) -> int:
         commands = importlib.import_module(f".{module}", __package__)
     except ModuleNotFoundError as error:
         raise missing(error, extra) from None
+    if torch := sys.modules.get("torch"):
+        # The networks are small: a second thread wins little, loses a lot where another
+        # process wants the core, and would let results depend on the number of cores.
+        torch.set_num_threads(1)
     return commands.run(command)
 
 

@@ -6,8 +6,6 @@ import json
 import sys
 from dataclasses import asdict, replace
 
-import torch
-
 from data.dataset import Dataset
 from data.episode_chunks import Compression
 from data.errors import DatasetError, GaitprefError
@@ -17,8 +15,8 @@ from policy.checkpoint import PolicyError, load_policy
 from policy.config import RANDOMISE, EnvCfg, getup_env
 from policy.curriculum import CurriculumCfg
 from policy.evaluate import evaluate
-from policy.exploration import ExplorationBonusCfg
-from policy.kl_penalty import KlPenaltyCfg
+from policy.extensions.exploration import ExplorationBonusCfg
+from policy.extensions.kl_penalty import KlPenaltyCfg
 from policy.known_terms import KnownTermsCfg
 from policy.ppo import PpoCfg
 from policy.record import LONGEST_S, RecordCfg, record
@@ -37,15 +35,11 @@ from .rater_cfg import rater_cfg
 from .report import write_report
 from .rewards import criterion_context, load_score, total_reward
 from .setting import setting_of
-
-EXIT_INTERRUPTED = 130
+from .terminal import EXIT_INTERRUPTED
 
 
 def run(command: options.Command) -> int:
     """Run the command; gives the exit code."""
-    # The networks are small: a second thread wins little, loses a lot where another
-    # process wants the core, and would let results depend on the number of cores.
-    torch.set_num_threads(1)
     match command:
         case options.Loop():
             page = run_loop(command)
@@ -99,8 +93,16 @@ def _train_alone(command: options.Train) -> int:
         ppo=PpoCfg(
             num_envs=command.envs,
             hidden_sizes=setting.hidden_sizes,
-            bonus=ExplorationBonusCfg(kind=command.exploration),
-            kl_penalty=KlPenaltyCfg(kind=command.kl_penalty),
+            bonus=(
+                None
+                if command.exploration == "none"
+                else ExplorationBonusCfg(kind=command.exploration)
+            ),
+            kl_penalty=(
+                None
+                if command.kl_penalty == "none"
+                else KlPenaltyCfg(kind=command.kl_penalty)
+            ),
             mirror=command.mirror,
             privileged_critic=command.randomize != "off",
         ),

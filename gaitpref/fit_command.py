@@ -10,7 +10,6 @@ import json
 from dataclasses import asdict, replace
 
 import numpy as np
-import torch
 
 from data.dataset import Dataset
 from data.errors import GaitprefError
@@ -35,7 +34,6 @@ from .progress import console, working
 
 def run(command: options.Command) -> int:
     """Run the command; gives the exit code."""
-    torch.set_num_threads(1)
     if isinstance(command, options.Relabel):
         _relabel(command)
     elif isinstance(command, options.Fit):

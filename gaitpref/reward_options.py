@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 
 import tyro
 
+from data.strategy_names import StrategyName
+
 from .bounds import Count, CountOrZero, Seed
 
 
@@ -24,31 +26,15 @@ class Pairs:
     one falls. Fewer where not so many fell."""
     clip_s: float = 1.2
     """Length of a clip; 5 to 20 to ask about a whole manoeuvre."""
-    strategy: (
-        Literal[
-            "uniform",
-            "disagreement",
-            "entropy",
-            "bald",
-            "improvement",
-            "kcenter",
-            "kcenter-entropy",
-            "medoids",
-            "dpp",
-            "again",
-        ]
-        | None
-    ) = None
+    strategy: StrategyName | None = None
     """At random; where the ensemble disagrees, where the answer is most open, where it
     would tell most about the reward (bald), or where the better clip may beat the best
     known (improvement); the pairs farthest apart (of all, or of those whose answer is
     open), those that stand for most others, or a determinantal batch that is both
-    unsure and various; or what was answered already and looks most wrong to a reward
-    fitted to the other answers, sides swapped (again). disagreement where --reward is
-    given, else uniform."""
+    unsure and various. disagreement where --reward is given, else uniform."""
     reward: Path | None = None
-    """Learned reward whose ensemble is asked; disagreement, entropy, bald, improvement,
-    kcenter-entropy and again need it, kcenter and dpp take it into account."""
+    """Learned reward whose ensemble is asked; disagreement, entropy, bald, improvement
+    and kcenter-entropy need it, kcenter and dpp take it into account."""
     answers: str | None = None
     """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
     file by default."""

@@ -1,6 +1,6 @@
-"""Whether the loop may believe its reward: watched in training, judged every round.
+"""Whether the loop may believe its reward, judged every round.
 
-Shapes: T steps of a rollout, N environments, F feature columns.
+Shapes: T steps, N episodes, F feature columns.
 """
 
 from __future__ import annotations

@@ -206,13 +206,7 @@ def no_better(newest: Accuracy) -> bool:
 
 def beyond_judgement(drift: Drift) -> bool:
     """Whether a policy left what was judged, and is paid for just that."""
-    return left_for_pay(drift, FAR_SHARE)
-
-
-def left_for_pay(drift: Drift, share: float) -> bool:
-    """Whether more than `share` of the motion is beyond what was judged, and the reward
-    of it is largely a guess."""
-    return drift.share_beyond > share and drift.extrapolated > EXTRAPOLATED
+    return drift.share_beyond > FAR_SHARE and drift.extrapolated > EXTRAPOLATED
 
 
 def spelled(drift: Drift) -> str:

@@ -8,41 +8,30 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
 
 from benchmarks import (
-    answer_bits,
-    choosing,
     hour,
-    kinds,
-    policy_order,
     preference_fresh,
-    raters,
     robots,
-    sureness,
     throughput,
     walk,
-    wrong_answers,
 )
 from benchmarks.preference_plan import HELD_BACK, loop_cfg, plan
 from benchmarks.preference_table import BEGIN, END, publish_rows, together
 from benchmarks.wishes import carried_right_foot, nose_up_when_slow
-from data.dataset import Dataset
 from data.features import FEATURE_DIM, column
 from gaitpref.asking import fit_for_asking
 from gaitpref.criteria import load_criterion
 from gaitpref.loop import run_configured
 from gaitpref.rater_cfg import RaterCfg
-from gaitpref.rewards import criterion_context, score_of_criterion
+from gaitpref.rewards import criterion_context
 from gaitpref.rounds import Round
 from policy.checkpoint import load_policy
 from rewardmodel.descriptors import describe
-from rewardmodel.pairs import load_pairs
 from tests.foreign_robots import Drawing, mjcf
 from tests.small_loop import small_cfg
-from tests.test_rewardmodel_fit import answered
 
 
 def test_learning(tmp_path: Path) -> None:
@@ -63,19 +52,6 @@ def test_learning(tmp_path: Path) -> None:
         "scratch_peak_mb",
     ):
         assert isinstance(result[name], int | float), name
-
-
-def test_what_the_first_questions_teach_runs_small(tmp_path: Path) -> None:
-    """The first round gets its share of `--labels`, and exploring shows other clips."""
-    out = tmp_path / "figures.json"
-    command = [sys.executable, "-m", "benchmarks.first_questions", "--quick"]
-    command += ["--work", str(tmp_path / "work"), "--json", str(out)]
-    command += ["--labels", "20", "--ways", "as_it_is", "explores_first"]
-    subprocess.run(command, check=True, capture_output=True, timeout=300)
-    figures = json.loads(out.read_text())
-    assert figures["answers"] == 8
-    leads = [figures[f"{way}_median"] for way in ("as_it_is", "explores_first")]
-    assert leads[0] != leads[1]
 
 
 def test_robots_of_others(tmp_path: Path) -> None:
@@ -292,67 +268,6 @@ def test_a_seed_that_never_walks_is_the_worst() -> None:
     assert figures["walked"] == 2
 
 
-def _rounds_of(run: Path) -> tuple[int, ...]:
-    return load_pairs([Dataset.open(run / "dataset")]).rounds
-
-
-@pytest.mark.slow
-def test_choosing_tells_what_the_policy_paid_most_is_worth(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The home pose counts 0 and the best policy of all 1; every size of ensemble is
-    fitted, and tried with every caution."""
-    run_configured(tmp_path / "run", small_cfg())
-    shown = choosing.shown_policies((tmp_path / "run",))
-    assert len(shown) == 3
-    assert shown[0].value == 0.0
-    assert all(policy.value <= 1.0 + 1e-6 for policy in shown)
-    options = choosing.Options(
-        run=(tmp_path / "run",), members=(2, 9), caution=(0.0, 1.5), draws=1
-    )
-    capsys.readouterr()  # What the loop told.
-    choosing.main(options)
-    lines = [line for line in capsys.readouterr().err.splitlines() if "members" in line]
-    told = [(line.split()[0], line.split()[5]) for line in lines]
-    assert told == [("2", "0,"), ("2", "1.5,"), ("9", "0,"), ("9", "1.5,")]
-    asked = kinds.Options(
-        run=(tmp_path / "run",), kinds=("linear", "gp"), mistakes=(0.0, 0.3)
-    )
-    kinds.main(asked)
-    lines = [line.split() for line in capsys.readouterr().err.splitlines()]
-    told = [(line[0], *line[1:3]) for line in lines if line[-2:-1] == ["found:"]]
-    shares = [("0.00", "linear"), ("0.00", "gp"), ("0.30", "linear"), ("0.30", "gp")]
-    first = sum(number == 0 for number in _rounds_of(tmp_path / "run"))
-    assert told == [(str(n), *share) for n in (first, 24) for share in shares]
-    fresh = [float(line[4]) for line in lines if line[-2:-1] == ["found:"]]
-    assert all(0.0 <= share <= 1.0 for share in fresh)
-    order = [tuple(line[5:7]) for line in lines if line[-2:-1] == ["found:"]]
-    assert all(-1.0 <= float(share) <= 1.0 for share, _ in order)
-    assert all(paid == mean for paid, mean in order), "they differ for curves alone"
-
-
-def test_what_orders_policies_as_the_criterion_does(tmp_path: Path) -> None:
-    """The criterion itself does, and its opposite in the opposite order."""
-    run_configured(tmp_path / "run", small_cfg())
-    walks = policy_order.walks_of((tmp_path / "run",) * 2)
-    assert len({walk.score for walk in walks}) == len(walks) == 3
-    policy = load_policy(tmp_path / "run/rounds/00/policy/policy.pt")
-    context = criterion_context(policy.robot(), policy.info.env)
-    score = score_of_criterion(load_criterion(small_cfg().criterion, context))
-    assert policy_order.rank_correlation(walks, score) == pytest.approx(1.0)
-    assert policy_order.rank_correlation(
-        walks, lambda features, starts: -score(features, starts)
-    ) == pytest.approx(-1.0)
-    other = tmp_path / "other"
-    other.mkdir()
-    config = (tmp_path / "run/config.yaml").read_text()
-    (other / "config.yaml").write_text(
-        config.replace(f"criterion: {small_cfg().criterion}", "criterion: crouch")
-    )
-    with pytest.raises(ValueError, match="crouch"):
-        policy_order.walks_of((tmp_path / "run", other))
-
-
 def test_fresh_pairs_are_answered_as_the_rater_does(tmp_path: Path) -> None:
     """Who never errs says what the criterion says; who does, the opposite at times."""
     cfg = small_cfg()
@@ -371,83 +286,3 @@ def test_fresh_pairs_are_answered_as_the_rater_does(tmp_path: Path) -> None:
     again = preference_fresh.on_fresh_pairs(tmp_path / "run", cfg, criterion)
     assert found["fresh_accuracy"] == again["fresh_accuracy"]
     assert found["fresh_ece"] != again["fresh_ece"]
-    ways = list(sureness.sureness(tmp_path / "run", seed=0))
-    assert [way.way for way in ways] == ["by lead", "with spread", "as it is"]
-    assert len({way.temperature for way in ways}) == 3
-
-
-def test_what_is_done_about_answers_that_look_wrong(tmp_path: Path) -> None:
-    """As many answers in every way that asks again; no more than that in the others."""
-    run_configured(tmp_path / "run", small_cfg())
-    asked = wrong_answers.Asked.of(tmp_path / "run")
-    options = wrong_answers.Options(run=(), again=0.25, unlikely=0.4)
-    rng = np.random.default_rng(0)
-    found = dict(wrong_answers.ways(asked, options, rng, seed=0))
-    once, turned = found["each once"], found["turned round"]
-    assert len(once) == len(turned) == 24
-    differ = turned.target != once.target
-    assert 0 < differ.sum() < 24
-    assert len(found["left out"]) == 24 - differ.sum()
-    for way in ("doubted again", "any again"):
-        assert len(found[way]) == 24
-        assert len(set(found[way].episodes[18:])) > 1
-        assert set(found[way].episodes[18:]) <= set(once.episodes[:18])
-    skips = replace(asked, answer=lambda pair, rng: None if rng.random() < 0.3 else 1.0)
-    with pytest.raises(ValueError, match="skips questions"):
-        list(wrong_answers.ways(skips, options, rng, seed=0))
-
-
-def test_answers_are_given_out_to_raters() -> None:
-    """One of three has as many as asked for and answers as told; the others' stay."""
-    pairs = answered(400, seed=0)
-    options = raters.Options(run=(), how="left", raters=3, share=0.3)
-    given, one = raters.given_out(pairs, options, seed=0)
-    assert float(one.float().mean()) == pytest.approx(0.3, abs=0.07)
-    assert {given.raters[row] for row in one.nonzero()[:, 0]} == {"rater 0"}
-    assert set(given.raters) == {"rater 0", "rater 1", "rater 2"}
-    assert (given.target[one] == 1).all()
-    assert torch.equal(given.target[~one], pairs.target[~one])
-    with pytest.raises(ValueError, match="raters must be at least 2"):
-        raters.Options(run=(), raters=1)
-
-
-def test_what_one_who_does_not_look_costs(tmp_path: Path) -> None:
-    run_configured(tmp_path / "run", small_cfg())
-    options = raters.Options(run=(), draws=1, share=0.5)
-    ((answers, found),) = raters.learned(tmp_path / "run", options)
-    assert answers == 24
-    assert len(found.shares) == 2
-    assert all(
-        0.0 <= each <= 1.0 for each in (found.judged, found.alike, found.without)
-    )
-
-
-def test_mistakes_turn_a_share_of_the_answers_round() -> None:
-    pairs = answered(400, seed=0)
-    wrong = choosing.mistaken(pairs, 0.2, np.random.default_rng(0))
-    assert (wrong.target != pairs.target).float().mean() == pytest.approx(0.2, abs=0.06)
-
-
-def test_an_answer_tells_less_the_oftener_it_is_wrong(tmp_path: Path) -> None:
-    """A rater who never errs tells a bit with every choice. Leads are measured in the
-    median of the pairs asked by then, so a lead of one is wrong in sigmoid(-1)."""
-    run_configured(tmp_path / "run", small_cfg())
-    choices, rater = answer_bits.choices_of(tmp_path / "run")
-    assert (choices.leads >= 0).all()
-    assert answer_bits.bits(choices.wrong(rater)) == pytest.approx(np.ones(24))
-
-    leads = np.array([0.2, -1.0, 5.0, 30.0])
-    asked = answer_bits.Choices(np.array([0, 0, 0, 1]), leads)
-    assert asked.wrong(RaterCfg(mistakes=0.11)) == pytest.approx(np.full(4, 0.11))
-    by_chance = asked.wrong(RaterCfg(beta=1.0))
-    assert by_chance[1] == pytest.approx(1 / (1 + np.e))
-    assert by_chance[3] == pytest.approx(1 / (1 + np.exp(30 / 3)))
-    told = answer_bits.bits(np.array([0.0, 0.11, 0.5, 0.89, 1.0]))
-    assert told == pytest.approx([1.0, 0.5, 0.0, 0.5, 1.0], abs=1e-3)
-
-    (tmp_path / "ties").mkdir()
-    config = (tmp_path / "run/config.yaml").read_text()
-    text = config.replace("equal: 0.0", "equal: 0.5")
-    (tmp_path / "ties/config.yaml").write_text(text)
-    with pytest.raises(ValueError, match="always chooses"):
-        answer_bits.choices_of(tmp_path / "ties")

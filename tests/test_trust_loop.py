@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,25 +21,22 @@ from gaitpref.rater_cfg import RaterCfg
 from gaitpref.retraining import policy_stage
 from gaitpref.rewards import criterion_context, score_of_criterion, total_reward
 from gaitpref.rounds import Round
-from gaitpref.watch import WatchedReward
 from policy.checkpoint import holding_home, load_policy
 from policy.config import EnvCfg
-from policy.evaluate import evaluate
+from policy.evaluate import rollout_features, summarise
 from policy.features import OBS_DIM
 from policy.known_terms import KnownTermsCfg
-from policy.ppo import IterationStats, PpoCfg
+from policy.ppo import PpoCfg
 from policy.record import RecordCfg, record
 from policy.robot import load_robot
 from policy.train import TrainCfg, train
 from rewardmodel import AnsweredPairs, FitCfg, RewardModel, fit_reward, load_pairs
 from rewardmodel.descriptors import DESCRIPTOR_NAMES
 from rewardmodel.linear import LinearScorer
-from rewardmodel.support import support_of
 from rewardmodel.training import training_pairs
+from rewardmodel.trust import alarms, reach
 
 from .small_loop import small_cfg
-
-FAR_LIMIT = 0.7
 
 
 def test_answers_that_do_not_agree_train_nothing(
@@ -115,8 +111,9 @@ def exploitable(model: RewardModel, pairs: AnsweredPairs) -> RewardModel:
     return model.calibrate(steps)
 
 
-def test_an_exploited_reward_is_noticed_before_it_hurts(tmp_path: Path) -> None:
-    """The alarm comes before the true return has fallen by a tenth, which it does."""
+def test_an_exploited_reward_is_noticed(tmp_path: Path) -> None:
+    """The true return falls by a tenth, the learned one rises, and the alarm is raised
+    of that policy and not of the one the answers are about."""
     env = EnvCfg()
     robot = load_robot(physics_dt_s=env.physics_dt_s)
     true = load_criterion("task", criterion_context(robot, env))
@@ -145,33 +142,25 @@ def test_an_exploited_reward_is_noticed_before_it_hurts(tmp_path: Path) -> None:
     pairs = load_pairs([dataset])
     model = exploitable(fit_reward(pairs, FitCfg(), seed=0)[0], pairs)
     total = total_reward(model, robot, env, known=KnownTermsCfg())
-    watch = WatchedReward(total, model, support_of(pairs, model), FAR_LIMIT)
     hack = TrainCfg(steps=30 * 24 * 32, env=env, ppo=ppo)
+    hacked = train(tmp_path / "hack", robot, hack, reward_fn=total, init=policy).policy
 
-    def trained(stop: Callable[[IterationStats], bool]) -> tuple[int, float]:
-        """Steps done, and the true return without noise."""
-        result = train(
-            tmp_path / "hack",
-            robot,
-            hack,
-            reward_fn=watch,
-            init=policy,
-            resume=True,
-            on_iteration=stop,
+    def measured(file: Path) -> tuple[float, float, tuple[str, ...]]:
+        """True and learned return without noise, and alarms as if the latter rose."""
+        features, lengths = rollout_features(
+            load_policy(file), robot, env, episodes=8, seed=0
         )
-        return result.steps, true_return(result.policy)
+        true_return, learned = (
+            summarise(features, lengths, score, control_dt_s=env.control_dt_s)
+            for score in (score_of_criterion(true), model)
+        )
+        reached = reach(model, pairs, features, lengths)
+        told = alarms(None, reached, return_rose=True)
+        return true_return.return_mean, learned.return_mean, told
 
-    def true_return(file: Path) -> float:
-        score = score_of_criterion(true)
-        return evaluate(load_policy(file), score, episodes=8).return_mean
-
-    before = true_return(policy)
-    alarmed_at, at_alarm = trained(lambda stats: watch.alarm is not None)
-    # A restarted process measures the rise from where the first one began.
-    watch = WatchedReward(total, model, support_of(pairs, model), FAR_LIMIT)
-    trained(lambda stats: True)
-    assert watch.rise != 0.0
-    end, at_end = trained(lambda stats: False)
-    assert alarmed_at < end
-    assert at_alarm > 0.9 * before
-    assert at_end < 0.9 * before
+    true_before, learned_before, quiet = measured(policy)
+    true_after, learned_after, told = measured(hacked)
+    assert true_after < 0.9 * true_before
+    assert learned_after > learned_before
+    assert any("does what nobody has judged" in reason for reason in told)
+    assert not any("nobody has judged" in reason for reason in quiet)

@@ -16,10 +16,9 @@ NO_CLIP = 1e6
 class KlPenaltyCfg:
     """Holds an update near the old policy by a penalty instead of by clipping."""
 
-    kind: Literal["none", "fixed", "adaptive"] = "none"
-    """`none` clips the policy ratio and adapts the learning rate; `fixed` adds
-    `beta * KL(old, new)` to the loss; `adaptive` halves or doubles beta where the KL
-    leaves [target / 1.5, 1.5 target]."""
+    kind: Literal["fixed", "adaptive"]
+    """`fixed` adds `beta * KL(old, new)` to the loss; `adaptive` halves or doubles beta
+    where the KL leaves [target / 1.5, 1.5 target]."""
     beta: float = 1.0
     """Weight of the penalty, the first one where it is adapted."""
     target: float = 0.01
@@ -30,6 +29,19 @@ class KlPenaltyCfg:
             raise ValueError(
                 f"beta and target must be positive, got {self.beta} and {self.target}"
             )
+
+    def make(self) -> KlPenalty:
+        """The penalty of a training."""
+        return KlPenalty(self)
+
+    @property
+    def algorithm(self) -> dict[str, Any]:
+        """Settings of RSL-RL's PPO that clip nothing and keep the step size."""
+        return {
+            "clip_param": NO_CLIP,
+            "use_clipped_value_loss": False,
+            "schedule": "fixed",
+        }
 
 
 class KlPenalty:
@@ -54,6 +66,22 @@ class KlPenalty:
     @beta.setter
     def beta(self, value: float) -> None:
         self.mirror_loss_coeff = value
+
+    def saved(self) -> dict[str, Any]:
+        """What a training goes on from."""
+        return {"kl_beta": self.beta}
+
+    def load(self, saved: dict[str, Any]) -> None:
+        """Go on from what `saved` gave."""
+        self.beta = float(saved["kl_beta"])
+
+    def after_update(self, minibatches: int) -> dict[str, float]:
+        """Adapt beta; gives the KL of the update and the new weight, by name.
+
+        Args:
+            minibatches: Of an epoch.
+        """
+        return {"kl": self.adapt(minibatches), "kl_beta": self.beta}
 
     def augment_batch(self, batch: Any, original_batch_size: int) -> None:
         """Leave the minibatch as it is."""

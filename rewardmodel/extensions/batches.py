@@ -16,11 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from data.clips import Clip
+from rewardmodel.acquisition.strategy import Strategy
 from rewardmodel.clips import ClipRows, mean_over, pad_clips
 from rewardmodel.descriptors import describe
 from rewardmodel.normaliser import Normaliser, fill_missing
-
-from .strategy import Strategy
 
 _PICKED_SHARE = 0.3
 """Share of many candidates that are picked one by one: three times those asked."""

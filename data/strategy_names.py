@@ -1,8 +1,4 @@
-"""What the ways to choose a pair are called; a pair keeps the name of its own.
-
-Nothing is imported here: pairs are told apart by these names, and strategies are made
-of what is fitted to pairs.
-"""
+"""What the ways to choose a pair are called; a pair keeps the name of its own."""
 
 from __future__ import annotations
 
@@ -22,5 +18,5 @@ StrategyName = Literal[
 NEEDS_MODEL = ("disagreement", "entropy", "bald", "improvement", "kcenter-entropy")
 """Names of strategies that ask an ensemble, and of it the hardest questions; kcenter
 and dpp use one where there is one."""
-AGAIN = "again"
-"""Of pairs that were answered and are asked once more, as the answers look wrong."""
+ASKED_AGAIN = "again"
+"""Of pairs that earlier versions asked once more, as the answers looked wrong."""

@@ -29,7 +29,7 @@ _LIMIT = 20.0
 class ExplorationBonusCfg:
     """A bonus for motion that is new, added to any reward."""
 
-    kind: Literal["none", "rnd", "entropy"] = "none"
+    kind: Literal["rnd", "entropy"]
     """`rnd`: the error of a network that learns to predict a random one (Burda et al.
     2018); `entropy`: the distance to the k-th nearest of the states seen so far (Liu
     and Abbeel 2021, eq. 5)."""
@@ -52,6 +52,11 @@ class ExplorationBonusCfg:
             raise ValueError(
                 f"decay_iterations must be at least 1, got {self.decay_iterations}"
             )
+
+    def make(self, *, step_dt_s: float) -> ExplorationBonus:
+        """The bonus of a training whose control steps take `step_dt_s`."""
+        made = RndBonus if self.kind == "rnd" else EntropyBonus
+        return made(self, step_dt_s=step_dt_s)
 
 
 def base_motion(features: Tensor) -> Tensor:
@@ -174,16 +179,6 @@ class RndBonus(ExplorationBonus):
 
     def set_extra_state(self, state: dict[str, object]) -> None:
         self.rnd.optimizer.load_state_dict(state)
-
-
-def make_bonus(
-    cfg: ExplorationBonusCfg, *, step_dt_s: float
-) -> ExplorationBonus | None:
-    """The bonus `cfg` asks for."""
-    if cfg.kind == "none":
-        return None
-    made = RndBonus if cfg.kind == "rnd" else EntropyBonus
-    return made(cfg, step_dt_s=step_dt_s)
 
 
 def _group(motion: Tensor) -> TensorDict:

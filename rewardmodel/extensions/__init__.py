@@ -1,0 +1,1 @@
+"""What is off by default; what each part is good for is told in docs/extensions.md."""
