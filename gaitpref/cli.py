@@ -156,9 +156,10 @@ def _home_of(command: options.Command) -> tuple[str, str]:
             return "explain_command", "train"
         case options.Play():
             return "play_command", "train,label"
+        case options.Train():
+            return "train_command", "train"
         case (
             options.Loop()
-            | options.Train()
             | options.Record()
             | options.Answer()
             | options.Evaluate()

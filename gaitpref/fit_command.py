@@ -25,6 +25,7 @@ from rewardmodel.reliability import HARDLY_LOOKS
 from rewardmodel.storage import load_reward, save_reward
 
 from . import options
+from .by_hand import stage_of, told_without_method
 from .extras import require
 from .findings import findings_of_fit
 from .fit_summary import fit_summary
@@ -60,13 +61,16 @@ def _fit_alone(command: options.Fit) -> None:
         doubted_below=_probability(command.doubted_below),
         sparse=SparseCfg(shared=_of_curves(command)),
     )
+    stage = stage_of(command)
+    if stage is not None:
+        cfg = stage.fit
     pairs, unanswered = load_pairs(datasets), None
     if command.semi_supervised:
         semi = SemiSupervisedCfg()
         cfg = replace(cfg, semi_supervised=semi)
         rng = np.random.default_rng(command.seed)
         unanswered = unanswered_pairs(datasets, pairs, semi, rng=rng)
-    with working(f"fitting {command.model} to {len(pairs)} answers"):
+    with working(f"fitting {cfg.kind} to {len(pairs)} answers"):
         model, report = fit_reward(pairs, cfg, seed=command.seed, unanswered=unanswered)
     save_reward(model, command.out)
     kind = model.provenance.cfg.kind
@@ -79,6 +83,8 @@ def _fit_alone(command: options.Fit) -> None:
     gone = told_gone(pairs.num_gone, pairs.num_collected, command.dataset[0])
     for line in filter(None, (gone, *findings.besides)):
         console.print(line)
+    if stage is None:
+        console.print(told_without_method("fits other settings"))
     if cfg.doubted_below:
         console.print(f"{report.doubted} answers look wrong and are taken for random")
     for rater, share in report.raters:

@@ -17,6 +17,7 @@ from rewardmodel.storage import load_reward
 from rewardmodel.strategies import make_strategy
 
 from . import options
+from .method.questions import Questions
 from .opening import open_dataset
 from .progress import console
 from .questions import ClipCfg, ask, with_known_answer
@@ -56,7 +57,8 @@ def _chosen(
     round: int,
     rng: np.random.Generator,
 ) -> list[Pair]:
-    strategy = command.strategy or ("uniform" if model is None else "disagreement")
+    own = Questions()
+    strategy = command.strategy or ("uniform" if model is None else own.strategy)
     # Refused before anything is chosen at random instead.
     make_strategy(strategy, model, dataset.clip_features)
     return ask(
@@ -67,7 +69,8 @@ def _chosen(
         known=known,
         model=model,
         round_number=round,
-        uniform_share=0.0,
+        # As the loop asks, where nobody says otherwise.
+        uniform_share=0.0 if command.strategy else own.uniform_share,
         strategy=strategy,
         rng=rng,
     )

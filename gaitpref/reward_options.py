@@ -31,7 +31,8 @@ class Pairs:
     would tell most about the reward (bald), or where the better clip may beat the best
     known (improvement); the pairs farthest apart (of all, or of those whose answer is
     open), those that stand for most others, or a determinantal batch that is both
-    unsure and various. disagreement where --reward is given, else uniform."""
+    unsure and various. By default as the loop does it: where --reward is given every
+    fifth at random and the others by disagreement, else all at random."""
     reward: Path | None = None
     """Learned reward whose ensemble is asked; disagreement, entropy, bald, improvement
     and kcenter-entropy need it, kcenter and dpp take it into account."""
@@ -89,6 +90,16 @@ class Fit:
     """Data set directory; give it again for more."""
     out: Path
     """Directory of the reward."""
+    method: Literal["scratch", "style"] | None = None
+    """Fit what the loop fits, from scratch or for a style on top of a walk; `gaitpref
+    method` says what. It says nothing of --model."""
+    round: CountOrZero = 0
+    """With --method: the round of the loop whose answers are the newest."""
+    rounds: Count | None = None
+    """With --method: rounds of the loop; by default as many as of its quick preset."""
+    first_reward: Path | None = None
+    """With --method, in later rounds: the reward of the first, which decided whether
+    answers err."""
     model: Literal[
         "auto", "linear", "sparse", "gp", "mlp", "history", "transformer"
     ] = "linear"
