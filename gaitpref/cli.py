@@ -150,6 +150,8 @@ def _home_of(command: options.Command) -> tuple[str, str]:
             return "export_command", "train,onnx"
         case options.Robot():
             return "robot_command", "train,label"
+        case options.Method():
+            return "method_command", "train"
         case options.Trust():
             return "trust_command", "train"
         case options.Explain():
