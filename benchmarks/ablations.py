@@ -153,7 +153,7 @@ def _place_of(row: Row) -> str:
 def markdown(found: Sequence[Worth]) -> str:
     """The table of what decisions are worth."""
     lines = [
-        "| left out | on | pairs | difference of shares | of tracking errors | verdict |",
+        "| left out | on | pairs | difference of shares | of errors | verdict |",
         "|---|---|---|---|---|---|",
     ]
     lines += [
