@@ -222,6 +222,15 @@ def asks_whether_answers_err(node: ast.AST) -> bool:
     )
 
 
+def reads_the_decision(node: ast.AST) -> bool:
+    """Whether `node` reads what was decided of that once for a run."""
+    return (
+        isinstance(node, ast.Attribute)
+        and isinstance(node.ctx, ast.Load)
+        and node.attr == "noisy"
+    )
+
+
 def asks_for_a_scorer(node: ast.AST) -> bool:
     """Whether `node` is an `isinstance` of a class of scorers."""
     return (
@@ -277,6 +286,7 @@ def count(root: Path) -> dict[str, Any]:
             "code_lines_of_extensions": sum(map(code_lines, extensions)),
             "numbers_in_constants": sum(map(constants_of, own)),
             "asks_whether_answers_err": sum(map(asks_whether_answers_err, inside)),
+            "reads_whether_answers_err": sum(map(reads_the_decision, inside)),
             "isinstance_of_a_scorer": sum(map(asks_for_a_scorer, inside)),
             "comparisons_of_kind": sum(map(asks_for_a_kind, inside)),
         }

@@ -52,6 +52,7 @@ def paid(cfg, model, scorer):  # Two lines of code, and one after this comment.
     if cfg.kind == "linear" and cfg.error_share > FEW_ERRORS:
 
         return isinstance(scorer, (LinearScorer, Other))
+    noisy = context.noisy
     return takes_to_err(cfg), isinstance(cfg, Other), message.kind == "x"
 
 
@@ -110,11 +111,12 @@ def test_constants_questions_and_lines(checkout: Path) -> None:
     found = count(checkout)["rewardmodel"]
     assert found["numbers_in_constants"] == 3 + 1 + 1 + 1
     assert found["asks_whether_answers_err"] == 2
+    assert found["reads_whether_answers_err"] == 1
     assert found["isinstance_of_a_scorer"] == 1
     assert found["comparisons_of_kind"] == 2
     assert found["modules"] == 2
-    assert found["code_lines_of_extensions"] == 6 + 4 + 3
-    assert found["code_lines"] == 13 + 2 + 3 + 4 + 5
+    assert found["code_lines_of_extensions"] == 6 + 5 + 3
+    assert found["code_lines"] == 14 + 2 + 3 + 4 + 5
     lines = [len(SOURCES[name].splitlines()) for name in SOURCES if "reward" in name]
     assert found["lines"] == sum(lines)
 
