@@ -59,9 +59,6 @@ METHODS: dict[str, Callable[[LoopCfg], LoopCfg]] = {
         name: lambda cfg, name=name: replace(cfg, fit=replace(cfg.fit, kind=name))
         for name in ("linear", "sparse", "gp", "mlp", "auto")
     },
-    "sets": lambda cfg: replace(
-        cfg, fit=replace(cfg.fit, sparse=replace(cfg.fit.sparse, shared=True))
-    ),
     "no-hurry": lambda cfg: replace(cfg, hurry=0.0),
     "not-beyond": lambda cfg: replace(cfg, beyond=0.0),
     "no-mirror": lambda cfg: replace(cfg, mirror=False),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -14,12 +13,10 @@ from data.dataset import Dataset, EpisodeEntry
 from data.files import read_json
 from policy.babble import BABBLE_SHA256
 from rewardmodel.caution import answers_err
-from rewardmodel.cfg import FitCfg
 from rewardmodel.enough import remaining
 from rewardmodel.fit import fit_reward
 from rewardmodel.foresight import foresee
 from rewardmodel.pairs import MIN_ANSWERS, count_evidence, load_pairs
-from rewardmodel.storage import load_reward
 from rewardmodel.trust import disagree
 
 from .criteria import Criterion
@@ -85,7 +82,7 @@ def _count_going_on(cfg: LoopCfg, round: Round, dataset: Dataset, asked: int) ->
         console.print(f"round 0: {pairs.too_little}, so it asks on, up to {most}")
         return min(asked + cfg.batch_labels, most)
     seed = seed_of(cfg, 0, 5)
-    model, _ = fit_reward(pairs, fit_for_asking(cfg, round), seed=seed, measured=False)
+    model, _ = fit_reward(pairs, cfg.fit_of(round.number), seed=seed, measured=False)
     agreement = remaining(model, pairs).agreement
     if agreement >= cfg.first_agreement:
         return asked
@@ -119,7 +116,7 @@ def _add_pairs(cfg: LoopCfg, round: Round, dataset: Dataset, count: int) -> None
         model = None
         if enough:
             seed = seed_of(cfg, round.number, 7, asked_before)
-            fit = fit_for_asking(cfg, round)
+            fit = cfg.fit_of(round.number)
             # Only its doubt is asked for; the round's own fit is the one measured.
             model, _ = fit_reward(load_pairs([dataset]), fit, seed=seed, measured=False)
         chosen += ask(
@@ -180,23 +177,12 @@ def _enough(cfg: LoopCfg, round: Round, dataset: Dataset) -> bool:
         if count_evidence(store, dataset) < MIN_ANSWERS:
             return False
     seed = seed_of(cfg, round.number, 5)
-    _, report = fit_reward(load_pairs([dataset]), fit_for_asking(cfg, round), seed=seed)
+    _, report = fit_reward(load_pairs([dataset]), cfg.fit_of(round.number), seed=seed)
     if report.enough:
         console.print(
             f"round {round.number}: {what_remains(report)}, so it stops asking"
         )
     return report.enough
-
-
-def fit_for_asking(cfg: LoopCfg, round: Round) -> FitCfg:
-    """Settings of a fit between two batches: where the model is to be chosen, the last
-    round's choice is kept. Members that share what they look at would agree."""
-    fit = cfg.fit_of(round.number)
-    fit = replace(fit, sparse=replace(fit.sparse, shared=False))
-    if fit.kind in ("auto", "grow") and round.number:
-        chosen = load_reward(round.before.reward).provenance.cfg
-        return replace(fit, kind=chosen.kind)
-    return fit
 
 
 def answered(

@@ -173,7 +173,7 @@ class LoopCfg:
     """What is recorded every round."""
     simulated: RaterCfg = field(default_factory=RaterCfg)
     """How the simulated rater errs; as it is, never."""
-    fit: FitCfg = field(default_factory=lambda: FitCfg(kind="grow"))
+    fit: FitCfg = field(default_factory=lambda: FitCfg(kind="linear"))
     """The reward model."""
     known: KnownTermsCfg = field(default_factory=KnownTermsCfg)
     """Safety terms the learned reward is added to."""

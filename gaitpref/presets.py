@@ -55,7 +55,7 @@ def resolve(options: Loop) -> LoopCfg:
             record=replace(recorded, episodes=192, noisy_share=1.0, babble_share=0.3),
             # Robots that tumble move their feet and joints whatever they do of what
             # they are told; answers that err cannot tell the two apart.
-            fit=FitCfg(kind="grow", linear=LinearCfg(told_most=True)),
+            fit=FitCfg(kind="linear", linear=LinearCfg(told_most=True)),
             **common,
         )
     rounds = 3 if quick else 5

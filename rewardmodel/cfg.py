@@ -151,7 +151,7 @@ class GpCfg:
 class SparseCfg:
     """A sum of curves of single descriptors, of which the answers pick few."""
 
-    REMOVED: ClassVar = ("sparsity", "num_updates", "lines_apart")
+    REMOVED: ClassVar = ("sparsity", "num_updates", "lines_apart", "shared")
     """Settings that older files have: of how curves were picked before."""
 
     num_members: int = 8
@@ -166,9 +166,6 @@ class SparseCfg:
     """Whether doing what the robot is told may matter: how fast it goes and turns, and
     by how much too fast or slow. Where a task pays for that, a policy cannot change it,
     and what such a curve says is chance, or stands for a habit that goes with speed."""
-    shared: bool = field(default=False, metadata=ADDED_LATER)
-    """Whether the members share the sets of curves that all answers speak for, by how
-    probable these are, instead of each looking in resampled answers of its own."""
 
     def __post_init__(self) -> None:
         _require_members(self.num_members)
@@ -204,7 +201,7 @@ class ReliabilityCfg:
 
 Kind = Literal["linear", "sparse", "gp", "mlp", "history", "transformer"]
 """The models there are, from the stiffest to the most flexible."""
-KINDS = (*get_args(Kind), "auto", "grow")
+KINDS = (*get_args(Kind), "auto")
 """What may be asked for: a model, or how it is chosen."""
 
 
@@ -221,8 +218,6 @@ def sight_of(kind: str) -> Sight:
             return "contacts"
         case "linear" | "gp" | "mlp":
             return "habits"
-        case "grow":
-            return sight_of("gp")
     raise ValueError(f"no model is called {kind!r}; there are {', '.join(KINDS)}")
 
 
@@ -253,12 +248,11 @@ class SemiSupervisedCfg:
 class FitCfg:
     """How a reward model is fitted to the answers collected so far."""
 
-    kind: Kind | Literal["auto", "grow"] = "linear"
+    kind: Kind | Literal["auto"] = "linear"
     """Model: `linear` in the gait descriptors, curves of few of them and of single legs
     (`sparse`), a Gaussian process (`gp`) or a small network (`mlp`) on them, one on the
-    last steps (`history`, `transformer`), `auto`, whichever foresees held-out answers
-    best, or `grow`: `linear`, and `gp` where the answers look wrong to it and that
-    model surely foresees them better."""
+    last steps (`history`, `transformer`), or `auto`, whichever foresees held-out
+    answers best."""
     error_share: float = 0.3
     """Share of the answers expected to be random, in [0, 1)."""
     adapt: bool = field(default=True, metadata=ADDED_LATER)

@@ -61,6 +61,6 @@ def _fit_once(
         case _:
             raise ValueError(
                 f"`{cfg.kind}` is no model: one of {', '.join(get_args(Kind))} is, and "
-                "which of them `auto` and `grow` stand for is chosen before a fit"
+                "which of them `auto` stands for is chosen before a fit"
             )
     return normaliser, scorer

@@ -110,7 +110,7 @@ def fit_reward(
 def no_reward(pairs: AnsweredPairs, cfg: FitCfg) -> tuple[RewardModel, FitReport]:
     """A reward that is 0 everywhere, and says of which answers: they prefer nothing, or
     too little."""
-    if cfg.kind in ("auto", "grow"):
+    if cfg.kind == "auto":
         cfg = replace(cfg, kind=get_args(Kind)[0])
     cfg = replace(cfg, linear=members_for(cfg.linear, len(pairs)))
     started_s = time.perf_counter()

@@ -17,7 +17,6 @@ from .cfg import FitCfg, SparseCfg
 from .clips import mean_over
 from .descriptors import TOLD, names_seen
 from .evidence import ERROR_SHARES, erring, evidence, expected_share
-from .explanations import explanations, shared_out, weights_of
 from .forward import LEFT_OUT, PRICE, chosen_curves
 from .legs import CONTACTS, ENDS, SINGLE
 from .linear import MIN_SPREAD
@@ -58,8 +57,7 @@ def fit_sparse(
     scorer.look_at(pairs)
     inputs, units = scaled_curves(scorer, pairs)
     counts = bootstrap_counts(cfg.sparse.num_members, len(pairs), generator=generator)
-    weigh = _shared if cfg.sparse.shared else relevant
-    theta, _ = weigh(inputs, pairs, counts.double(), cfg)
+    theta, _ = relevant(inputs, pairs, counts.double(), cfg)
     scorer.weights.copy_(theta / units)
     return scorer
 
@@ -110,15 +108,6 @@ def relevant(
     curves = inputs.unflatten(1, (-1, WEIGHTS))
     allowed = _allowed(curves, cfg.sparse)
     return chosen_curves(curves, pairs, counts, cfg, allowed=allowed)
-
-
-def _shared(
-    inputs: Tensor, pairs: TrainingPairs, counts: Tensor, cfg: FitCfg
-) -> tuple[Tensor, Tensor]:
-    """The same, of curves that members share by what all answers make of them."""
-    curves = inputs.unflatten(1, (-1, WEIGHTS))
-    found = explanations(curves, pairs, cfg, allowed=_allowed(curves, cfg.sparse))
-    return weights_of(shared_out(found, len(counts)), curves, pairs, counts, cfg)
 
 
 def _allowed(curves: Tensor, cfg: SparseCfg) -> Tensor:

@@ -283,21 +283,6 @@ def test_the_model_is_chosen_by_held_out_answers(tmp_path: Path) -> None:
     assert load_reward(tmp_path / "reward").provenance == bending.provenance
 
 
-def test_it_grows_only_where_weights_cannot_say_it() -> None:
-    """Not for a weighted sum, also where a fifth of the answers is wrong."""
-    grow = replace(QUICK, kind="grow", adapt=True)
-    for flipped in (0.0, 0.2):
-        pairs = answered(150, seed=1, flipped=flipped)
-        model, report = fit_reward(pairs, grow, seed=0)
-        assert model.provenance.cfg.kind == "linear"
-        # Nothing else is fitted where weights foresee held-out answers.
-        assert report.considered == ()
-    bent = likes_the_middle(answered(250, seed=1))
-    model, report = fit_reward(bent, grow, seed=0)
-    assert model.provenance.cfg.kind == "gp"
-    assert [kind for kind, _ in report.considered] == ["linear", "gp"]
-
-
 def test_few_answers_leave_no_choice() -> None:
     model, report = fit_reward(answered(20, seed=1), FitCfg(kind="auto"), seed=0)
     assert model.provenance.cfg.kind == "linear"

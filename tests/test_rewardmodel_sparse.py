@@ -137,28 +137,6 @@ def test_few_answers_name_the_one_thing_wanted(
     assert accuracy(linear, fresh) < by_weights
 
 
-@pytest.mark.parametrize(
-    ("taste", "named"), [(apart, {"side_support"}), (one_foot, {"foot_height_RL"})]
-)
-def test_members_that_share_what_is_found_agree_on_it(
-    taste: Taste, named: set[str], tmp_path: Path
-) -> None:
-    """Sixty answers leave no doubt of what one habit a wish is about."""
-    pairs, fresh = asked(taste, 60, seed=0), asked(taste, 300, seed=99)
-    shared = replace(SPARSE, sparse=SparseCfg(shared=True))
-    model, report = fit_reward(pairs, shared, seed=0)
-    assert accuracy(model, fresh) > 0.9
-    assert curves_kept(model) == named
-    assert report.held_out_accuracy is not None
-    assert report.held_out_accuracy > 0.8
-    save_reward(model, tmp_path / "reward")
-    loaded = load_reward(tmp_path / "reward")
-    assert loaded.provenance.cfg.sparse.shared
-    assert loaded.lead(fresh.left, fresh.right).equal(
-        model.lead(fresh.left, fresh.right)
-    )
-
-
 def test_what_few_members_have_is_paid_less() -> None:
     """Of two curves, one of all four members and one of the first alone."""
     scorer = SparseScorer(4, len(SEEN))
