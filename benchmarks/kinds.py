@@ -27,7 +27,7 @@ from gaitpref.progress import console
 from gaitpref.rewards import criterion_context
 from gaitpref.run_config import read_config
 from policy.checkpoint import load_policy
-from rewardmodel.cfg import Kind
+from rewardmodel.cfg import KindName
 from rewardmodel.fit import fit_reward
 from rewardmodel.foresight import accuracy_of
 from rewardmodel.pairs import AnsweredPairs, load_pairs
@@ -42,7 +42,7 @@ class Options:
 
     run: tuple[Path, ...]
     """Runs of `gaitpref loop` with a simulated rater, all of one criterion."""
-    kinds: tuple[Kind, ...] = ("linear", "sparse", "gp")
+    kinds: tuple[KindName, ...] = ("linear", "sparse", "gp")
     """Models to fit."""
     draws: int = 1
     """Fits of each model to the same answers."""
@@ -58,7 +58,7 @@ class Learned:
 
     answers: int
     mistakes: float
-    kind: Kind
+    kind: KindName
     error_share: float
     """Of the answers, as the fit found it."""
     held_out: float | None
@@ -92,7 +92,7 @@ def learned(run: Path, walks: list[Walk], options: Options) -> Iterator[Learned]
 
 def _fitted(
     pairs: AnsweredPairs,
-    kind: Kind,
+    kind: KindName,
     mistakes: float,
     cfg: LoopCfg,
     fresh: FreshPairs,

@@ -31,7 +31,7 @@ from rewardmodel.calibration import (
 from rewardmodel.evidence import takes_to_err
 from rewardmodel.fit import fit_reward
 from rewardmodel.held_out import held_out_opinions
-from rewardmodel.training import training_pairs
+from rewardmodel.kinds import prepare
 
 from .choosing import answers_of
 from .preference_fresh import fresh_pairs
@@ -69,11 +69,11 @@ def sureness(run: Path, *, seed: int) -> Iterator[Sureness]:
     pairs = answers_of(run, last)
     model, _ = fit_reward(pairs, cfg.fit_of(last), seed=seed, measured=False)
     found = model.provenance.cfg
-    described = training_pairs(pairs, found).seen_by(found)
-    asked, held_out = held_out_opinions(described, pairs.episodes, found, seed)
+    prepared = prepare(pairs, found)
+    asked, held_out = held_out_opinions(prepared, pairs.episodes, found, seed)
     of_fresh = model.opinion(fresh.left, fresh.right)
     alike = torch.ones(len(held_out.lead))
-    target = described.target[asked]
+    target = prepared.described.target[asked]
     counts = counting(pairs.at_random[asked], target, erring=takes_to_err(found))
     for way, known, new, weights in (
         ("by lead", held_out.lead, of_fresh.lead, alike),

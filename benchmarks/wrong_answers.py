@@ -37,8 +37,8 @@ from policy.checkpoint import load_policy
 from rewardmodel.doubt import likelihoods
 from rewardmodel.fit import fit_reward
 from rewardmodel.foresight import accuracy_of
+from rewardmodel.kinds import prepare
 from rewardmodel.pairs import AnsweredPairs, gather_pairs
-from rewardmodel.training import training_pairs
 
 from .policy_order import rank_correlation, walks_of
 from .preference_fresh import fresh_pairs
@@ -108,7 +108,7 @@ def _likely(pairs: AnsweredPairs, cfg: LoopCfg, *, seed: int) -> Tensor:
     """Probability [B] of each answer, foreseen by a model fitted to others."""
     model, _ = fit_reward(pairs, cfg.fit_of(cfg.rounds - 1), seed=seed, measured=False)
     found = model.provenance.cfg
-    return likelihoods(training_pairs(pairs, found), found, seed=seed)
+    return likelihoods(prepare(pairs, found), found, seed=seed)
 
 
 def ways(

@@ -9,10 +9,10 @@ from data.dataset import Dataset
 from rewardmodel.acquisition import AGAIN
 from rewardmodel.doubt import likelihoods
 from rewardmodel.errors import RewardError
+from rewardmodel.kinds import kind_called, prepare
 from rewardmodel.model import RewardModel
 from rewardmodel.pairs import load_pairs, pairs_behind
 from rewardmodel.reliability import judge
-from rewardmodel.training import training_pairs
 
 
 def ask_again(
@@ -37,8 +37,9 @@ def ask_again(
     cfg = model.provenance.cfg
     answered, asked = load_pairs([dataset]), pairs_behind([dataset])
     taken = {(pair.a, pair.b) for pair in known}
-    described = judge(training_pairs(answered, cfg), answered.raters, cfg).pairs
-    likely = likelihoods(described, cfg, seed=seed)
+    by_curves = kind_called(cfg.kind).by_curves
+    judged = judge(prepare(answered, cfg), answered.raters, cfg, by_curves=by_curves)
+    likely = likelihoods(judged.prepared, cfg, seed=seed)
     chosen: dict[str, Pair] = {}
     for row in likely.argsort(stable=True).tolist():
         pair = asked[row]

@@ -7,8 +7,6 @@ from typing import ClassVar, Literal, get_args
 
 from data.plain import ADDED_LATER
 
-from .descriptors import Sight
-
 
 def _require_members(num_members: int) -> None:
     if num_members < 2:
@@ -199,26 +197,10 @@ class ReliabilityCfg:
             )
 
 
-Kind = Literal["linear", "sparse", "gp", "mlp", "history", "transformer"]
+KindName = Literal["linear", "sparse", "gp", "mlp", "history", "transformer"]
 """The models there are, from the stiffest to the most flexible."""
-KINDS = (*get_args(Kind), "auto")
+KIND_NAMES = (*get_args(KindName), "auto")
 """What may be asked for: a model, or how it is chosen."""
-
-
-def sight_of(kind: str) -> Sight:
-    """What a kind of model sees; of one still to be chosen, all that any sees.
-
-    Raises:
-        ValueError: there is no such kind.
-    """
-    match kind:
-        case "sparse" | "auto":
-            return "legs"
-        case "history" | "transformer":
-            return "contacts"
-        case "linear" | "gp" | "mlp":
-            return "habits"
-    raise ValueError(f"no model is called {kind!r}; there are {', '.join(KINDS)}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -248,7 +230,7 @@ class SemiSupervisedCfg:
 class FitCfg:
     """How a reward model is fitted to the answers collected so far."""
 
-    kind: Kind | Literal["auto"] = "linear"
+    kind: KindName | Literal["auto"] = "linear"
     """Model: `linear` in the gait descriptors, curves of few of them and of single legs
     (`sparse`), a Gaussian process (`gp`) or a small network (`mlp`) on them, one on the
     last steps (`history`, `transformer`), or `auto`, whichever foresees held-out
@@ -289,9 +271,9 @@ class FitCfg:
     """How much the reward's own opinion counts; None, not at all."""
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
+        if self.kind not in KIND_NAMES:
             raise ValueError(
-                f"no model is called {self.kind!r}; there are {', '.join(KINDS)}"
+                f"no model is called {self.kind!r}; there are {', '.join(KIND_NAMES)}"
             )
         if not 0.0 <= self.error_share < 1.0:
             raise ValueError(f"error_share must lie in [0, 1), got {self.error_share}")
@@ -305,8 +287,3 @@ class FitCfg:
             )
         if self.folds < 2:
             raise ValueError(f"folds must be at least 2, got {self.folds}")
-
-    @property
-    def sight(self) -> Sight:
-        """What the model sees; of one still to be chosen, all that any sees."""
-        return sight_of(self.kind)

@@ -11,24 +11,25 @@ from typing import get_args
 
 from torch import Tensor
 
-from .cfg import FitCfg, Kind
+from .cfg import FitCfg, KindName
 from .held_out import held_out_opinions
 from .pairs import AnsweredPairs
+from .prepared import Prepared
 from .reliability import Judged, judge
-from .training import TrainingPairs
+from .training import DescribedPairs
 
 MIN_HELD_OUT = 30
 """Held-out answers below which the stiffest model is taken unseen."""
 
 
 def choose(
-    plain: TrainingPairs,
+    prepared: Prepared,
     pairs: AnsweredPairs,
     cfg: FitCfg,
     seed: int,
     measured: bool,
-) -> tuple[Kind, tuple[tuple[str, float], ...]]:
-    """A kind of model for described `plain` pairs, where `cfg` leaves it open, and what
+) -> tuple[KindName, tuple[tuple[str, float], ...]]:
+    """A kind of model for prepared answers, where `cfg` leaves it open, and what
     every kind foresees of held-out answers.
 
     All expect the same errors here: to a model that finds no sense in the answers, they
@@ -36,12 +37,12 @@ def choose(
     """
     if cfg.kind != "auto":
         return cfg.kind, ()
-    stiffest = get_args(Kind)[0]
+    stiffest = get_args(KindName)[0]
     if not measured:
         return stiffest, ()
-    foreseen: dict[Kind, Tensor] = {}
-    judged = judge(plain, pairs.raters, cfg)
-    for kind in get_args(Kind):
+    foreseen: dict[KindName, Tensor] = {}
+    judged = judge(prepared, pairs.raters, cfg, by_curves=True)
+    for kind in get_args(KindName):
         # It takes as long as all others together, and where what led to a step does
         # not matter to the simpler of the two, it does not matter.
         if kind == "transformer" and choose_kind(foreseen) != "history":
@@ -57,14 +58,15 @@ def choose(
 
 def _held_out(
     judged: Judged, pairs: AnsweredPairs, cfg: FitCfg, seed: int
-) -> tuple[TrainingPairs, Tensor]:
+) -> tuple[DescribedPairs, Tensor]:
     """Held-out answers of raters who look, and what models foresee of them [B]."""
-    asked, opinion = held_out_opinions(judged.pairs, pairs.episodes, cfg, seed)
+    asked, opinion = held_out_opinions(judged.prepared, pairs.episodes, cfg, seed)
     told = judged.measuring[asked]
-    return judged.pairs.subset(asked & judged.measuring), opinion.lead[told]
+    held_out = judged.prepared.described.subset(asked & judged.measuring)
+    return held_out, opinion.lead[told]
 
 
-def choose_kind(log_likelihoods: Mapping[Kind, Tensor]) -> Kind:
+def choose_kind(log_likelihoods: Mapping[KindName, Tensor]) -> KindName:
     """The model to take, given the log-likelihood [B] of the same held-out answers by
     kind, from the stiffest to the most flexible.
 

@@ -21,10 +21,9 @@ from rewardmodel.descriptors import (
     named,
 )
 from rewardmodel.evidence import Found, evidence, settled
-from rewardmodel.linear import LinearScorer, prior_factor, scaled_differences
-from rewardmodel.normaliser import Normaliser
+from rewardmodel.kinds import prepare
+from rewardmodel.linear import LinearScorer, prior_factor
 from rewardmodel.pairs import AnsweredPairs
-from rewardmodel.training import training_pairs
 
 from .test_rewardmodel_fit import DISLIKED, accuracy, answered, taste
 
@@ -112,9 +111,11 @@ def test_what_a_linear_reward_cannot_see_is_no_error() -> None:
     tie_threshold = FitCfg().tie_threshold
     many, few = Found(0.7, 3.0, tie_threshold), Found(0.02, 0.1, tie_threshold)
     network = FitCfg(kind="mlp")
-    assert settled(network, many) == replace(network, adapt=False)
-    assert settled(network, few) == replace(network, adapt=False, error_share=0.02)
-    linear = settled(FitCfg(), many)
+    assert settled(network, many, tells_errors=False) == replace(network, adapt=False)
+    assert settled(network, few, tells_errors=False) == replace(
+        network, adapt=False, error_share=0.02
+    )
+    linear = settled(FitCfg(), many, tells_errors=True)
     assert (linear.error_share, linear.linear.prior_precision) == (0.7, 3.0)
 
 
@@ -131,9 +132,8 @@ def test_settings_that_are_held_stay() -> None:
 def test_the_evidence_is_the_integral_over_the_weight() -> None:
     """One descriptor, so that the integral can be summed on a grid."""
     cfg = replace(FitCfg(), error_share=0.1, tie_threshold=0.0)
-    pairs = training_pairs(answered(30, seed=1), cfg)
-    pairs = pairs.transformed(Normaliser(pairs.steps.shape[-1]).fit(pairs.scored_steps))
-    inputs = scaled_differences(pairs)[0][:, :1]
+    prepared = prepare(answered(30, seed=1), cfg)
+    pairs, inputs = prepared.standardised, prepared.differences.inputs[:, :1]
     precision = 1.0
     weights = torch.linspace(-8.0, 8.0, 4001, dtype=torch.float64)[:, None]
     leads = weights @ inputs.mT + pairs.fall_lead.double()

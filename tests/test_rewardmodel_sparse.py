@@ -30,12 +30,12 @@ from rewardmodel.curves import learned_curves
 from rewardmodel.descriptors import TOLD, describe, names_seen
 from rewardmodel.explain import explain
 from rewardmodel.foresight import foresee
+from rewardmodel.kinds import prepare
 from rewardmodel.reliability import HARDLY_LOOKS, judge
 from rewardmodel.rising import RisingReward, rises
 from rewardmodel.sparse import SparseScorer
-from rewardmodel.sparse_fit import find
+from rewardmodel.sparse_fit import curve_settings
 from rewardmodel.stride_rate import stride_rate
-from rewardmodel.training import training_pairs
 from rewardmodel.trust import MOST_BY_CHANCE
 
 from .test_rewardmodel_fit import accuracy, answered, gait
@@ -185,7 +185,7 @@ def test_random_answers_are_told_from_those_that_mean_something() -> None:
     """By how well curves explain them, of the former in some draws by chance."""
     by_chance = {
         (flipped, seed): explained_by_chance(
-            training_pairs(asked(apart, 40, seed=seed, flipped=flipped), SPARSE),
+            prepare(asked(apart, 40, seed=seed, flipped=flipped), SPARSE),
             SPARSE,
             seed=0,
             draws=19,
@@ -210,7 +210,7 @@ def test_feet_are_told_apart_where_answers_speak_for_it(
     taste: Taste, single_legs: bool, ends: bool
 ) -> None:
     """Among so many more curves some always fit a few answers by chance."""
-    cfg = find(training_pairs(asked(taste, 60, seed=0), SPARSE), SPARSE)
+    cfg = curve_settings(prepare(asked(taste, 60, seed=0), SPARSE), SPARSE)
     found = cfg.sparse
     assert (found.single_legs, found.ends) == (single_legs, ends)
 
@@ -218,8 +218,8 @@ def test_feet_are_told_apart_where_answers_speak_for_it(
 def test_it_tells_the_errors_of_raters_from_its_own() -> None:
     """What no weighted sum says is no error to it; what is one is."""
     share = {
-        flipped: find(
-            training_pairs(asked(one_foot, 100, seed=0, flipped=flipped), SPARSE),
+        flipped: curve_settings(
+            prepare(asked(one_foot, 100, seed=0, flipped=flipped), SPARSE),
             SPARSE,
         ).error_share
         for flipped in (0.0, 0.2)
@@ -279,8 +279,9 @@ def test_while_the_model_is_open_raters_are_judged_by_curves() -> None:
     names = ("ada", "bob") * 40
     target = torch.where(torch.arange(80) % 2 == 0, pairs.target, chance.float())
     spoiled = replace(pairs, target=target)
-    for cfg, tells in ((FitCfg(kind="auto"), True), (FitCfg(kind="linear"), False)):
-        judged = judge(training_pairs(spoiled, cfg), names, cfg)
+    cfg = FitCfg(kind="auto", adapt=False)
+    for tells in (True, False):
+        judged = judge(prepare(spoiled, cfg), names, cfg, by_curves=tells)
         shares = dict(judged.raters)
         assert (shares["ada"] < 0.3 and shares["bob"] >= HARDLY_LOOKS) == tells
         assert judged.cfg == cfg
@@ -294,7 +295,8 @@ def test_who_does_not_look_is_found_out_in_a_crowd() -> None:
     careless = torch.tensor([name == "c" for name in names])
     target = torch.where(careless, chance.float(), pairs.target)
     cfg = replace(SPARSE, sparse=SparseCfg(single_legs=False, ends=False))
-    judged = judge(training_pairs(replace(pairs, target=target), cfg), names, cfg)
+    prepared = prepare(replace(pairs, target=target), cfg)
+    judged = judge(prepared, names, cfg, by_curves=True)
     shares = dict(judged.raters)
     assert shares.pop("c") >= HARDLY_LOOKS
     assert max(shares.values()) < 0.3
