@@ -241,6 +241,9 @@ class FitCfg:
     """Whether `error_share` and the prior of the `linear` model are only where
     expectations start, and the answers say what they are; a fitted reward keeps what
     was found."""
+    answers_err: bool | None = field(default=None, metadata=ADDED_LATER)
+    """Whether more answers are random than can be overlooked. None: this fit decides by
+    its own evidence; True or False: decided before, and only how many is left to it."""
     tie_threshold: float = 1.0
     """Lead, in logits, below which a rater is expected to answer "equal"; 0 counts
     "equal" as half an answer for either side."""

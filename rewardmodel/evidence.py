@@ -49,8 +49,18 @@ _ERRING_TIMES, _ERRING_SPREAD = 3.0, 0.4
 
 
 def takes_to_err(cfg: FitCfg) -> bool:
-    """Whether more answers are random than can be overlooked, as `cfg` says."""
+    """Whether more answers are random than can be overlooked: as was decided, else as
+    the share that `cfg` expects says."""
+    if cfg.answers_err is not None:
+        return cfg.answers_err
     return cfg.error_share > FEW_ERRORS
+
+
+def error_shares(cfg: FitCfg) -> tuple[float, ...]:
+    """Shares of random answers that are tried: all, or those of what was decided."""
+    if cfg.answers_err is None:
+        return ERROR_SHARES
+    return tuple(s for s in ERROR_SHARES if (s > FEW_ERRORS) == cfg.answers_err)
 
 
 @dataclass(frozen=True)
@@ -73,8 +83,10 @@ def noise_level(prepared: Prepared, cfg: FitCfg) -> Found:
     tried = _tried(prepared.subset(some), cfg)
     weak = _ERRING_TIMES * cfg.linear.prior_precision
     weakly = _weighed(tried, weak, _ERRING_SPREAD)
-    found = _best(weakly, cfg)
-    if found.error_share <= FEW_ERRORS or _for_errors(weakly) <= _SURE:
+    found, err = _best(weakly, cfg), cfg.answers_err
+    if err is None:
+        err = found.error_share > FEW_ERRORS and _for_errors(weakly) > _SURE
+    if not err:
         # Only where answers agree to who hardly has opinions may they be strong ones:
         # any answers agree to those. And what weights cannot say, strong opinions take
         # for errors: these are few where the odds did not speak for more.

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from .cfg import FitCfg, SparseCfg
 from .descriptors import TOLD, names_seen
-from .evidence import ERROR_SHARES, erring, evidence, expected_share
+from .evidence import erring, error_shares, evidence, expected_share
 from .forward import LEFT_OUT, PRICE, chosen_curves
 from .legs import CONTACTS, ENDS, SINGLE
 from .prepared import Prepared
@@ -97,7 +97,7 @@ def curve_settings(prepared: Prepared, cfg: FitCfg) -> FitCfg:
     pairs, inputs = seen.standardised, seen.curves.inputs
     tried: dict[tuple[SparseCfg, float], float] = {}
     for sparse in _open_settings(cfg.sparse):
-        for share in ERROR_SHARES:
+        for share in error_shares(cfg):
             own = erring(pairs, cfg, share)
             counts = inputs.new_ones(1, len(own))
             settings = replace(cfg, sparse=sparse)

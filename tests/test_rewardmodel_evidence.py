@@ -20,7 +20,7 @@ from rewardmodel.descriptors import (
     describe,
     named,
 )
-from rewardmodel.evidence import Found, evidence, settled
+from rewardmodel.evidence import FEW_ERRORS, Found, evidence, settled, takes_to_err
 from rewardmodel.kinds import prepare
 from rewardmodel.linear import LinearScorer, prior_factor
 from rewardmodel.pairs import AnsweredPairs
@@ -117,6 +117,37 @@ def test_what_a_linear_reward_cannot_see_is_no_error() -> None:
     )
     linear = settled(FitCfg(), many, tells_errors=True)
     assert (linear.error_share, linear.linear.prior_precision) == (0.7, 3.0)
+
+
+@pytest.mark.parametrize("flipped", [0.0, 0.4])
+def test_whether_answers_err_may_be_decided_before(flipped: float) -> None:
+    """Then no answers speak against it, and all that goes with it is expected."""
+    pairs, told = answered(100, seed=0, flipped=flipped), LinearCfg(told_most=True)
+    for err in (True, False):
+        cfg = FitCfg(answers_err=err, linear=told)
+        model, _ = fit_reward(pairs, cfg, seed=0, measured=False)
+        settled = model.provenance.cfg
+        assert takes_to_err(settled) == (settled.error_share > FEW_ERRORS) == err
+        assert settled.linear.told_most == err
+        assert (settled.tie_threshold, settled.error_share >= 0.3) == (
+            (0.3, True) if err else (1.0, False)
+        )
+    # What a fit decides by itself is what it decides when told so.
+    by_itself, _ = fit_reward(pairs, FitCfg(linear=told), seed=0, measured=False)
+    assert takes_to_err(by_itself.provenance.cfg) == (flipped > 0.0)
+    cfg = FitCfg(answers_err=flipped > 0.0, linear=told)
+    model, _ = fit_reward(pairs, cfg, seed=0, measured=False)
+    for name, values in by_itself.state_dict().items():
+        assert torch.equal(values, model.state_dict()[name])
+
+
+def test_a_decision_holds_where_shares_are_held() -> None:
+    """Of a reward whose share says the opposite, too."""
+    for share in (0.02, 0.5):
+        cfg = FitCfg(adapt=False, error_share=share)
+        assert takes_to_err(cfg) == (share > FEW_ERRORS)
+        for err in (True, False):
+            assert takes_to_err(replace(cfg, answers_err=err)) == err
 
 
 def test_settings_that_are_held_stay() -> None:

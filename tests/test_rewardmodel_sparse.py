@@ -28,6 +28,7 @@ from rewardmodel.chance import explained_by_chance
 from rewardmodel.clips import pad_clips, read_clips
 from rewardmodel.curves import learned_curves
 from rewardmodel.descriptors import TOLD, describe, names_seen
+from rewardmodel.evidence import FEW_ERRORS
 from rewardmodel.explain import explain
 from rewardmodel.foresight import foresee
 from rewardmodel.kinds import prepare
@@ -213,6 +214,16 @@ def test_feet_are_told_apart_where_answers_speak_for_it(
     cfg = curve_settings(prepare(asked(taste, 60, seed=0), SPARSE), SPARSE)
     found = cfg.sparse
     assert (found.single_legs, found.ends) == (single_legs, ends)
+
+
+@pytest.mark.parametrize("flipped", [0.0, 0.3])
+def test_curves_look_for_errors_within_what_was_decided(flipped: float) -> None:
+    pairs = asked(one_foot, 40, seed=0, flipped=flipped)
+    sparse = SparseCfg(single_legs=True, ends=False)
+    for err in (True, False):
+        cfg = replace(SPARSE, answers_err=err, sparse=sparse)
+        found = curve_settings(prepare(pairs, cfg), cfg)
+        assert (found.error_share > FEW_ERRORS) == err
 
 
 def test_it_tells_the_errors_of_raters_from_its_own() -> None:
