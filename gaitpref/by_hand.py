@@ -71,7 +71,7 @@ def stage_of(command: ByHand) -> Stage | None:
             f"rounds 0 to {rounds - 1} and trains in rounds 1 to {rounds}; give "
             "--rounds too where there are more"
         )
-    noisy = False
+    noisy = None
     if command.first_reward is not None:
         noisy = NoisyAnswers.of(load_reward(command.first_reward)).noisy
     context = RoundContext(number=command.round, rounds=rounds, labels=0, noisy=noisy)

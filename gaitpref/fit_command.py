@@ -18,7 +18,7 @@ from data.gone import told_gone
 from data.lock import LOCK_NAME, only_writer
 from data.manifest_file import writable
 from rewardmodel.acquisition import unanswered_pairs
-from rewardmodel.cfg import FitCfg, SemiSupervisedCfg, SparseCfg
+from rewardmodel.cfg import FitCfg, SemiSupervisedCfg
 from rewardmodel.fit import fit_reward
 from rewardmodel.pairs import load_pairs
 from rewardmodel.reliability import HARDLY_LOOKS
@@ -59,7 +59,6 @@ def _fit_alone(command: options.Fit) -> None:
     cfg = FitCfg(
         kind=command.model,
         doubted_below=_probability(command.doubted_below),
-        sparse=SparseCfg(shared=_of_curves(command)),
     )
     stage = stage_of(command)
     if stage is not None:
@@ -101,15 +100,6 @@ def _probability(doubted_below: float) -> float:
             "every answer looks wrong to a reward that has no opinion; try 0.2"
         )
     return doubted_below
-
-
-def _of_curves(command: options.Fit) -> bool:
-    if command.shared and command.model != "sparse":
-        raise GaitprefError(
-            f"--shared is about curves, and --model {command.model} may have none: "
-            "add --model sparse, or leave --shared out"
-        )
-    return command.shared
 
 
 def _relabel(command: options.Relabel) -> None:

@@ -110,10 +110,6 @@ class Fit:
     semi_supervised: bool = False
     """Let what the reward is sure of in pairs nobody answered count a little too. Where
     it was measured (docs/benchmarks.md) it did not pay."""
-    shared: bool = False
-    """Only with `--model sparse`: its members share the few sets of curves that all
-    answers speak for, so that what is wished for can be read (`gaitpref explain`).
-    Policies trained on it came out a little worse (docs/tried.md)."""
     doubted_below: float = 0.0
     """Take answers for random that a reward fitted to the others gives a probability
     below this, such as 0.2. Where it was measured (docs/tried.md) it did not pay."""

@@ -7,8 +7,6 @@ from typing import ClassVar, Literal, get_args
 
 from data.plain import ADDED_LATER
 
-from .descriptors import Sight
-
 
 def _require_members(num_members: int) -> None:
     if num_members < 2:
@@ -151,7 +149,7 @@ class GpCfg:
 class SparseCfg:
     """A sum of curves of single descriptors, of which the answers pick few."""
 
-    REMOVED: ClassVar = ("sparsity", "num_updates", "lines_apart")
+    REMOVED: ClassVar = ("sparsity", "num_updates", "lines_apart", "shared")
     """Settings that older files have: of how curves were picked before."""
 
     num_members: int = 8
@@ -166,9 +164,6 @@ class SparseCfg:
     """Whether doing what the robot is told may matter: how fast it goes and turns, and
     by how much too fast or slow. Where a task pays for that, a policy cannot change it,
     and what such a curve says is chance, or stands for a habit that goes with speed."""
-    shared: bool = field(default=False, metadata=ADDED_LATER)
-    """Whether the members share the sets of curves that all answers speak for, by how
-    probable these are, instead of each looking in resampled answers of its own."""
 
     def __post_init__(self) -> None:
         _require_members(self.num_members)
@@ -202,28 +197,10 @@ class ReliabilityCfg:
             )
 
 
-Kind = Literal["linear", "sparse", "gp", "mlp", "history", "transformer"]
+KindName = Literal["linear", "sparse", "gp", "mlp", "history", "transformer"]
 """The models there are, from the stiffest to the most flexible."""
-KINDS = (*get_args(Kind), "auto", "grow")
+KIND_NAMES = (*get_args(KindName), "auto")
 """What may be asked for: a model, or how it is chosen."""
-
-
-def sight_of(kind: str) -> Sight:
-    """What a kind of model sees; of one still to be chosen, all that any sees.
-
-    Raises:
-        ValueError: there is no such kind.
-    """
-    match kind:
-        case "sparse" | "auto":
-            return "legs"
-        case "history" | "transformer":
-            return "contacts"
-        case "linear" | "gp" | "mlp":
-            return "habits"
-        case "grow":
-            return sight_of("gp")
-    raise ValueError(f"no model is called {kind!r}; there are {', '.join(KINDS)}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -253,18 +230,20 @@ class SemiSupervisedCfg:
 class FitCfg:
     """How a reward model is fitted to the answers collected so far."""
 
-    kind: Kind | Literal["auto", "grow"] = "linear"
+    kind: KindName | Literal["auto"] = "linear"
     """Model: `linear` in the gait descriptors, curves of few of them and of single legs
     (`sparse`), a Gaussian process (`gp`) or a small network (`mlp`) on them, one on the
-    last steps (`history`, `transformer`), `auto`, whichever foresees held-out answers
-    best, or `grow`: `linear`, and `gp` where the answers look wrong to it and that
-    model surely foresees them better."""
+    last steps (`history`, `transformer`), or `auto`, whichever foresees held-out
+    answers best."""
     error_share: float = 0.3
     """Share of the answers expected to be random, in [0, 1)."""
     adapt: bool = field(default=True, metadata=ADDED_LATER)
     """Whether `error_share` and the prior of the `linear` model are only where
     expectations start, and the answers say what they are; a fitted reward keeps what
     was found."""
+    answers_err: bool | None = field(default=None, metadata=ADDED_LATER)
+    """Whether more answers are random than can be overlooked. None: this fit decides by
+    its own evidence; True or False: decided before, and only how many is left to it."""
     tie_threshold: float = 1.0
     """Lead, in logits, below which a rater is expected to answer "equal"; 0 counts
     "equal" as half an answer for either side."""
@@ -295,9 +274,9 @@ class FitCfg:
     """How much the reward's own opinion counts; None, not at all."""
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
+        if self.kind not in KIND_NAMES:
             raise ValueError(
-                f"no model is called {self.kind!r}; there are {', '.join(KINDS)}"
+                f"no model is called {self.kind!r}; there are {', '.join(KIND_NAMES)}"
             )
         if not 0.0 <= self.error_share < 1.0:
             raise ValueError(f"error_share must lie in [0, 1), got {self.error_share}")
@@ -311,8 +290,3 @@ class FitCfg:
             )
         if self.folds < 2:
             raise ValueError(f"folds must be at least 2, got {self.folds}")
-
-    @property
-    def sight(self) -> Sight:
-        """What the model sees; of one still to be chosen, all that any sees."""
-        return sight_of(self.kind)

@@ -18,8 +18,9 @@ from torch import Tensor
 
 from .cfg import FitCfg
 from .evidence import FEW_ERRORS, erring, evidence
-from .sparse_fit import relevant, standardised_curves
-from .training import TrainingPairs
+from .prepared import Prepared
+from .sparse_fit import relevant
+from .training import ClipPairs
 
 DRAWS = 39
 """Of random answers: a share of a fortieth can be told from none."""
@@ -28,20 +29,20 @@ PLENTY = 200
 
 
 def explained_by_chance(
-    pairs: TrainingPairs, cfg: FitCfg, *, seed: int, draws: int = DRAWS
+    prepared: Prepared, cfg: FitCfg, *, seed: int, draws: int = DRAWS
 ) -> float:
     """Share, above 0, of answers turned round at random that a sum of curves explains
-    at least as well as the answers of described `pairs`.
+    at least as well as the answers of `prepared`.
 
     Explained by curves of all legs alike, with few answers taken to be wrong: that is
     where answers that mean something are farthest from chance.
     """
-    some = torch.arange(len(pairs)) % -(-len(pairs) // PLENTY) == 0
-    seen = pairs.subset(some).seen_by(cfg)
-    inputs, standardised = standardised_curves(seen)
+    some = torch.arange(len(prepared)) % -(-len(prepared) // PLENTY) == 0
+    seen = prepared.subset(some).seen_by("legs")
+    inputs = seen.curves.inputs
     plain = replace(cfg.sparse, single_legs=False, ends=False)
     settings = replace(cfg, sparse=plain)
-    own = erring(standardised, settings, FEW_ERRORS)
+    own = erring(seen.standardised, settings, FEW_ERRORS)
     found = _explained(inputs, own, settings)
     generator = torch.Generator().manual_seed(seed)
     as_well = 1
@@ -52,7 +53,7 @@ def explained_by_chance(
     return as_well / (draws + 1)
 
 
-def _explained(inputs: Tensor, pairs: TrainingPairs, cfg: FitCfg) -> float:
+def _explained(inputs: Tensor, pairs: ClipPairs, cfg: FitCfg) -> float:
     """Logarithm of the evidence for the curves that matter to the answers."""
     counts = inputs.new_ones(1, len(pairs))
     theta, variance = relevant(inputs, pairs, counts, cfg)

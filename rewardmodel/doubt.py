@@ -17,41 +17,43 @@ from torch import Tensor
 
 from .cfg import FitCfg
 from .held_out import opinion_without
-from .training import TrainingPairs
+from .prepared import Prepared
 
 _RANDOM = 0.98
 """Share of random answers, all but 1, from which on nothing is learned of one."""
 
 
-def likelihoods(pairs: TrainingPairs, cfg: FitCfg, *, seed: int) -> Tensor:
+def likelihoods(prepared: Prepared, cfg: FitCfg, *, seed: int) -> Tensor:
     """Probability [B] of each answer, 0.5 of a tie, as models foresee it that are
     fitted to all but a group of them, `cfg.folds` in all.
 
     Args:
-        pairs: The answers, described.
+        prepared: The answers.
         cfg: A fit whose settings are found already.
         seed: Which answers are a group, bootstrap draws and first weights.
     """
+    target = prepared.described.target
     generator = torch.Generator().manual_seed(seed)
-    group = torch.randperm(len(pairs), generator=generator) % cfg.folds
-    left = torch.empty(len(pairs))
+    group = torch.randperm(len(target), generator=generator) % cfg.folds
+    left = torch.empty(len(target))
     for number in range(cfg.folds):
         tested = group == number
-        opinion = opinion_without(pairs, ~tested, tested, cfg, seed)
+        opinion = opinion_without(prepared, ~tested, tested, cfg, seed)
         left[tested] = opinion.logit.sigmoid().to(left.dtype)
-    return pairs.target * left + (1 - pairs.target) * (1 - left)
+    return target * left + (1 - target) * (1 - left)
 
 
 def without_doubted(
-    pairs: TrainingPairs, cfg: FitCfg, *, seed: int
-) -> tuple[TrainingPairs, int]:
-    """`pairs` with answers less likely than `cfg.doubted_below` taken for random, and
+    prepared: Prepared, cfg: FitCfg, *, seed: int
+) -> tuple[Prepared, int]:
+    """The pairs with answers less likely than `cfg.doubted_below` taken for random, and
     how many these are.
 
     They stay among the answers, so that a reward is still measured by them: it would be
     right about all that is left if whatever it gets wrong were left out. Held-out
     answers have a say in which of the others are doubted, and in nothing else.
     """
-    doubted = likelihoods(pairs, cfg, seed=seed) < cfg.doubted_below
-    share = torch.where(doubted, _RANDOM, pairs.errors.share)
-    return replace(pairs, errors=replace(pairs.errors, share=share)), int(doubted.sum())
+    doubted = likelihoods(prepared, cfg, seed=seed) < cfg.doubted_below
+    errors = prepared.described.errors
+    share = torch.where(doubted, _RANDOM, errors.share)
+    return prepared.with_errors(replace(errors, share=share)), int(doubted.sum())

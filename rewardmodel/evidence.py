@@ -11,6 +11,7 @@ Shapes: B pairs, D descriptors.
 from __future__ import annotations
 
 import math
+from collections.abc import Sized
 from dataclasses import dataclass, replace
 
 import torch
@@ -22,11 +23,10 @@ from .linear import (
     expected_weights,
     hessian_factor,
     posterior_modes,
-    scaled_differences,
     weighed,
 )
-from .normaliser import Normaliser
-from .training import TrainingPairs
+from .prepared import Prepared
+from .training import ClipPairs, StandardisedPairs
 
 PRECISIONS = (0.03, 0.1, 0.3, 1.0, 3.0)
 ERROR_SHARES = (0.02, 0.1, 0.2, 0.3, 0.5, 0.7)
@@ -49,8 +49,18 @@ _ERRING_TIMES, _ERRING_SPREAD = 3.0, 0.4
 
 
 def takes_to_err(cfg: FitCfg) -> bool:
-    """Whether more answers are random than can be overlooked, as `cfg` says."""
+    """Whether more answers are random than can be overlooked: as was decided, else as
+    the share that `cfg` expects says."""
+    if cfg.answers_err is not None:
+        return cfg.answers_err
     return cfg.error_share > FEW_ERRORS
+
+
+def error_shares(cfg: FitCfg) -> tuple[float, ...]:
+    """Shares of random answers that are tried: all, or those of what was decided."""
+    if cfg.answers_err is None:
+        return ERROR_SHARES
+    return tuple(s for s in ERROR_SHARES if (s > FEW_ERRORS) == cfg.answers_err)
 
 
 @dataclass(frozen=True)
@@ -62,19 +72,21 @@ class Found:
     tie_threshold: float
 
 
-def find(pairs: TrainingPairs, cfg: FitCfg) -> Found:
-    """The settings with the largest evidence, for described `pairs`.
+def noise_level(prepared: Prepared, cfg: FitCfg) -> Found:
+    """The settings with the largest evidence, for the answers of `prepared`.
 
     Answers are wrong at random, whatever is asked, or where pairs are close, and which
     of the two it is a hundred of them hardly say; taken for the other kind, either
     teaches what nobody wants. So where they err, both are expected.
     """
-    some = torch.arange(len(pairs)) % -(-len(pairs) // PLENTY) == 0
-    tried = _tried(pairs.subset(some), cfg)
+    some = torch.arange(len(prepared)) % -(-len(prepared) // PLENTY) == 0
+    tried = _tried(prepared.subset(some), cfg)
     weak = _ERRING_TIMES * cfg.linear.prior_precision
     weakly = _weighed(tried, weak, _ERRING_SPREAD)
-    found = _best(weakly, cfg)
-    if found.error_share <= FEW_ERRORS or _for_errors(weakly) <= _SURE:
+    found, err = _best(weakly, cfg), cfg.answers_err
+    if err is None:
+        err = found.error_share > FEW_ERRORS and _for_errors(weakly) > _SURE
+    if not err:
         # Only where answers agree to who hardly has opinions may they be strong ones:
         # any answers agree to those. And what weights cannot say, strong opinions take
         # for errors: these are few where the odds did not speak for more.
@@ -89,30 +101,25 @@ Tried = dict[tuple[float, float], float]
 """Logarithm of how well a share of random answers and a precision explain answers."""
 
 
-def _tried(pairs: TrainingPairs, cfg: FitCfg) -> Tried:
-    """The evidence of described `pairs` for all that is tried."""
-    standardised, inputs, mean = as_linear(pairs, cfg)
+def _tried(prepared: Prepared, cfg: FitCfg) -> Tried:
+    """The evidence of the answers for all that is tried."""
+    seen = prepared.seen_by("habits")
+    pairs, inputs = seen.standardised, seen.differences.inputs
+    mean = expected_of_all(seen, cfg)
     return {
         (share, precision): evidence(
-            inputs, erring(standardised, cfg, share), cfg, precision, mean=mean
+            inputs, erring(pairs, cfg, share), cfg, precision, mean=mean
         )
         for precision in PRECISIONS
         for share in ERROR_SHARES
     }
 
 
-def as_linear(
-    pairs: TrainingPairs, cfg: FitCfg
-) -> tuple[TrainingPairs, Tensor, Tensor]:
-    """Described `pairs` standardised as a linear reward sees them, their scaled
-    differences [B, D], and the weights [D] expected of raters who do not err: of these
-    it is asked whether they do."""
-    seen = pairs.seen_by(replace(cfg, kind="linear"))
-    normaliser = Normaliser(seen.steps.shape[-1]).fit(seen.scored_steps)
-    standardised = seen.transformed(normaliser)
-    inputs, spread = scaled_differences(standardised)
+def expected_of_all(prepared: Prepared, cfg: FitCfg) -> Tensor:
+    """Weights [D] expected of raters who do not err: of these it is asked whether they
+    do."""
     plain = replace(cfg.linear, told_most=False, quiet_logit=0.0, hurry=0.0)
-    return standardised, inputs, expected_weights(standardised, spread, plain)
+    return expected_weights(prepared.described, prepared.differences.spread, plain)
 
 
 def _weighed(tried: Tried, precision: float, spread: float) -> Tried:
@@ -139,14 +146,14 @@ def _for_errors(tried: Tried) -> float:
     return others - never
 
 
-def settled(cfg: FitCfg, found: Found) -> FitCfg:
+def settled(cfg: FitCfg, found: Found, *, tells_errors: bool) -> FitCfg:
     """`cfg` with what was found put in, done adapting.
 
     What a linear reward cannot see looks like an error to it, so a model that sees more
     expects no more errors than it did; fewer, where even the linear one finds fewer.
     """
     cfg = replace(cfg, tie_threshold=found.tie_threshold)
-    if cfg.kind != "linear":
+    if not tells_errors:
         share = min(cfg.error_share, found.error_share)
         return replace(cfg, adapt=False, error_share=share)
     linear = replace(cfg.linear, prior_precision=found.prior_precision)
@@ -157,7 +164,7 @@ def settled(cfg: FitCfg, found: Found) -> FitCfg:
 
 def evidence(
     inputs: Tensor,
-    pairs: TrainingPairs,
+    pairs: ClipPairs,
     cfg: FitCfg,
     precision: Tensor | float,
     *,
@@ -183,7 +190,7 @@ def evidence(
 
 def log_evidence(
     inputs: Tensor,
-    pairs: TrainingPairs,
+    pairs: ClipPairs,
     counts: Tensor,
     cfg: FitCfg,
     precision: Tensor | float,
@@ -208,10 +215,14 @@ def log_evidence(
     return fitted - held_back - (free - prior.log().sum(dim=-1)) / 2
 
 
-def erring(pairs: TrainingPairs, cfg: FitCfg, share: float) -> TrainingPairs:
+def erring(pairs: StandardisedPairs, cfg: FitCfg, share: float) -> StandardisedPairs:
     """`pairs` whose answers are all expected to be random in a share of the cases."""
-    errors = Errors.alike(share, len(pairs), tie_threshold=cfg.tie_threshold)
-    return replace(pairs, errors=errors)
+    return replace(pairs, errors=errors_alike(pairs, cfg, share))
+
+
+def errors_alike(pairs: Sized, cfg: FitCfg, share: float) -> Errors:
+    """Of answers that are all expected to be random in a share of the cases."""
+    return Errors.alike(share, len(pairs), tie_threshold=cfg.tie_threshold)
 
 
 def expected_share(share: float, centre: float) -> float:

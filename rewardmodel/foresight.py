@@ -19,12 +19,12 @@ from .cfg import FitCfg
 from .chance import explained_by_chance
 from .evidence import takes_to_err
 from .held_out import fold_of, held_out_opinions, opinion_without
+from .kinds import kind_called, prepare
 from .model import RewardModel
 from .opinion import Opinion
 from .pairs import AnsweredPairs
 from .reliability import Judged, judge
 from .report import wilson_interval
-from .training import training_pairs
 
 LEAST_SHARE = 0.6
 """Answers that must be foreseen, however sure it is that some are: a reward that misses
@@ -128,12 +128,13 @@ def foresee(model: RewardModel, pairs: AnsweredPairs, *, seed: int) -> Foreseen:
     cfg = model.provenance.cfg
     seen = model.provenance.episodes
     unseen = torch.tensor([not seen.intersection(pair) for pair in pairs.episodes])
-    judged = judge(training_pairs(pairs, cfg), pairs.raters, cfg)
-    described = judged.pairs
+    kind = kind_called(cfg.kind)
+    judged = judge(prepare(pairs, cfg), pairs.raters, cfg, by_curves=kind.by_curves)
+    prepared = judged.prepared
     opinion = Opinion.none(len(pairs))
     asked = unseen.clone()
     if not unseen.all():
-        held_out, by_fold = held_out_opinions(described, pairs.episodes, cfg, seed)
+        held_out, by_fold = held_out_opinions(prepared, pairs.episodes, cfg, seed)
         opinion.put(held_out, by_fold)
         asked |= held_out
     if unseen.any():
@@ -148,8 +149,8 @@ def foresee(model: RewardModel, pairs: AnsweredPairs, *, seed: int) -> Foreseen:
         cfg=cfg,
     )
     found = replace(found, left_out=int(asked.sum() - told.sum()))
-    if cfg.kind == "sparse" and found.accuracy and found.accuracy.too_low:
-        return replace(found, by_chance=explained_by_chance(described, cfg, seed=seed))
+    if kind.by_curves and found.accuracy and found.accuracy.too_low:
+        return replace(found, by_chance=explained_by_chance(prepared, cfg, seed=seed))
     return found
 
 
@@ -160,8 +161,8 @@ def _newest(judged: Judged, rounds: Tensor, cfg: FitCfg, seed: int) -> Accuracy 
     asked = newest & judged.measuring
     if newest.all() or not asked.any():
         return None
-    opinion = opinion_without(judged.pairs, ~newest, asked, cfg, seed)
-    return accuracy_of(opinion.lead, judged.pairs.target[asked])
+    opinion = opinion_without(judged.prepared, ~newest, asked, cfg, seed)
+    return accuracy_of(opinion.lead, judged.prepared.described.target[asked])
 
 
 def _summary(
@@ -194,7 +195,7 @@ def _summary(
         opinion=opinion_of(lead, target),
         at_random=accuracy_of(lead[at_random], target[at_random]),
         by_chance=None,
-        erring=cfg.kind == "linear" and takes_to_err(cfg),
+        erring=kind_called(cfg.kind).tells_errors and takes_to_err(cfg),
         newest=newest,
         by_command=_apart(commands, lead, target),
         by_round=_apart([str(r) for r in pairs.rounds] if pairs else [], lead, target),

@@ -14,18 +14,18 @@ from __future__ import annotations
 import math
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from .cfg import FitCfg
 from .clips import mean_over
-from .linear import MIN_SPREAD, posterior_modes
-from .training import TrainingPairs, bootstrap_counts
+from .linear import posterior_modes
+from .prepared import MIN_SPREAD, Prepared
+from .scorer import Scorer
+from .training import bootstrap_counts
 
 
-class GpScorer(nn.Module):
+class GpScorer(Scorer):
     """Weights of all members over descriptors and their random features."""
-
-    history_steps = 0
 
     def __init__(
         self, num_members: int, num_descriptors: int, num_features: int
@@ -52,20 +52,19 @@ class GpScorer(nn.Module):
         waves = (steps @ self.frequencies + self.phases).cos()
         return torch.cat([steps, waves * (2 / len(self.phases)) ** 0.5], dim=-1)
 
-    def forward(self, steps: Tensor) -> Tensor:
+    def forward(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
         """Raw rewards [M, ...] of standardised descriptors [..., D]."""
         return (self.features(steps) @ self.weights.mT).movedim(-1, 0)
 
 
-def fit_gp(
-    pairs: TrainingPairs, cfg: FitCfg, *, generator: torch.Generator
-) -> GpScorer:
-    """Fit each member to its own bootstrap of standardised `pairs`.
+def fit_gp(prepared: Prepared, cfg: FitCfg, *, generator: torch.Generator) -> GpScorer:
+    """Fit each member to its own bootstrap of the answers.
 
     Its linear part is expected to be as strong as a linear model's, of nothing in
     particular; the rest is scaled so that it is expected to shift the logit of a pair
     by `cfg.gp.amplitude`.
     """
+    pairs = prepared.standardised
     num_descriptors = pairs.steps.shape[-1]
     scorer = GpScorer(cfg.gp.num_members, num_descriptors, cfg.gp.num_features)
     # Standardised steps are about sqrt(2 D) apart.

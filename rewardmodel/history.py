@@ -8,27 +8,20 @@ from __future__ import annotations
 from dataclasses import replace
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from .cfg import FitCfg, HistoryCfg, SequenceCfg
+from .clips import since_start
 from .mlp import MlpScorer
 from .network import fit_network, glimpses
-from .training import TrainingPairs
+from .prepared import Prepared
+from .scorer import SequenceScorer
+from .training import StandardisedPairs
 
 
 def lags_of(cfg: SequenceCfg) -> Tensor:
     """[L] how many steps before a step its window looks, the step itself first."""
     return torch.arange(0, cfg.history_steps + 1, cfg.stride)
-
-
-def since_start(starts: Tensor) -> Tensor:
-    """[..., T] index of the newest start at or before each step of `starts` [..., T].
-
-    Steps before the first start belong to a sequence that began earlier; the first of
-    them stands for what is not seen.
-    """
-    index = torch.arange(starts.shape[-1], device=starts.device)
-    return (starts * index).cummax(dim=-1).values
 
 
 def windows(steps: Tensor, lags: Tensor, starts: Tensor | None = None) -> Tensor:
@@ -51,7 +44,7 @@ def windows(steps: Tensor, lags: Tensor, starts: Tensor | None = None) -> Tensor
     return flat.unflatten(-2, (length, len(lags)))
 
 
-class HistoryScorer(nn.Module):
+class HistoryScorer(SequenceScorer):
     """A network on windows, all members evaluated by one batched product."""
 
     def __init__(self, num_descriptors: int, cfg: HistoryCfg) -> None:
@@ -69,14 +62,15 @@ class HistoryScorer(nn.Module):
 
 
 def fit_history(
-    pairs: TrainingPairs, cfg: FitCfg, *, generator: torch.Generator
+    prepared: Prepared, cfg: FitCfg, *, generator: torch.Generator
 ) -> HistoryScorer:
-    """Fit each member to its own bootstrap of standardised `pairs`, by AdamW."""
+    """Fit each member to its own bootstrap of the answers, by AdamW."""
+    pairs = prepared.standardised
     own = cfg.history
     scorer = HistoryScorer(pairs.steps.shape[-1], own)
     scorer.network.initialise(generator)
 
-    def look(batch: TrainingPairs, rng: torch.Generator) -> TrainingPairs:
+    def look(batch: StandardisedPairs, rng: torch.Generator) -> StandardisedPairs:
         seen = replace(batch, steps=windows(batch.steps, scorer.lags).flatten(-2))
         return glimpses(seen, own.steps_per_clip, own.min_crop, rng)
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from .cfg import FitCfg, LinearCfg
 from .descriptors import (
@@ -25,11 +25,9 @@ from .descriptors import (
     named,
 )
 from .likelihood import log_likelihood_derivatives
-from .training import TrainingPairs, bootstrap_counts
-
-MIN_SPREAD = 0.02
-"""Spread, in standard deviations of a step, below which two clips never really differed
-in a descriptor: its weight stays small instead of being divided by next to nothing."""
+from .prepared import MIN_SPREAD, Prepared
+from .scorer import Additive, Scorer
+from .training import ClipPairs, bootstrap_counts
 
 _USUAL_SPREAD = 0.25
 _STRENGTHS = ((TOLD, 2.0), (EFFORT, 1 / 2), (FEET, 1 / 3))
@@ -45,10 +43,8 @@ _STEP_SIZES = (0.0, *(2.0**-halvings for halvings in range(8)))
 _TOLERANCE = 1e-4
 
 
-class LinearScorer(nn.Module):
+class LinearScorer(Scorer):
     """Weights of all members over the standardised descriptors."""
-
-    history_steps = 0
 
     def __init__(self, num_members: int, num_descriptors: int) -> None:
         super().__init__()
@@ -58,9 +54,19 @@ class LinearScorer(nn.Module):
         self.register_buffer("weights", torch.zeros(num_members, num_descriptors))
         self.register_buffer("expected", torch.zeros(num_descriptors))
 
-    def forward(self, steps: Tensor) -> Tensor:
+    @property
+    def linear_weights(self) -> Tensor:
+        """[M, D] the weights."""
+        return self.weights
+
+    def forward(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
         """Raw rewards [M, ...] of standardised descriptors [..., D]."""
         return (steps @ self.weights.mT).movedim(-1, 0)
+
+    def additive(self, places: Tensor, low: Tensor, high: Tensor) -> Additive:
+        """Straight lines."""
+        values = low + places * (high - low)
+        return Additive(values, values * self.weights[:, None])
 
 
 def members_for(cfg: LinearCfg, num_pairs: int) -> LinearCfg:
@@ -74,15 +80,11 @@ def members_for(cfg: LinearCfg, num_pairs: int) -> LinearCfg:
 
 
 def fit_linear(
-    pairs: TrainingPairs, cfg: FitCfg, *, generator: torch.Generator
+    prepared: Prepared, cfg: FitCfg, *, generator: torch.Generator
 ) -> LinearScorer:
-    """Fit each member to its own bootstrap of standardised `pairs`.
-
-    A descriptor's difference between the clips is divided by its root mean square over
-    the asked pairs, so that the prior means the same for each: a habit in which the
-    clips differ by the usual amount shifts the logit by about one.
-    """
-    inputs, spread = scaled_differences(pairs)
+    """Fit each member to its own bootstrap of the answers."""
+    pairs, scaled = prepared.standardised, prepared.differences
+    inputs, spread = scaled.inputs, scaled.spread
     mean = expected_weights(pairs, spread, cfg.linear)
     factor = prior_factor(cfg.linear)
     counts = bootstrap_counts(cfg.linear.num_members, len(pairs), generator=generator)
@@ -101,7 +103,7 @@ def fit_linear(
     return scorer
 
 
-def expected_weights(pairs: TrainingPairs, spread: Tensor, cfg: LinearCfg) -> Tensor:
+def expected_weights(pairs: ClipPairs, spread: Tensor, cfg: LinearCfg) -> Tensor:
     """Mean [D] of the prior on the weights of differences scaled by `spread` [D].
 
     It fades where clips hardly differed in a habit: what is expected of a step does not
@@ -144,17 +146,9 @@ def whitened_weights(weights: Tensor, factor: Tensor) -> Tensor:
     return torch.linalg.solve_triangular(factor, weights[:, None], upper=False)[:, 0]
 
 
-def scaled_differences(pairs: TrainingPairs) -> tuple[Tensor, Tensor]:
-    """Differences [B, D] of the clips in float64, and the spread [D] they are divided
-    by."""
-    difference = pairs.difference.double()
-    spread = difference.square().mean(dim=0).sqrt().clamp_min(MIN_SPREAD)
-    return difference / spread, spread
-
-
 def posterior_modes(
     inputs: Tensor,
-    pairs: TrainingPairs,
+    pairs: ClipPairs,
     counts: Tensor,
     cfg: FitCfg,
     *,

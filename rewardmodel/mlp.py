@@ -13,13 +13,13 @@ from torch.nn.functional import elu
 
 from .cfg import FitCfg
 from .network import draw_uniformly, fit_network, glimpses
-from .training import TrainingPairs
+from .prepared import Prepared
+from .scorer import Scorer
+from .training import StandardisedPairs
 
 
-class MlpScorer(nn.Module):
+class MlpScorer(Scorer):
     """Two hidden layers a member, all members evaluated by one batched product."""
-
-    history_steps = 0
 
     def __init__(self, num_members: int, num_descriptors: int, hidden: int) -> None:
         super().__init__()
@@ -38,7 +38,7 @@ class MlpScorer(nn.Module):
             draw_uniformly(weight, weight.shape[1], generator)
             draw_uniformly(bias, weight.shape[1], generator)
 
-    def forward(self, steps: Tensor) -> Tensor:
+    def forward(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
         """Raw rewards [M, ...] of standardised descriptors [..., D]."""
         hidden = steps.flatten(0, -2).expand(len(self.weights[0]), -1, -1)
         last = len(self.weights) - 1
@@ -52,14 +52,15 @@ class MlpScorer(nn.Module):
 
 
 def fit_mlp(
-    pairs: TrainingPairs, cfg: FitCfg, *, generator: torch.Generator
+    prepared: Prepared, cfg: FitCfg, *, generator: torch.Generator
 ) -> MlpScorer:
-    """Fit each member to its own bootstrap of standardised `pairs`, by AdamW."""
+    """Fit each member to its own bootstrap of the answers, by AdamW."""
+    pairs = prepared.standardised
     own = cfg.mlp
     scorer = MlpScorer(own.num_members, pairs.steps.shape[-1], own.hidden_size)
     scorer.initialise(generator)
 
-    def look(batch: TrainingPairs, rng: torch.Generator) -> TrainingPairs:
+    def look(batch: StandardisedPairs, rng: torch.Generator) -> StandardisedPairs:
         return glimpses(batch, own.steps_per_clip, own.min_crop, rng)
 
     fit_network(scorer, pairs, cfg, own, look=look, generator=generator)

@@ -15,9 +15,9 @@ from torch import Tensor, nn
 
 from .cfg import FitCfg, NetworkCfg
 from .clips import mean_over
-from .training import TrainingPairs, bootstrap_counts
+from .training import StandardisedPairs, bootstrap_counts
 
-Look = Callable[[TrainingPairs, torch.Generator], TrainingPairs]
+Look = Callable[[StandardisedPairs, torch.Generator], StandardisedPairs]
 """What a gradient step sees of a batch of pairs."""
 
 
@@ -31,7 +31,7 @@ def draw_uniformly(
 
 def fit_network(
     network: nn.Module,
-    pairs: TrainingPairs,
+    pairs: StandardisedPairs,
     cfg: FitCfg,
     own: NetworkCfg,
     *,
@@ -65,8 +65,8 @@ def fit_network(
 
 
 def glimpses(
-    pairs: TrainingPairs, steps: int, min_crop: float, generator: torch.Generator
-) -> TrainingPairs:
+    pairs: StandardisedPairs, steps: int, min_crop: float, generator: torch.Generator
+) -> StandardisedPairs:
     """`steps` steps spread evenly over a random contiguous piece of every clip.
 
     Neighbouring steps are nearly equal, so few of them cost little accuracy and most
@@ -83,7 +83,7 @@ def glimpses(
 
 
 def pieces(
-    pairs: TrainingPairs, min_crop: float, generator: torch.Generator
+    pairs: StandardisedPairs, min_crop: float, generator: torch.Generator
 ) -> tuple[Tensor, Tensor]:
     """First step and length [2, B, 1] of a random contiguous piece of every clip.
 
@@ -108,7 +108,7 @@ def _batches(num_pairs: int, own: NetworkCfg, rng: torch.Generator) -> list[Tens
 
 def _loss(
     network: nn.Module,
-    pairs: TrainingPairs,
+    pairs: StandardisedPairs,
     counts: Tensor,
     cfg: FitCfg,
     own: NetworkCfg,

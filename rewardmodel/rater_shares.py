@@ -20,7 +20,7 @@ from torch import Tensor
 from .cfg import FitCfg, ReliabilityCfg
 from .evidence import ERROR_SHARES, expected_share
 from .likelihood import Errors
-from .training import TrainingPairs
+from .training import StandardisedPairs
 from .views import Look, View
 
 SHARES = (*ERROR_SHARES, 0.95)
@@ -46,15 +46,14 @@ Shares = tuple[float, ...]
 class RaterAnswers:
     """What some raters said."""
 
-    pairs: TrainingPairs
-    """Standardised."""
+    pairs: StandardisedPairs
     of: Tensor
     """[B] number of who answered."""
     habits: Tensor
     """[3, R] how often each says left, right and equal."""
     cfg: FitCfg
 
-    def erring(self, shares: Shares) -> TrainingPairs:
+    def erring(self, shares: Shares) -> StandardisedPairs:
         """The answers, as raters give them who err as often as `shares` say."""
         return replace(self.pairs, errors=errors_of(shares, self.of, self.habits))
 

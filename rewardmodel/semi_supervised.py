@@ -17,14 +17,14 @@ from torch import Tensor
 
 from .cfg import FitCfg
 from .likelihood import Errors
-from .training import TrainingPairs
+from .training import DescribedPairs
 
 
 @dataclass(frozen=True, eq=False)
 class Unanswered:
     """Described pairs without answers; their targets mean nothing."""
 
-    pairs: TrainingPairs
+    pairs: DescribedPairs
     """[U]."""
     folds: Tensor
     """[U, 2] group of the episode of either clip."""
@@ -36,13 +36,13 @@ class Unanswered:
 
 
 def with_opinions(
-    pairs: TrainingPairs, unanswered: TrainingPairs, leads: Tensor, cfg: FitCfg
-) -> TrainingPairs:
+    pairs: DescribedPairs, unanswered: DescribedPairs, leads: Tensor, cfg: FitCfg
+) -> DescribedPairs:
     """`pairs` and, behind them, those of `unanswered` on which the ensemble agrees.
 
     Args:
-        pairs: [B], described.
-        unanswered: [U], described.
+        pairs: [B].
+        unanswered: [U].
         leads: [M, U] logits of the ensemble's members for `unanswered`.
         cfg: From which confidence on an opinion counts, and for how little.
     """

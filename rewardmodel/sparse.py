@@ -13,12 +13,14 @@ rate's), W weights of a curve, P = G W.
 from __future__ import annotations
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from .clips import PAST_STEPS
-from .descriptors import quadratic_seen
+from .descriptors import names_seen, quadratic_seen
+from .legs import CONTACTS
+from .scorer import Additive, SequenceScorer
 from .stride_rate import stride_rate
-from .training import TrainingPairs
+from .training import StandardisedPairs
 
 CENTRES = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Of the bumps a curve is made of besides a straight line, on the judged range, each as
@@ -32,9 +34,12 @@ _RANGE_QUANTILE = 0.01
 is flat: from a crouch nobody was shown, no answer says whether it is too low."""
 _ROOT_FROM = 0.01
 """Added to a share of the judged range before its root is taken."""
+_IS_CONTACT = torch.tensor(
+    [name in {item.name for item in CONTACTS} for name in names_seen("legs")]
+)
 
 
-class SparseScorer(nn.Module):
+class SparseScorer(SequenceScorer):
     """Weights of all members over the curves of all descriptors."""
 
     history_steps = PAST_STEPS
@@ -56,7 +61,7 @@ class SparseScorer(nn.Module):
         quadratic = torch.tensor([*quadratic_seen("legs"), False])
         self.register_buffer("quadratic", quadratic, persistent=False)
 
-    def look_at(self, pairs: TrainingPairs) -> None:
+    def look_at(self, pairs: StandardisedPairs) -> None:
         """Take from `pairs` what standardises the stride rate, and what was judged."""
         rate = stride_rate(
             pairs.steps, scored=pairs.scored, before=pairs.lift_offs_before
@@ -115,11 +120,21 @@ class SparseScorer(nn.Module):
         """
         weights = self.weights.unflatten(1, (-1, WEIGHTS))
         share = (weights != 0).any(dim=-1).to(weights.dtype).mean(dim=0)
-        one = SparseScorer(1, len(self.quadratic) - 1)
+        one = self.like(1)
         one.weights = (weights.mean(dim=0) * share[:, None]).flatten()[None]
-        one.rate_mean, one.rate_std = self.rate_mean, self.rate_std
-        one.judged, one.quadratic = self.judged, self.quadratic
         return one
+
+    def like(self, num_members: int) -> SparseScorer:
+        """As many members without any opinion, on the same ranges."""
+        other = SparseScorer(num_members, len(self.quadratic) - 1)
+        other.rate_mean, other.rate_std = self.rate_mean, self.rate_std
+        other.judged, other.quadratic = self.judged, self.quadratic
+        return other
+
+    @property
+    def payer(self) -> SparseScorer:
+        """What the members agree on."""
+        return self.agreed()
 
     @property
     def heights(self) -> Tensor:
@@ -140,6 +155,27 @@ class SparseScorer(nn.Module):
         """Raw rewards [M, ..., T] of standardised sequences [..., T, D], as in
         `stride_rate`."""
         return self.paid(self.seen(steps, starts, scored=scored, before=before))
+
+    def of_clips(
+        self, steps: Tensor, scored: Tensor | None, before: Tensor | None
+    ) -> Tensor:
+        return self(steps, scored=scored, before=before)
+
+    def hiding(self, steps: Tensor, hidden: Tensor, before: Tensor | None) -> Tensor:
+        """With the contacts, the stride rate is an average one too."""
+        rate = (hidden & _IS_CONTACT).any().reshape(1)
+        seen = self.seen(steps, before=before)
+        return self.paid(torch.where(torch.cat([hidden, rate]), self.average, seen))
+
+    def of_average(self, num_descriptors: int) -> Tensor:
+        return self.paid(self.average)
+
+    def additive(self, places: Tensor, low: Tensor, high: Tensor) -> Additive:
+        """On the judged ranges, and of the stride rate too."""
+        low, high = self.judged
+        values = low + places * (high - low)
+        added = self.along(places.expand(-1, values.shape[1]))
+        return Additive(values, added, (self.rate_mean, self.rate_std))
 
     def paid(self, seen: Tensor) -> Tensor:
         """Raw rewards [M, ..., T] for what `seen` gives, [..., T, G]."""

@@ -20,7 +20,9 @@ from torch.nn.functional import elu, layer_norm
 from .cfg import FitCfg, TransformerCfg
 from .history import lags_of, windows
 from .network import draw_uniformly, fit_network, glimpses
-from .training import TrainingPairs
+from .prepared import Prepared
+from .scorer import SequenceScorer
+from .training import StandardisedPairs
 
 _LAG_SHARPNESS = 6.0
 """Logit by which each head prefers a lag of its own before it has learned anything: a
@@ -99,7 +101,7 @@ def _normed(hidden: Tensor) -> Tensor:
     return layer_norm(hidden, hidden.shape[-1:])
 
 
-class TransformerScorer(nn.Module):
+class TransformerScorer(SequenceScorer):
     """The network on windows of a sequence."""
 
     def __init__(self, num_descriptors: int, cfg: TransformerCfg) -> None:
@@ -115,14 +117,15 @@ class TransformerScorer(nn.Module):
 
 
 def fit_transformer(
-    pairs: TrainingPairs, cfg: FitCfg, *, generator: torch.Generator
+    prepared: Prepared, cfg: FitCfg, *, generator: torch.Generator
 ) -> TransformerScorer:
-    """Fit each member to its own bootstrap of standardised `pairs`, by AdamW."""
+    """Fit each member to its own bootstrap of the answers, by AdamW."""
+    pairs = prepared.standardised
     own = cfg.transformer
     scorer = TransformerScorer(pairs.steps.shape[-1], own)
     scorer.network.initialise(generator)
 
-    def look(batch: TrainingPairs, rng: torch.Generator) -> TrainingPairs:
+    def look(batch: StandardisedPairs, rng: torch.Generator) -> StandardisedPairs:
         shape = (len(scorer.lags), batch.steps.shape[-1])
         seen = replace(batch, steps=windows(batch.steps, scorer.lags).flatten(-2))
         seen = glimpses(seen, own.steps_per_clip, own.min_crop, rng)

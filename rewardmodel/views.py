@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from torch import Tensor
 
 from .cfg import FitCfg
-from .evidence import PRECISIONS, as_linear, evidence
-from .training import TrainingPairs
+from .evidence import PRECISIONS, evidence, expected_of_all
+from .prepared import Prepared
+from .training import ClipPairs
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,7 +31,7 @@ class View:
     price: float = 0.0
     """Logarithm of the odds against these weights rather than others."""
 
-    def log_odds(self, pairs: TrainingPairs, cfg: FitCfg) -> float:
+    def log_odds(self, pairs: ClipPairs, cfg: FitCfg) -> float:
         """Of these weights and the answers of `pairs`, up to a constant."""
         if not self.inputs.shape[1]:
             leads = pairs.fall_lead.double()
@@ -46,19 +47,19 @@ class View:
         return found - self.price
 
 
-Look = Callable[[TrainingPairs], View]
+Look = Callable[[ClipPairs], View]
 """Finds what explains answers best that err as often as those it is given."""
 
 
-def linear_look(pairs: TrainingPairs, cfg: FitCfg) -> tuple[TrainingPairs, Look]:
-    """Described `pairs` standardised as a linear reward sees them, and how to look."""
-    standardised, inputs, mean = as_linear(pairs, cfg)
+def linear_look(prepared: Prepared, cfg: FitCfg) -> Look:
+    """How to look at answers as a linear reward sees them."""
+    inputs, mean = prepared.differences.inputs, expected_of_all(prepared, cfg)
 
-    def look(answered: TrainingPairs) -> View:
+    def look(answered: ClipPairs) -> View:
         views = [
             View(inputs=inputs, precision=precision, mean=mean)
             for precision in PRECISIONS
         ]
         return max(views, key=lambda view: view.log_odds(answered, cfg))
 
-    return standardised, look
+    return look

@@ -22,12 +22,10 @@ from benchmarks.preference_plan import HELD_BACK, loop_cfg, plan
 from benchmarks.preference_table import BEGIN, END, publish_rows, together
 from benchmarks.wishes import carried_right_foot, nose_up_when_slow
 from data.features import FEATURE_DIM, column
-from gaitpref.asking import fit_for_asking
 from gaitpref.criteria import load_criterion
 from gaitpref.loop import run_configured
 from gaitpref.rater_cfg import RaterCfg
 from gaitpref.rewards import criterion_context
-from gaitpref.rounds import Round
 from policy.checkpoint import load_policy
 from rewardmodel.descriptors import describe
 from tests.foreign_robots import Drawing, mjcf
@@ -185,16 +183,6 @@ def test_who_has_to_get_up_begins_lying() -> None:
     assert not cfg.keeps_task
     (walk, *_) = plan(tasks=("walk",), seeds=1)
     assert loop_cfg(walk, None, quick=False).env.getup is None
-
-
-def test_members_that_share_sets_are_not_asked_about(tmp_path: Path) -> None:
-    """They would agree: questions are chosen by members that each look themselves."""
-    (cell,) = plan(tasks=("trot",), methods=("sets",), seeds=1)
-    cfg = loop_cfg(cell, tmp_path / "base.pt", quick=False)
-    assert cfg.fit.kind == "sparse"
-    assert cfg.fit.sparse.shared
-    asking = fit_for_asking(cfg, Round(tmp_path, 0))
-    assert asking == replace(cfg.fit, sparse=replace(cfg.fit.sparse, shared=False))
 
 
 def test_the_wishes_are_outside_the_descriptor_table() -> None:

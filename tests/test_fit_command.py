@@ -131,17 +131,6 @@ def test_what_looks_wrong_is_taken_for_random(
     assert 0 < doubted < 30
 
 
-def test_members_share_what_they_look_at_only_where_there_are_curves(
-    datasets: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    sets = ["--dataset", str(datasets[0]), "--dataset", str(datasets[1])]
-    fit = ["fit", *sets, "--out", str(tmp_path / "reward"), "--shared"]
-    assert main(fit) == 2
-    assert "--shared is about curves" in capsys.readouterr().err
-    assert main([*fit, "--model", "sparse"]) == 0
-    assert load_reward(tmp_path / "reward").provenance.cfg.sparse.shared
-
-
 def test_a_limit_that_doubts_everything_is_refused(
     datasets: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

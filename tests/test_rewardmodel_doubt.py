@@ -10,7 +10,7 @@ from torch import Tensor
 
 from rewardmodel import AnsweredPairs, FitCfg, fit_reward
 from rewardmodel.doubt import likelihoods
-from rewardmodel.training import training_pairs
+from rewardmodel.kinds import prepare
 
 from .test_rewardmodel_fit import accuracy, answered
 
@@ -28,7 +28,7 @@ def some_turned_round(seed: int) -> tuple[AnsweredPairs, Tensor]:
 
 
 def likely(pairs: AnsweredPairs) -> Tensor:
-    return likelihoods(training_pairs(pairs, CFG), CFG, seed=0)
+    return likelihoods(prepare(pairs, CFG), CFG, seed=0)
 
 
 def test_the_answers_that_look_most_wrong_are_wrong() -> None:

@@ -20,11 +20,10 @@ from rewardmodel.descriptors import (
     describe,
     named,
 )
-from rewardmodel.evidence import Found, evidence, settled
-from rewardmodel.linear import LinearScorer, prior_factor, scaled_differences
-from rewardmodel.normaliser import Normaliser
+from rewardmodel.evidence import FEW_ERRORS, Found, evidence, settled, takes_to_err
+from rewardmodel.kinds import prepare
+from rewardmodel.linear import LinearScorer, prior_factor
 from rewardmodel.pairs import AnsweredPairs
-from rewardmodel.training import training_pairs
 
 from .test_rewardmodel_fit import DISLIKED, accuracy, answered, taste
 
@@ -112,10 +111,43 @@ def test_what_a_linear_reward_cannot_see_is_no_error() -> None:
     tie_threshold = FitCfg().tie_threshold
     many, few = Found(0.7, 3.0, tie_threshold), Found(0.02, 0.1, tie_threshold)
     network = FitCfg(kind="mlp")
-    assert settled(network, many) == replace(network, adapt=False)
-    assert settled(network, few) == replace(network, adapt=False, error_share=0.02)
-    linear = settled(FitCfg(), many)
+    assert settled(network, many, tells_errors=False) == replace(network, adapt=False)
+    assert settled(network, few, tells_errors=False) == replace(
+        network, adapt=False, error_share=0.02
+    )
+    linear = settled(FitCfg(), many, tells_errors=True)
     assert (linear.error_share, linear.linear.prior_precision) == (0.7, 3.0)
+
+
+@pytest.mark.parametrize("flipped", [0.0, 0.4])
+def test_whether_answers_err_may_be_decided_before(flipped: float) -> None:
+    """Then no answers speak against it, and all that goes with it is expected."""
+    pairs, told = answered(100, seed=0, flipped=flipped), LinearCfg(told_most=True)
+    for err in (True, False):
+        cfg = FitCfg(answers_err=err, linear=told)
+        model, _ = fit_reward(pairs, cfg, seed=0, measured=False)
+        settled = model.provenance.cfg
+        assert takes_to_err(settled) == (settled.error_share > FEW_ERRORS) == err
+        assert settled.linear.told_most == err
+        assert (settled.tie_threshold, settled.error_share >= 0.3) == (
+            (0.3, True) if err else (1.0, False)
+        )
+    # What a fit decides by itself is what it decides when told so.
+    by_itself, _ = fit_reward(pairs, FitCfg(linear=told), seed=0, measured=False)
+    assert takes_to_err(by_itself.provenance.cfg) == (flipped > 0.0)
+    cfg = FitCfg(answers_err=flipped > 0.0, linear=told)
+    model, _ = fit_reward(pairs, cfg, seed=0, measured=False)
+    for name, values in by_itself.state_dict().items():
+        assert torch.equal(values, model.state_dict()[name])
+
+
+def test_a_decision_holds_where_shares_are_held() -> None:
+    """Of a reward whose share says the opposite, too."""
+    for share in (0.02, 0.5):
+        cfg = FitCfg(adapt=False, error_share=share)
+        assert takes_to_err(cfg) == (share > FEW_ERRORS)
+        for err in (True, False):
+            assert takes_to_err(replace(cfg, answers_err=err)) == err
 
 
 def test_settings_that_are_held_stay() -> None:
@@ -131,9 +163,8 @@ def test_settings_that_are_held_stay() -> None:
 def test_the_evidence_is_the_integral_over_the_weight() -> None:
     """One descriptor, so that the integral can be summed on a grid."""
     cfg = replace(FitCfg(), error_share=0.1, tie_threshold=0.0)
-    pairs = training_pairs(answered(30, seed=1), cfg)
-    pairs = pairs.transformed(Normaliser(pairs.steps.shape[-1]).fit(pairs.scored_steps))
-    inputs = scaled_differences(pairs)[0][:, :1]
+    prepared = prepare(answered(30, seed=1), cfg)
+    pairs, inputs = prepared.standardised, prepared.differences.inputs[:, :1]
     precision = 1.0
     weights = torch.linspace(-8.0, 8.0, 4001, dtype=torch.float64)[:, None]
     leads = weights @ inputs.mT + pairs.fall_lead.double()

@@ -40,16 +40,16 @@ from rewardmodel.descriptors import (
     describe,
 )
 from rewardmodel.explain import explain
+from rewardmodel.kinds import KINDS, prepare
 from rewardmodel.linear import (
-    MIN_SPREAD,
     LinearScorer,
     expected_weights,
     fit_linear,
     members_for,
 )
+from rewardmodel.prepared import MIN_SPREAD, Prepared
 from rewardmodel.report import wilson_interval
 from rewardmodel.selection import choose_kind
-from rewardmodel.training import TrainingPairs, training_pairs
 from rewardmodel.trust import judged_spread
 
 EPISODES = [hashlib.sha256(bytes([index])).hexdigest() for index in range(60)]
@@ -283,21 +283,6 @@ def test_the_model_is_chosen_by_held_out_answers(tmp_path: Path) -> None:
     assert load_reward(tmp_path / "reward").provenance == bending.provenance
 
 
-def test_it_grows_only_where_weights_cannot_say_it() -> None:
-    """Not for a weighted sum, also where a fifth of the answers is wrong."""
-    grow = replace(QUICK, kind="grow", adapt=True)
-    for flipped in (0.0, 0.2):
-        pairs = answered(150, seed=1, flipped=flipped)
-        model, report = fit_reward(pairs, grow, seed=0)
-        assert model.provenance.cfg.kind == "linear"
-        # Nothing else is fitted where weights foresee held-out answers.
-        assert report.considered == ()
-    bent = likes_the_middle(answered(250, seed=1))
-    model, report = fit_reward(bent, grow, seed=0)
-    assert model.provenance.cfg.kind == "gp"
-    assert [kind for kind, _ in report.considered] == ["linear", "gp"]
-
-
 def test_few_answers_leave_no_choice() -> None:
     model, report = fit_reward(answered(20, seed=1), FitCfg(kind="auto"), seed=0)
     assert model.provenance.cfg.kind == "linear"
@@ -388,12 +373,13 @@ def test_no_test_episode_is_in_the_training_pairs(
     fitted: list[int] = []
 
     def counting(
-        training: TrainingPairs, cfg: FitCfg, *, generator: torch.Generator
+        training: Prepared, cfg: FitCfg, *, generator: torch.Generator
     ) -> LinearScorer:
         fitted.append(len(training))
         return fit_linear(training, cfg, generator=generator)
 
-    monkeypatch.setattr("rewardmodel.ensemble.fit_linear", counting)
+    linear = replace(KINDS["linear"], fit=counting)
+    monkeypatch.setitem(KINDS, "linear", linear)
     _, report = fit_reward(pairs, FitCfg(), seed=0)
     folds = [{fold_of(sha256) for sha256 in pair} for pair in pairs.episodes]
     without = [sum(fold not in pair for pair in folds) for fold in range(5)]
@@ -636,7 +622,7 @@ def test_without_evidence_unsteadiness_is_disliked_and_nothing_else(
 
 def test_what_was_never_seen_to_differ_is_not_judged() -> None:
     """A habit all clips share gets no weight from what is expected of it."""
-    pairs = training_pairs(answered(8, seed=1), QUICK)
+    pairs = prepare(answered(8, seed=1), QUICK).described
     spread = torch.tensor(
         [1.0 if n == "slip" else MIN_SPREAD for n in DESCRIPTOR_NAMES]
     )

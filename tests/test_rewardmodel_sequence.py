@@ -21,7 +21,7 @@ from rewardmodel import (
     load_reward,
     save_reward,
 )
-from rewardmodel.cfg import HistoryCfg, Kind, MlpCfg, SparseCfg, TransformerCfg
+from rewardmodel.cfg import HistoryCfg, KindName, MlpCfg, SparseCfg, TransformerCfg
 from rewardmodel.clips import pad_clips
 from rewardmodel.explain import explain
 from rewardmodel.sparse import SparseScorer
@@ -62,7 +62,9 @@ def accuracy(model: RewardModel, pairs: AnsweredPairs) -> float:
     ("kind", "learns"),
     [("linear", False), ("gp", False), ("mlp", False), ("history", True)],
 )
-def test_a_rhythm_is_learned_by_looking_back_alone(kind: Kind, learns: bool) -> None:
+def test_a_rhythm_is_learned_by_looking_back_alone(
+    kind: KindName, learns: bool
+) -> None:
     """Three hundred answers by the quicker rhythm, judged on fresh pairs."""
     pairs, fresh = by_rhythm(300, seed=0), by_rhythm(200, seed=99)
     model, _ = fit_reward(pairs, FitCfg(kind=kind), seed=0, measured=False)

@@ -21,10 +21,9 @@ from policy.ppo import PpoCfg
 from policy.robot import load_robot
 from policy.train import TrainCfg, train
 from rewardmodel import FitCfg, RewardError, fit_reward, load_reward, save_reward
-from rewardmodel.cfg import sight_of
 from rewardmodel.ensemble import fit_ensemble
+from rewardmodel.kinds import kind_called, prepare
 from rewardmodel.strategies import make_strategy
-from rewardmodel.training import training_pairs
 
 from .test_rewardmodel_fit import answered
 
@@ -37,11 +36,11 @@ def test_an_unknown_kind_of_model_is_not_fitted_as_linear(tmp_path: Path) -> Non
     with pytest.raises(ValueError, match="called 'lineal'; there are linear"):
         FitCfg(kind=unknown)
     with pytest.raises(ValueError, match="no model is called 'lineal'"):
-        sight_of("lineal")
+        kind_called("lineal")
     open_kind = FitCfg(kind="auto")
-    described = training_pairs(answered(10, seed=0), open_kind)
-    with pytest.raises(ValueError, match="`auto` is no model"):
-        fit_ensemble(described, open_kind, 0)
+    prepared = prepare(answered(10, seed=0), open_kind)
+    with pytest.raises(ValueError, match="no model is called 'auto'"):
+        fit_ensemble(prepared, open_kind, 0)
     model, _ = fit_reward(answered(10, seed=0), FitCfg(), seed=0, measured=False)
     save_reward(model, tmp_path)
     facts = tmp_path / "reward.json"

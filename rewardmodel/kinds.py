@@ -1,0 +1,118 @@
+"""The kinds of reward model there are: one table, and nothing else asks for a name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+
+from .cfg import FitCfg
+from .descriptors import Sight, names_seen
+from .gp import GpScorer, fit_gp
+from .history import HistoryScorer, fit_history
+from .linear import LinearScorer, fit_linear
+from .mlp import MlpScorer, fit_mlp
+from .pairs import AnsweredPairs
+from .prepared import Prepared
+from .scorer import Scorer
+from .sparse import SparseScorer
+from .sparse_fit import fit_sparse
+from .training import describe_pairs
+from .transformer import TransformerScorer, fit_transformer
+
+
+class Fit(Protocol):
+    """Fits an ensemble, each member to its own bootstrap of the answers."""
+
+    def __call__(
+        self, prepared: Prepared, cfg: FitCfg, *, generator: torch.Generator
+    ) -> Scorer: ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kind:
+    """What a reward model is made of, and what it says of the answers."""
+
+    sight: Sight
+    """What it sees."""
+    make: Callable[[FitCfg, int], Scorer]
+    """Without any opinion, for so many descriptors: raw reward 0."""
+    fit: Fit
+    by_curves: bool = False
+    """Whether curves tell the raters' errors from their wishes, and find which of them
+    may matter; else weights do."""
+    tells_errors: bool = False
+    """Whether more errors than can be overlooked are the raters', and not what the
+    model cannot say."""
+
+
+KINDS: dict[str, Kind] = {
+    "linear": Kind(
+        sight="habits",
+        make=lambda cfg, count: LinearScorer(cfg.linear.num_members, count),
+        fit=fit_linear,
+        tells_errors=True,
+    ),
+    "sparse": Kind(
+        sight="legs",
+        make=lambda cfg, count: SparseScorer(cfg.sparse.num_members, count),
+        fit=fit_sparse,
+        by_curves=True,
+    ),
+    "gp": Kind(
+        sight="habits",
+        make=lambda cfg, count: GpScorer(
+            cfg.gp.num_members, count, cfg.gp.num_features
+        ),
+        fit=fit_gp,
+    ),
+    "mlp": Kind(
+        sight="habits",
+        make=lambda cfg, count: MlpScorer(
+            cfg.mlp.num_members, count, cfg.mlp.hidden_size
+        ),
+        fit=fit_mlp,
+    ),
+    "history": Kind(
+        sight="contacts",
+        make=lambda cfg, count: HistoryScorer(count, cfg.history),
+        fit=fit_history,
+    ),
+    "transformer": Kind(
+        sight="contacts",
+        make=lambda cfg, count: TransformerScorer(count, cfg.transformer),
+        fit=fit_transformer,
+    ),
+}
+"""From the stiffest to the most flexible."""
+EVERYTHING: Sight = "legs"
+"""What is described where the kind is still to be chosen: all that any of them sees."""
+
+
+def kind_called(name: str) -> Kind:
+    """The kind of model of that name.
+
+    Raises:
+        ValueError: there is none.
+    """
+    if name not in KINDS:
+        raise ValueError(f"no model is called {name!r}; there are {', '.join(KINDS)}")
+    return KINDS[name]
+
+
+def make_scorer(cfg: FitCfg) -> Scorer:
+    """An unfitted model of the kind and sizes `cfg` asks for: raw reward 0.
+
+    Raises:
+        ValueError: the kind is still to be chosen.
+    """
+    kind = kind_called(cfg.kind)
+    return kind.make(cfg, len(names_seen(kind.sight)))
+
+
+def prepare(pairs: AnsweredPairs, cfg: FitCfg) -> Prepared:
+    """Describe answered pairs, once for the fit, all its folds and kinds of model."""
+    known = KINDS.get(cfg.kind)
+    return Prepared.of(describe_pairs(pairs, cfg, known.sight if known else EVERYTHING))
