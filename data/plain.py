@@ -23,6 +23,12 @@ does not use it is the same file to the last byte, name and hash."""
 
 KIND_NONE = {"kind_none": True}
 """Metadata of a field whose None was settings of the kind `none` in older files."""
+ONE_OF = {"one_of": True}
+"""Metadata of a field that holds one of several records: the `CLASS` of which it is
+is written."""
+CLASS = "class"
+"""Names the class of such a record, which its fields alone may not tell."""
+
 
 _IN_WORDS = {
     int: "a whole number",
@@ -41,10 +47,17 @@ def to_plain(record: Any, *, whole: bool = False) -> dict[str, Any]:
             default may change, and what is written is what was in force.
     """
     return {
-        field.name: _plain(getattr(record, field.name), whole)
+        field.name: _classed(field, getattr(record, field.name), whole)
         for field in fields(record)
         if whole or not _left_out(field, getattr(record, field.name))
     }
+
+
+def _classed(field: Field[Any], value: Any, whole: bool) -> Any:
+    plain = _plain(value, whole)
+    if "one_of" in field.metadata and is_dataclass(value):
+        return {CLASS: type(value).__name__, **plain}
+    return plain
 
 
 def _left_out(field: Field[Any], value: Any) -> bool:
@@ -126,6 +139,8 @@ def _typed(hint: Any, value: Any, name: str) -> Any:
 def _first_that_fits(options: tuple[Any, ...], value: Any, name: str) -> Any:
     if value is None and type(None) in options:
         return None
+    if isinstance(value, Mapping) and CLASS in value:
+        return _of_class(options, value, name)
     reasons = []
     for option in options:
         if option is not type(None):
@@ -134,6 +149,19 @@ def _first_that_fits(options: tuple[Any, ...], value: Any, name: str) -> Any:
             except ValueError as error:
                 reasons.append(str(error))
     raise ValueError("; or ".join(reasons))
+
+
+def _of_class(options: tuple[Any, ...], value: Mapping[str, Any], name: str) -> Any:
+    classes = {
+        option.__name__: option
+        for option in options
+        if isinstance(option, type) and is_dataclass(option)
+    }
+    if value[CLASS] not in classes:
+        allowed = ", ".join(classes)
+        raise ValueError(f"{name} must be one of {allowed}; got {value[CLASS]!r}")
+    rest = {key: entry for key, entry in value.items() if key != CLASS}
+    return _typed(classes[value[CLASS]], rest, name)
 
 
 def _tuple(entries: tuple[Any, ...], value: Any, name: str) -> tuple[Any, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import yaml
 from data.errors import FileError
 from data.files import read_json, write_atomically
 from data.lock import LOCK_NAME
-from data.plain import from_plain, to_plain
+from data.plain import CLASS, from_plain, to_plain
 from data.yaml_file import read_yaml
 from policy.identity import differences
 
@@ -45,13 +45,9 @@ def claim(run: Path, cfg: LoopCfg, inputs: Mapping[str, Any]) -> None:
         write_atomically(run / INPUTS_NAME, json.dumps(inputs, indent=1).encode())
         write_atomically(path, text.encode())
         return
-    old, new = _flat(_load(path)), _flat(yaml.safe_load(text))
-    _require_whole(run, new.keys() - old.keys())
-    changed = [
-        f"{key} {old.get(key)} -> {new.get(key)}"
-        for key in sorted(old | new)
-        if old.get(key) != new.get(key)
-    ]
+    differing = list(_differing(_load(path), yaml.safe_load(text)))
+    _require_whole(run, [name for name, old, _ in differing if old is _UNTOLD])
+    changed = [f"{name} {_told(old)} -> {_told(new)}" for name, old, new in differing]
     changed += differences(_inputs(run), json.loads(json.dumps(inputs)))
     if changed:
         raise RunError(
@@ -86,7 +82,7 @@ def read_config(run: Path) -> LoopCfg:
     """The configuration of the run in the directory `run`.
 
     Raises:
-        RunError: there is none, or it cannot be read.
+        RunError: there is none, it cannot be read, or an earlier version wrote it.
     """
     path = run / CONFIG_NAME
     if not path.exists():
@@ -108,14 +104,36 @@ def _load(path: Path) -> dict[str, object]:
         ) from None
     if not isinstance(values, dict):
         raise RunError(f"{path} is damaged: it holds no settings")
+    if "method" not in values:
+        raise RunError(
+            f"{path.parent} was started by an earlier gaitpref, which wrote its "
+            f"settings in another way (no `method` in {CONFIG_NAME}): go on with that "
+            "version, or give another --run; its page, its rewards and its policies "
+            "are as that version left them"
+        )
     return values
 
 
-def _flat(values: object, prefix: str = "") -> dict[str, object]:
-    if isinstance(values, dict):
-        return {
-            key: value
-            for name, entry in values.items()
-            for key, value in _flat(entry, f"{prefix}{name}.").items()
-        }
-    return {prefix.rstrip("."): values}
+_UNTOLD = object()
+
+
+def _differing(
+    old: object, new: object, name: str = ""
+) -> Iterator[tuple[str, object, object]]:
+    """Names and both values of the settings that differ, `_UNTOLD` where there is none;
+    records of different classes as a whole."""
+    if not (isinstance(old, dict) and isinstance(new, dict)) or (
+        old.get(CLASS) != new.get(CLASS)
+    ):
+        if old != new:
+            yield name, old, new
+        return
+    for key in sorted(old | new, key=str):
+        within = f"{name}.{key}" if name else str(key)
+        yield from _differing(old.get(key, _UNTOLD), new.get(key, _UNTOLD), within)
+
+
+def _told(value: object) -> str:
+    if value is _UNTOLD:
+        return "nothing"
+    return str(value.get(CLASS, value) if isinstance(value, dict) else value)

@@ -15,7 +15,7 @@ import torch
 import tyro
 
 from gaitpref.loop import page_of_loop, run_configured
-from gaitpref.loop_cfg import LoopCfg
+from gaitpref.loop_cfg import LoopCfg, StepsCfg
 from gaitpref.options import Loop, Serving
 from gaitpref.presets import resolve
 from policy.ppo import PpoCfg
@@ -38,9 +38,7 @@ def small_cfg(*, seed: int = 0, base: str = "none") -> LoopCfg:
     )
     return replace(
         resolve(options),
-        base_steps=1536,
-        round_steps=1536,
-        last_round_steps=3072,
+        steps=StepsCfg(base=1536, round=1536, last=3072),
         evaluation_episodes=8,
         ppo=PpoCfg(num_envs=32, hidden_sizes=(16,)),
         record=RecordCfg(episodes=40, episode_s=2.0),
@@ -49,7 +47,8 @@ def small_cfg(*, seed: int = 0, base: str = "none") -> LoopCfg:
 
 def human_cfg() -> LoopCfg:
     """The same with people; long enough that they can answer while it trains."""
-    return replace(small_cfg(), rater="human", round_steps=20_000)
+    cfg = small_cfg()
+    return replace(cfg, rater="human", steps=replace(cfg.steps, round=20_000))
 
 
 def main(options: Options) -> None:

@@ -13,12 +13,13 @@ import pytest
 import torch
 
 from data.dataset import Dataset
-from gaitpref.approval import ODDS_TO_STAY
 from gaitpref.loop import run_configured
 from gaitpref.loop_cfg import LoopCfg
+from gaitpref.method.acceptance import Compared, Verdict
+from gaitpref.method.context import RoundContext
 from gaitpref.rater_cfg import RaterCfg
 from gaitpref.rounds import Round, seed_of
-from gaitpref.side_by_side import STRATEGY, Verdict, verdict_of
+from gaitpref.side_by_side import STRATEGY, verdict_of
 from gaitpref.stages import began_with
 from policy.checkpoint import holding_home, load_policy, read_plain
 from policy.evaluate import evaluate
@@ -28,11 +29,16 @@ from rewardmodel.storage import load_reward
 from .small_loop import small_cfg
 
 KEPT = 7
+ODDS_TO_STAY = Compared(first=1).odds_to_stay
 
 
 def erring_cfg() -> LoopCfg:
     """Answers enough to see that a fifth of them is wrong."""
     return replace(small_cfg(seed=1), labels=70, simulated=RaterCfg(mistakes=0.2))
+
+
+def judging(cfg: LoopCfg, accept: Compared) -> LoopCfg:
+    return replace(cfg, method=replace(cfg.method, accept=accept))
 
 
 class _Killed(Exception):
@@ -129,13 +135,13 @@ def test_a_style_is_judged_at_its_end_though_no_answer_errs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stands: str
 ) -> None:
     """Nobody is asked after the longest training; rounds before it ask as ever."""
-    monkeypatch.setattr("gaitpref.side_by_side.answers_err", lambda _: False)
-    cfg = replace(small_cfg(), labels=40, last_labels=5)
+    cfg = judging(replace(small_cfg(), labels=40), Compared(first=1, last_labels=5))
     run = tmp_path / "run"
     with monkeypatch.context() as patch:
         patch.setattr("gaitpref.loop.show_stage", _killed_at_the_end)
         with pytest.raises(_Killed):
             run_configured(run, cfg)
+    assert not json.loads((run / "rounds/00/decided.json").read_text())["noisy"]
     assert (sum(asked(run)), asked(run)[2]) == (35, 0)
     expected = with_one_that_stands(run, stands)
     run_configured(run, cfg)
@@ -209,6 +215,42 @@ def test_the_odds_are_those_of_erring_answers(
     assert found.approved == approved
 
 
+@pytest.mark.parametrize(
+    ("number", "noisy", "labels", "judges", "needed"),
+    [
+        (1, False, 5, False, 0.1),
+        (1, True, 7, False, 0.1),
+        (2, False, 5, False, 0.1),
+        (2, True, 7, True, 0.1),
+        (3, False, 5, True, 0.1),
+        (3, True, 7, True, 0.3),
+    ],
+)
+def test_the_last_is_judged_and_where_answers_err_those_before(
+    number: int, noisy: bool, labels: int, judges: bool, needed: float
+) -> None:
+    """The last more strictly where they err: nothing trains away what is wrong."""
+    compared = Compared(first=2, last_labels=5)
+    context = RoundContext(number=number, rounds=3, labels=60, noisy=noisy)
+    assert compared.labels(context) == labels
+    assert compared.judges(context) == judges
+    assert compared.odds_needed(context) == pytest.approx(needed)
+
+
+def test_a_last_round_before_the_first_that_is_judged_is_not() -> None:
+    context = RoundContext(number=1, rounds=1, labels=60, noisy=True)
+    assert not Compared(first=2).judges(context)
+    assert Compared(first=1).judges(context)
+
+
+@pytest.mark.parametrize(("for_new", "approved"), [(3, True), (2, False)])
+def test_odds_as_large_as_needed_do(for_new: int, approved: bool) -> None:
+    """Of answers random in half of the cases, each makes it three times as likely."""
+    verdict = Verdict(for_new=for_new, for_old=0, error_share=0.5, needed=27.0 - 1e-9)
+    assert verdict.odds == pytest.approx(3.0**for_new)
+    assert verdict.approved == approved
+
+
 @pytest.mark.parametrize("share", [0.0, 1.0])
 def test_answers_that_never_err_or_always_do_are_no_odds(share: float) -> None:
     with pytest.raises(ValueError, match=r"error_share must lie in \(0, 1\)"):
@@ -236,13 +278,14 @@ def test_however_sure_a_fit_is_one_answer_is_no_proof(
 
 @pytest.mark.slow
 def test_training_goes_on_from_the_policy_that_was_preferred(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
 ) -> None:
     """Where answers speak against the second retraining, the third begins where the
     second did, and is judged beside that."""
-    monkeypatch.setattr("gaitpref.approval.ODDS_TO_GO_ON", math.inf)
     run = tmp_path / "run"
-    cfg = replace(erring_cfg(), rounds=3, labels=90, optimism=0.0, seed=1)
+    cfg = replace(erring_cfg(), rounds=3, labels=90, seed=1)
+    cfg = judging(cfg, Compared(first=2, odds_to_go_on=math.inf))
+    cfg = replace(cfg, method=replace(cfg.method, unstick=None))
     run_configured(run, cfg)
     first, second = (load_policy(run / f"rounds/0{n}/policy/policy.pt") for n in (1, 2))
     judged = [run / "rounds/03/policy", run / "rounds/03/candidate"]

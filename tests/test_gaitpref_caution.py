@@ -11,16 +11,12 @@ import pytest
 import torch
 
 from data.features import FEATURE_DIM, column
-from gaitpref.options import Loop
-from gaitpref.presets import resolve
-from gaitpref.retraining import learned_reward
+from gaitpref.method.context import RoundContext
+from gaitpref.method.method import FROM_SCRATCH, STYLE
+from gaitpref.method.paid import AgreedCurves, AsFitted, SurelyLiked
+from gaitpref.method.tracking import TrackingPrice
 from gaitpref.rewards import total_reward
-from gaitpref.tracking_limit import (
-    PRICE,
-    TrackingLimit,
-    limit_beside,
-    tracking_error,
-)
+from gaitpref.tracking_limit import TrackingLimit, limit_beside, tracking_error
 from policy.checkpoint import load_policy
 from policy.config import EnvCfg
 from policy.known_terms import KnownTermsCfg
@@ -42,6 +38,11 @@ from .test_rewardmodel_acquisition import model_of
 from .test_rewardmodel_fit import answered
 
 STARTS = torch.zeros(1, 1)
+PRICE = TrackingPrice().price
+
+
+def context(number: int, *, noisy: bool = False) -> RoundContext:
+    return RoundContext(number=number, rounds=3, labels=60, noisy=noisy)
 
 
 def quarrel() -> RewardModel:
@@ -114,42 +115,48 @@ def test_what_was_expected_is_kept_with_a_fitted_reward(tmp_path: Path) -> None:
     assert (scorer.expected <= 0.0).all()
 
 
-def test_of_other_models_the_spread_of_a_step_is_taken_off() -> None:
+def test_only_a_linear_reward_has_weights_to_be_careful_with() -> None:
+    """Another is refused before anything is trained on it, by its kind."""
     linear, scorer = quarrel(), MlpScorer(3, len(DESCRIPTOR_NAMES), 8)
-    scorer.initialise(torch.Generator().manual_seed(0))
-    model = RewardModel(linear.normaliser, scorer, linear.provenance)
-    asked = row(speed=2.0, height=0.5)
-    mean, spread = model(asked, STARTS), model.spread(asked, STARTS)
-    assert spread.item() > 0.0
-    for caution in (0.0, 1.0, -2.0):
-        paid = CautiousReward(model, caution)(asked, STARTS)
-        torch.testing.assert_close(paid, mean - caution * spread)
+    provenance = replace(linear.provenance, cfg=FitCfg(kind="mlp"))
+    model = RewardModel(linear.normaliser, scorer, provenance)
+    for noisy in (True, False):
+        with pytest.raises(TypeError, match=r"only a linear reward .* of kind mlp"):
+            SurelyLiked().of(model, context(2, noisy=noisy), judged=True)
 
 
 @pytest.mark.parametrize(
-    ("share", "caution"),
-    [(0.0, 0.0), (0.1, 0.0), (0.15, 0.5), (0.2, 1.0), (0.4, 1.0)],
+    ("noisy", "caution", "expected"),
+    [(False, 1.0, 0.0), (True, 1.0, 1.0), (True, 0.5, 0.5), (True, 0.0, 0.0)],
 )
-def test_caution_sets_in_where_answers_turned_out_wrong(
-    share: float, caution: float
+def test_caution_sets_in_where_answers_err(
+    noisy: bool, caution: float, expected: float
 ) -> None:
-    model = finding(quarrel(), share)
-    assert CautiousReward.suited(model, 1.0).caution == pytest.approx(caution)
+    """In every round, whatever share the newest fit found to be random."""
+    paid = SurelyLiked(caution=caution)
+    for number in (1, 2, 3):
+        for share in (0.0, 0.4):
+            model = finding(quarrel(), share)
+            reward = paid.of(model, context(number, noisy=noisy), judged=True)
+            assert isinstance(reward, CautiousReward)
+            assert reward.caution == expected
+            assert reward.pays_effort == (expected == 0.0)
 
 
-@pytest.mark.parametrize(("share", "paid"), [(0.1, 2.0 * 3.0 - 2.0), (0.2, -2.0)])
-def test_effort_is_not_paid_for_where_answers_err(share: float, paid: float) -> None:
+@pytest.mark.parametrize(("noisy", "paid"), [(False, 2.0 * 3.0 - 2.0), (True, -2.0)])
+def test_effort_is_not_paid_for_where_answers_err(noisy: bool, paid: float) -> None:
     """Both members like power and dislike torque."""
     weights = {"power": 2.0, "torque_sq": -2.0, "forward_speed": 1.0}
-    model = finding(model_of(weights, weights), share)
+    model = model_of(weights, weights)
     working = row(speed=0.0, height=0.0)
     working[..., column("joint_torque").start] = 1.0
     working[..., column("joint_vel").start] = 3.0
-    reward = CautiousReward.suited(model, 1.0)
+    told = context(1, noisy=noisy)
+    reward = SurelyLiked().of(model, told, judged=True)
     assert reward(working, STARTS).item() == pytest.approx(paid, abs=1e-4)
     hurried = reward(row(speed=1.0, height=0.0), STARTS)
     assert hurried.item() == pytest.approx(1.0, abs=1e-4)
-    plain = CautiousReward.suited(model, 0.0)(working, STARTS)
+    plain = SurelyLiked(caution=0.0).of(model, told, judged=True)(working, STARTS)
     assert plain.item() == pytest.approx(4.0, abs=1e-4)
 
 
@@ -171,29 +178,28 @@ def test_only_what_is_surely_liked_is_paid_and_charges_stay(
     assert running.item() == pytest.approx(-0.6, abs=1e-4)
 
 
-@pytest.mark.parametrize(("share", "sure"), [(0.02, 2.0), (0.1, 2.0), (0.3, 0.0)])
+@pytest.mark.parametrize(("noisy", "sure"), [(False, 2.0), (True, 0.0)])
 def test_who_errs_is_met_with_caution_and_who_does_not_pays_where_sure(
-    share: float, sure: float
+    noisy: bool, sure: float
 ) -> None:
-    model = finding(quarrel(), share)
-    reward = CautiousReward.suited(model, 1.0, sure=2.0)
+    reward = SurelyLiked().of(quarrel(), context(2, noisy=noisy), judged=True)
+    assert isinstance(reward, CautiousReward)
     assert reward.sure == sure
     assert (reward.caution == 0.0) == (reward.sure > 0.0) == reward.pays_effort
-    network = RewardModel(model.normaliser, MlpScorer(3, 25, 8), model.provenance)
-    assert CautiousReward.suited(network, 1.0, sure=2.0).sure == 0.0
 
 
 def test_the_first_retraining_from_scratch_pays_all_and_styles_always_do() -> None:
-    model, rounds = finding(quarrel(), 0.02), (1, 2, 3)
-    scratch = resolve(Loop(run=Path("unused"), base="none"))
-    style = resolve(Loop(run=Path("unused"), base="task"))
-    for cfg, expected in (
-        (scratch, [0.0, 2.0, 2.0]),
-        (style, [0.0, 0.0, 0.0]),
-        (replace(scratch, sure=0.0), [0.0, 0.0, 0.0]),
+    model, rounds = quarrel(), (1, 2, 3)
+    assert isinstance(FROM_SCRATCH.paid, SurelyLiked)
+    for paid, expected in (
+        (FROM_SCRATCH.paid, [0.0, 2.0, 2.0]),
+        (SurelyLiked(sure=0.0), [0.0, 0.0, 0.0]),
     ):
-        paid = [learned_reward(cfg, n, model, judged=True) for n in rounds]
-        assert [r.sure for r in paid if isinstance(r, CautiousReward)] == expected
+        found = [paid.of(model, context(n), judged=True) for n in rounds]
+        assert [r.sure for r in found if isinstance(r, CautiousReward)] == expected
+    curves = curves_of(model, FitCfg(kind="sparse"))
+    for number in rounds:
+        assert STYLE.paid.of(curves, context(number), judged=False) is curves
 
 
 def curves_of(model: RewardModel, cfg: FitCfg) -> RewardModel:
@@ -206,23 +212,32 @@ def curves_of(model: RewardModel, cfg: FitCfg) -> RewardModel:
 def test_curves_go_on_where_somebody_is_asked_afterwards() -> None:
     """In any retraining of a style, and not where nobody is."""
     model = curves_of(quarrel(), FitCfg(kind="sparse"))
-    cfg = resolve(Loop(run=Path("unused"), preset="quick"))
-    for round in (1, cfg.rounds):
-        found = [
-            type(learned_reward(cfg, round, model, judged=judged))
+    assert isinstance(STYLE.paid, AgreedCurves)
+    for number in (1, 3):
+        rising, flat = (
+            STYLE.paid.of(model, context(number), judged=judged)
             for judged in (True, False)
-        ]
-        assert found == [RisingReward, CautiousReward]
-    plain = learned_reward(replace(cfg, beyond=0.0), 1, model, judged=True)
-    assert isinstance(plain, CautiousReward)
+        )
+        assert isinstance(rising, RisingReward)
+        assert rising.beyond == STYLE.paid.beyond > 0.0
+        assert flat is model
+    assert AgreedCurves(beyond=0.0).of(model, context(1), judged=True) is model
 
 
 def test_a_sum_of_few_curves_is_paid_in_full() -> None:
     """However wrong the answers: its doubt is greatest about the habit wanted most."""
     model = curves_of(quarrel(), FitCfg(kind="sparse", error_share=0.4))
-    for sure in (0.0, 2.0):
-        reward = CautiousReward.suited(model, 1.0, sure=sure)
-        assert (reward.caution, reward.sure) == (0.0, 0.0)
+    for noisy in (True, False):
+        assert STYLE.paid.of(model, context(2, noisy=noisy), judged=False) is model
+
+
+@pytest.mark.parametrize("noisy", [True, False])
+def test_as_it_was_fitted_a_reward_of_any_kind_is_paid(noisy: bool) -> None:
+    linear = quarrel()
+    for model in (linear, curves_of(linear, FitCfg(kind="sparse"))):
+        for judged in (True, False):
+            paid = AsFitted().of(model, context(3, noisy=noisy), judged=judged)
+            assert paid is model
 
 
 def asked_and_done(asked: float, done: float) -> torch.Tensor:
@@ -290,7 +305,10 @@ def test_the_limit_is_what_the_base_does_and_a_little_more(tmp_path: Path) -> No
         payload["actor_state_dict"][name].zero_()
     torch.save(payload, path)
     base = load_policy(path)
-    one, two = (limit_beside(base, slack_m_s=s, seed=1).error_m_s for s in (0.0, 0.1))
+    one, two = (
+        limit_beside(base, TrackingPrice(slack_m_s=slack_m_s), seed=1).error_m_s
+        for slack_m_s in (0.0, 0.1)
+    )
     assert two - one == pytest.approx(0.1, abs=1e-6)
     rng, asked = np.random.default_rng(0), EnvCfg().commands
     ranges = asked.forward_m_s, asked.left_m_s

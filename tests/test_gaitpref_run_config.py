@@ -10,6 +10,7 @@ import pytest
 from data.errors import GaitprefError
 from gaitpref.cli import parse
 from gaitpref.loop_cfg import LoopCfg, RunError
+from gaitpref.method.context import RoundContext
 from gaitpref.options import Erring, Loop
 from gaitpref.presets import resolve
 from gaitpref.rater_cfg import RaterCfg
@@ -17,8 +18,19 @@ from gaitpref.rater_cfg import RaterCfg
 RUN = Path("run")
 
 
+def context(cfg: LoopCfg, number: int, *, first: int = 0) -> RoundContext:
+    """A round where the first has asked for `first` by now."""
+    return RoundContext(
+        number=number, rounds=cfg.rounds, labels=cfg.labels, first_asked=first
+    )
+
+
+def labels_of(cfg: LoopCfg, number: int, *, first: int = 0, kept: int = 0) -> int:
+    return cfg.method.budget.labels_of(context(cfg, number, first=first), kept=kept)
+
+
 def asked(cfg: LoopCfg) -> list[int]:
-    return [cfg.labels_of(round) for round in range(cfg.rounds)]
+    return [labels_of(cfg, round) for round in range(cfg.rounds)]
 
 
 @pytest.mark.parametrize(
@@ -40,9 +52,9 @@ def test_from_scratch_the_first_round_asks_for_half_and_not_for_too_few(
 @pytest.mark.parametrize("labels", [20, 40, 100])
 def test_what_the_first_round_asks_more_the_others_ask_less(labels: int) -> None:
     cfg = resolve(Loop(run=RUN, base="none", labels=labels))
-    most = cfg.most_first_labels
-    assert cfg.labels_of(0) <= most <= max(0.75 * labels, 8)
-    others = [cfg.labels_of(round, first=most) for round in range(1, cfg.rounds)]
+    most = cfg.method.budget.most_first(context(cfg, 0))
+    assert labels_of(cfg, 0) <= most <= max(0.75 * labels, 8)
+    others = [labels_of(cfg, round, first=most) for round in range(1, cfg.rounds)]
     assert most + sum(others) == labels
     assert min(others) >= 4
 
@@ -61,9 +73,10 @@ def test_answers_kept_for_the_last_policy_are_not_asked_before(
 ) -> None:
     """As many as the other rounds can spare."""
     cfg = resolve(Loop(run=RUN, base=base, labels=labels, preset="quick"))
-    assert cfg.most_kept(7, first=first) == kept
+    last = context(cfg, cfg.rounds, first=first)
+    assert cfg.method.budget.most_kept(last, 7) == kept
     found = [
-        cfg.labels_of(round, first=first, kept=kept) for round in range(1, cfg.rounds)
+        labels_of(cfg, round, first=first, kept=kept) for round in range(1, cfg.rounds)
     ]
     assert found == others
     assert first + sum(found) + kept == labels
@@ -71,10 +84,11 @@ def test_answers_kept_for_the_last_policy_are_not_asked_before(
 
 def test_a_style_may_ask_on_at_first_where_its_answers_contradict_each_other() -> None:
     style, scratch = resolve(Loop(run=RUN)), resolve(Loop(run=RUN, base="none"))
-    assert style.labels_of(0) < style.most_first_labels < style.labels
-    assert style.first_agreement < scratch.first_agreement
-    first = style.most_first_labels
-    asked_later = [style.labels_of(n, first=first) for n in range(1, style.rounds)]
+    first = style.method.budget.most_first(context(style, 0))
+    assert labels_of(style, 0) < first < style.labels
+    of_style, of_scratch = (cfg.method.budget for cfg in (style, scratch))
+    assert of_style.first_agreement < of_scratch.first_agreement
+    asked_later = [labels_of(style, n, first=first) for n in range(1, style.rounds)]
     assert first + sum(asked_later) == style.labels
 
 
@@ -92,28 +106,28 @@ def test_shares_shrink_and_leave_nothing_over(rounds: int, labels: int) -> None:
 def test_too_few_answers_are_refused_with_what_would_do() -> None:
     with pytest.raises(RunError, match="give at least 24, or fewer --rounds"):
         resolve(Loop(run=RUN, rounds=5, labels=23))
-    with pytest.raises(RunError, match="first_share"):
-        replace(resolve(Loop(run=RUN)), first_share=1.0)
-    with pytest.raises(RunError, match=r"most_first_share must lie in \(0, 1\), got 0"):
-        replace(resolve(Loop(run=RUN)), most_first_share=0.0)
+    with pytest.raises(RunError, match="--rounds must be at least 1, got 0"):
+        resolve(Loop(run=RUN, rounds=0))
 
 
 def test_what_robots_are_told_weighs_most_only_from_scratch() -> None:
-    assert resolve(Loop(run=RUN, base="none")).fit.linear.told_most
-    assert not resolve(Loop(run=RUN, base="task")).fit.linear.told_most
+    scratch, style = (resolve(Loop(run=RUN, base=base)) for base in ("none", "task"))
+    assert scratch.method.reward.linear.told_most
+    assert not style.method.reward.linear.told_most
 
 
 def test_a_quiet_walk_is_expected_only_once_there_is_one() -> None:
     """From scratch, by the rewards of the last two retrainings; never of a style."""
-    scratch = resolve(Loop(run=Path("r"), base="none", preset="quick"))
-    found = [scratch.fit_of(round).linear.quiet_logit for round in range(4)]
-    assert found == [0.0, 0.0, 0.2, 0.2]
-    hurried = [scratch.fit_of(round).linear.hurry for round in range(4)]
-    assert hurried == [0.0, 0.0, 1.0, 1.0]
+    scratch = resolve(Loop(run=RUN, base="none", preset="quick"))
+    fits = [scratch.method.fit_of(context(scratch, round)) for round in range(4)]
+    assert [fit.linear.quiet_logit for fit in fits] == [0.0, 0.0, 0.2, 0.2]
+    assert [fit.linear.hurry for fit in fits] == [0.0, 0.0, 1.0, 1.0]
     short = replace(scratch, rounds=1)
-    assert short.fit_of(0) == short.fit
-    style = resolve(Loop(run=Path("r"), base="task"))
-    assert all(style.fit_of(round) == style.fit for round in range(style.rounds))
+    assert short.method.fit_of(context(short, 0)) == short.method.reward
+    style = resolve(Loop(run=RUN, base="task"))
+    for round in range(style.rounds):
+        fitted = style.method.fit_of(context(style, round))
+        assert fitted == style.method.reward
 
 
 def test_a_simulated_rater_errs_as_the_command_line_says() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from torch import Tensor
 from data.features import column
 from gaitpref.going_on import choose_start
 from gaitpref.loop_cfg import LoopCfg
+from gaitpref.method.method import FROM_SCRATCH, STYLE, Method
+from gaitpref.method.start import BestLiked
 from gaitpref.rounds import Round, began_from
 from gaitpref.setting import setting_of
 from policy.checkpoint import holding_home
@@ -85,13 +88,31 @@ def test_one_that_answers_spoke_against_is_left_alone(
     assert began_from(third) == Round(third.run, 2).policy
 
 
-@pytest.mark.parametrize("change", [{"from_best": False}, {"base": "none"}])
+@pytest.mark.parametrize("method", [replace(STYLE, start=None), FROM_SCRATCH])
 def test_where_it_is_not_wanted_or_from_scratch_it_is_the_last(
-    style: LoopCfg, third: Round, change: dict[str, object]
+    style: LoopCfg, third: Round, method: Method
 ) -> None:
-    choose_start(replace(style, **change), third, quiet)
+    choose_start(replace(style, method=method), third, quiet)
     assert not third.began.exists()
     assert began_from(third) == Round(third.run, 2).policy
+
+
+@pytest.mark.parametrize(
+    ("worth", "best"),
+    [
+        ({0: 1.0}, 0),
+        ({0: 1.0, 1: 2.0, 2: 1.5}, 1),
+        ({0: 2.0, 1: 2.0, 3: 2.0}, 3),
+        ({3: 2.0, 0: 2.0}, 3),
+        ({0: -math.inf, 2: -math.inf}, 2),
+        ({0: -5.0, 2: -math.inf}, 0),
+    ],
+)
+def test_the_most_is_best_and_of_equals_the_newest(
+    worth: dict[int, float], best: int
+) -> None:
+    """In whatever order they are given, and where rounds between are left out."""
+    assert BestLiked().choose(worth) == best
 
 
 def test_one_whose_simulations_diverge_is_worth_nothing(

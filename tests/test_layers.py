@@ -58,6 +58,56 @@ def test_the_names_are_this_checkouts(package: str) -> None:
     assert Path(module.__file__).resolve().parent == ROOT / package
 
 
+def imported_modules(source: str) -> set[str]:
+    """Modules a module imports, as it spells them, and each name it takes of them."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            module = "." * node.level + (node.module or "")
+            found.add(module)
+            joined = module if module.endswith(".") else f"{module}."
+            found |= {f"{joined}{alias.name}" for alias in node.names}
+    return found
+
+
+WITH_EFFECTS = {
+    "data.answer_backend",
+    "data.answers",
+    "data.dataset",
+    "data.episode",
+    "data.files",
+    "data.yaml_file",
+    "io",
+    "json",
+    "mujoco",
+    "os",
+    "pathlib",
+    "policy.checkpoint",
+    "policy.train",
+    "rewardmodel.storage",
+    "rich",
+    "shutil",
+    "sqlite3",
+    "sys",
+    "yaml",
+}
+"""What opens files, data bases, simulators or a console."""
+
+
+def test_the_method_decides_without_files_data_bases_or_a_console() -> None:
+    """Nor does it know the stages that act on what it decides."""
+    modules = sorted((ROOT / "gaitpref/method").glob("*.py"))
+    assert len(modules) > 10
+    for path in modules:
+        for module in imported_modules(path.read_text()):
+            assert not module.startswith(("..", "gaitpref")), (path.name, module)
+            above = module.split(".")
+            spelled = {".".join(above[: end + 1]) for end in range(len(above))}
+            assert not spelled & WITH_EFFECTS, (path.name, module)
+
+
 def test_help_needs_no_torch() -> None:
     """The options import neither torch nor a simulator."""
     heavy = {"mujoco", "numpy", "rsl_rl", "torch", "viser"}

@@ -19,6 +19,8 @@ from data.dataset import Dataset
 from data.files import sha256_file
 from gaitpref.loop import run_configured, run_loop
 from gaitpref.loop_cfg import RunError
+from gaitpref.method.budget import FrontLoaded
+from gaitpref.method.context import RoundContext
 from gaitpref.options import Loop
 from policy.checkpoint import load_policy
 from policy.config import getup_env
@@ -143,13 +145,16 @@ def test_a_round_stops_asking_where_answers_are_enough(
     for name, never_missed in (("SETTLED", -1.0), ("FORESEEN", -1.0)):
         monkeypatch.setattr(f"rewardmodel.enough.{name}", never_missed)
     monkeypatch.setattr("rewardmodel.enough.MIN_HELD_OUT", 1)
-    cfg = replace(small_cfg(), stop_asking=True, approval_labels=0)
-    assert cfg.labels_of(0) > cfg.batch_labels
+    cfg = replace(small_cfg(), stop_asking=True)
+    cfg = replace(cfg, method=replace(cfg.method, accept=None))
+    batch = cfg.method.questions.batch
+    first = RoundContext(number=0, rounds=cfg.rounds, labels=cfg.labels)
+    assert cfg.method.budget.labels_of(first) > batch
     for _ in range(2):
         run_configured(tmp_path / "run", cfg)
         with Dataset.open(tmp_path / "run/dataset").answers() as store:
             asked = [len(store.pairs(round=number)) for number in range(2)]
-            assert asked[0] == cfg.batch_labels
+            assert asked[0] == batch
             assert store.count() == sum(asked) < cfg.labels
         # As a process leaves it that is killed when all is answered and not yet fitted.
         for unfinished in ("rounds/01/reward", "rounds/02"):
@@ -162,16 +167,12 @@ def test_the_first_round_asks_on_while_answers_leave_it_open(
     tmp_path: Path, agreed: float, asks_on: bool
 ) -> None:
     """Up to its most, and the others ask for what is left; also when it goes on."""
-    cfg = replace(
-        small_cfg(),
-        labels=40,
-        first_share=0.4,
-        first_least=0,
-        most_first_share=0.7,
-        first_agreement=agreed,
-        approval_labels=0,
-        optimism=0.0,
+    budget = FrontLoaded(
+        first_share=0.4, first_least=0, most_first_share=0.7, first_agreement=agreed
     )
+    cfg = replace(small_cfg(), labels=40)
+    method = replace(cfg.method, budget=budget, accept=None, unstick=None)
+    cfg = replace(cfg, method=method)
     expected = [28, 12] if asks_on else [16, 24]
     for _ in range(2):
         run_configured(tmp_path / "run", cfg)

@@ -6,6 +6,7 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -14,6 +15,8 @@ from data.dataset import Dataset
 from data.features import FEATURE_DIM, column
 from gaitpref.loop import run_configured
 from gaitpref.loop_cfg import LoopCfg
+from gaitpref.method.context import RoundContext
+from gaitpref.method.unstick import Optimism
 from gaitpref.people import People
 from gaitpref.retraining import policy_stage
 from gaitpref.rounds import Round
@@ -135,8 +138,11 @@ def test_a_robot_stands_that_is_far_slower_than_it_is_told(
     rows[..., column("command").start] = 0.5
     rows[..., column("base_lin_vel_b").start + 1] = speed
     rows[4:, 1] = 9.0
-    found = seen_standing(rows, torch.tensor([STEPS, 4]))
+    lengths = torch.tensor([STEPS, 4])
+    found = seen_standing(rows, lengths, still=Optimism().still)
     assert (found is not None) == stands
+    assert seen_standing(rows, lengths, still=1.1 * speed / 0.5)
+    assert not seen_standing(rows, lengths, still=0.9 * speed / 0.5)
     if found:
         assert str(found) == "0.09 m/s where told 0.50"
 
@@ -147,21 +153,41 @@ class _Killed(Exception):
 
 def untrained_cfg() -> LoopCfg:
     """A small loop whose first policy is untrained: it surely goes nowhere."""
-    return replace(small_cfg(), base_steps=0, labels=70)
+    cfg = small_cfg()
+    return replace(cfg, steps=replace(cfg.steps, base=0), labels=70)
+
+
+def deciding(cfg: LoopCfg, **decisions: Any) -> LoopCfg:
+    """`cfg` with other decisions of the method."""
+    return replace(cfg, method=replace(cfg.method, **decisions))
+
+
+def context(cfg: LoopCfg, number: int, *, noisy: bool = False) -> RoundContext:
+    return RoundContext(
+        number=number, rounds=cfg.rounds, labels=cfg.labels, noisy=noisy
+    )
 
 
 def killed(*others: object) -> None:
     raise _Killed
 
 
+def until_it_is_fitted(run: Path, cfg: LoopCfg, patch: pytest.MonkeyPatch) -> None:
+    """Run a loop until it has fitted its first reward."""
+    with patch.context() as stopping:
+        stopping.setattr("gaitpref.loop.report_stage", killed)
+        with pytest.raises(_Killed):
+            run_configured(run, cfg)
+
+
 def ask_first(run: Path, patch: pytest.MonkeyPatch, *, err: bool, agree: bool) -> int:
     """Run a small loop until it has fitted its first reward, to answers said to err or
     to agree; how many were asked for."""
-    patch.setattr("gaitpref.asking.answers_err", lambda _: err)
+    patch.setattr("gaitpref.asking.takes_to_err", lambda _: err)
     patch.setattr("gaitpref.asking.disagree", lambda _: not agree)
-    patch.setattr("gaitpref.loop.report_stage", killed)
-    with pytest.raises(_Killed):
-        run_configured(run, replace(untrained_cfg(), first_agreement=1.1))
+    cfg = untrained_cfg()
+    never = replace(cfg.method.budget, first_agreement=1.1)
+    until_it_is_fitted(run, deciding(cfg, budget=never), patch)
     with Dataset.open(run / "dataset").answers() as store:
         return len(store.pairs(round=0))
 
@@ -183,15 +209,17 @@ def test_a_first_round_asks_on_where_answers_do_not_err_or_do_not_agree(
     assert ask_first(tmp_path / "run", monkeypatch, err=err, agree=agree) == 52
 
 
-def first_training(run: Path, folder: Path, cfg: LoopCfg) -> Round:
+def first_training(run: Path, folder: Path, cfg: LoopCfg, *, noisy: bool) -> Round:
     """The round that trains for the first time, in a copy of `run`."""
-    copy = folder / f"run-{cfg.optimism:g}"
+    copy = folder / ("hopes" if cfg.method.unstick else "does-not")
     shutil.copytree(run, copy)
     round = Round(copy, 1)
     round.root.mkdir()
     Round(copy, 0).report.write_text("{}")
     robot = load_robot(physics_dt_s=cfg.env.physics_dt_s)
-    policy_stage(cfg, round, robot, Dataset.open(copy / "dataset"), People())
+    dataset = Dataset.open(copy / "dataset")
+    told = context(cfg, 1, noisy=noisy)
+    policy_stage(cfg, round, told, robot, dataset, People())
     return round
 
 
@@ -199,16 +227,15 @@ def first_training(run: Path, folder: Path, cfg: LoopCfg) -> Round:
 def test_a_robot_that_stands_is_got_going_where_answers_err(
     asked: Path,
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     err: bool,
 ) -> None:
     """It says so, leaves word beside the policy, and nobody is to judge that."""
-    for place in ("standstill", "side_by_side"):
-        monkeypatch.setattr(f"gaitpref.{place}.first_erred", lambda _: err)
-    plain = first_training(asked, tmp_path, replace(small_cfg(), optimism=0.0))
+    cfg = small_cfg()
+    hopeless = deciding(cfg, unstick=None)
+    plain = first_training(asked, tmp_path, hopeless, noisy=err)
     assert not plain.standstill.exists()
-    hoped = first_training(asked, tmp_path, small_cfg())
+    hoped = first_training(asked, tmp_path, cfg, noisy=err)
     assert hoped.standstill.exists() == err
     assert (hoped.policy.read_bytes() != plain.policy.read_bytes()) == err
     told = " ".join(capsys.readouterr().err.split())
@@ -219,20 +246,42 @@ def test_a_robot_that_stands_is_got_going_where_answers_err(
 
 
 def test_the_next_time_it_is_got_going_whoever_answers(
-    asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    asked: Path, tmp_path: Path
 ) -> None:
     """Answers that do not err told it what to do, and it stands for all that; but not
-    in the last round, not a base, and not where nothing is hoped for."""
-    monkeypatch.setattr("gaitpref.standstill.first_erred", lambda _: False)
+    in the last round, not of a style, and not where nothing is hoped for."""
     run = tmp_path / "run"
     shutil.copytree(asked / "rounds/00/policy", run / "rounds/00/policy")
     shutil.copytree(asked / "rounds/00/policy", run / "rounds/01/policy")
-    cfg = replace(small_cfg(), rounds=3)
-    assert standstill_before(cfg, Round(run, 1)) is None
-    assert standstill_before(cfg, Round(run, 2))
-    assert standstill_before(small_cfg(), Round(run, 2)) is None
-    assert standstill_before(replace(cfg, base="task"), Round(run, 2)) is None
-    assert standstill_before(replace(cfg, optimism=0.0), Round(run, 2)) is None
+    cfg, short = replace(small_cfg(), rounds=3), small_cfg()
+    style, hopeless = small_cfg(base="task"), deciding(cfg, unstick=None)
+    second = Round(run, 2)
+    assert standstill_before(cfg, Round(run, 1), context(cfg, 1)) is None
+    assert standstill_before(cfg, Round(run, 1), context(cfg, 1, noisy=True))
+    assert standstill_before(cfg, second, context(cfg, 2))
+    assert standstill_before(short, second, context(short, 2)) is None
+    style = replace(style, rounds=3)
+    assert standstill_before(style, second, context(style, 2)) is None
+    assert standstill_before(hopeless, second, context(cfg, 2)) is None
+
+
+@pytest.mark.parametrize("noisy", [True, False])
+@pytest.mark.parametrize(
+    ("number", "rounds", "looks"),
+    [
+        (0, 3, (False, False)),
+        (1, 3, (True, False)),
+        (2, 3, (True, True)),
+        (3, 3, (False, False)),
+        (0, 1, (False, False)),
+        (1, 1, (False, False)),
+    ],
+)
+def test_the_first_time_only_where_answers_err_and_never_at_the_end(
+    number: int, rounds: int, looks: tuple[bool, bool], noisy: bool
+) -> None:
+    told = RoundContext(number=number, rounds=rounds, labels=60, noisy=noisy)
+    assert Optimism().looks(told) == looks[0 if noisy else 1]
 
 
 @pytest.mark.parametrize("shown", [True, False])
@@ -247,7 +296,8 @@ def test_a_policy_to_be_seen_is_not_kept_where_answers_do_not_agree(
     if shown:
         before.standstill.write_text("{}")
     before.report.write_text(json.dumps({"trust": {"deserves_training": False}}))
-    policy_stage(cfg, last, robot, Dataset.create(tmp_path / "set"), People())
+    dataset = Dataset.create(tmp_path / "set")
+    policy_stage(cfg, last, context(cfg, 2), robot, dataset, People())
     obs = torch.randn(5, OBS_DIM, generator=torch.Generator().manual_seed(0))
     assert bool((load_policy(last.policy)(obs) == 0.0).all()) == shown
     same = last.policy.read_bytes() == before.policy.read_bytes()
@@ -255,12 +305,16 @@ def test_a_policy_to_be_seen_is_not_kept_where_answers_do_not_agree(
 
 
 def test_who_leaves_a_standstill_is_not_judged_and_the_page_says_so(
-    asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for place in ("standstill", "side_by_side"):
-        monkeypatch.setattr(f"gaitpref.{place}.first_erred", lambda _: True)
+    """Of answers that err; the first reward here finds that they hardly do."""
     run = tmp_path / "run"
     cfg = replace(untrained_cfg(), rounds=3)
+    until_it_is_fitted(run, cfg, monkeypatch)
+    decided = Round(run, 0).decided
+    found = json.loads(decided.read_text())
+    assert not found["noisy"]
+    decided.write_text(json.dumps({**found, "noisy": True}))
     run_configured(run, cfg)
     rounds = [Round(run, number) for number in range(4)]
     left = [round.number for round in rounds if round.standstill.exists()]

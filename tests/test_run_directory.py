@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import fields, replace
+from functools import reduce
 from pathlib import Path
+from typing import Any, get_args, get_type_hints
 
 import pytest
 import yaml
@@ -18,6 +22,11 @@ from data.lock import LOCK_NAME
 from data.plain import from_plain, to_plain
 from gaitpref.cli import main
 from gaitpref.loop_cfg import LoopCfg, RunError
+from gaitpref.method.budget import FrontLoaded, Shrinking
+from gaitpref.method.exploration import Descending, PutBack
+from gaitpref.method.method import FROM_SCRATCH, STYLE, Method
+from gaitpref.method.paid import AsFitted
+from gaitpref.method.unstick import Optimism
 from gaitpref.options import Loop
 from gaitpref.presets import resolve
 from gaitpref.rounds import Round
@@ -108,16 +117,128 @@ def test_the_configuration_that_is_written_is_whole(
     claim(tmp_path / "run", cfg, INPUTS)
     written = yaml.safe_load((tmp_path / "run" / CONFIG_NAME).read_text())
     assert names(written) == names(to_plain(cfg, whole=True)) > names(to_plain(cfg))
-    assert {"caution", "hurry", "calm_from", "noise_again"} <= written.keys()
+    method = written["method"]
+    assert {"paid", "once_it_walks", "exploration", "tracking"} <= method.keys()
+    assert {"sure", "caution"} < method["paid"].keys()
     assert read_config(tmp_path / "run") == cfg
     claim(tmp_path / "run", cfg, INPUTS)
 
 
+METHODS = {
+    "from scratch": FROM_SCRATCH,
+    "style": STYLE,
+    "from scratch, no hope": replace(FROM_SCRATCH, unstick=None),
+    "from scratch, no walk": replace(FROM_SCRATCH, once_it_walks=None),
+    "from scratch, unjudged": replace(FROM_SCRATCH, accept=None),
+    "from scratch, keeps its noise": replace(FROM_SCRATCH, exploration=None),
+    "style, from the last": replace(STYLE, start=None),
+    "style, keeps its noise": replace(STYLE, exploration=None),
+    "style, unjudged": replace(STYLE, accept=None),
+    "style, no limit": replace(STYLE, tracking=None),
+    "scratch shrinks": replace(FROM_SCRATCH, budget=Shrinking()),
+    "front-loaded style": replace(
+        STYLE, budget=FrontLoaded(first_share=0.5, first_least=0)
+    ),
+    "as fitted": replace(STYLE, paid=AsFitted()),
+    "noise back": replace(FROM_SCRATCH, exploration=PutBack()),
+    "noise descends": replace(STYLE, exploration=Descending()),
+}
+"""Both that ship, each with every decision it may lack left out, and every union with
+each of its classes."""
+
+
+def test_every_decision_that_may_be_left_out_is() -> None:
+    """In one of the methods above, of those that have it."""
+    optional = {
+        name
+        for name, hint in get_type_hints(Method).items()
+        if type(None) in get_args(hint)
+    }
+    assert optional == {
+        *("once_it_walks", "start", "exploration", "unstick", "accept", "tracking")
+    }
+    for shipped in (FROM_SCRATCH, STYLE):
+        for name in optional:
+            changed = replace(shipped, **{name: None})
+            assert changed in METHODS.values(), name
+
+
+@pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
+def test_a_method_is_read_as_it_was_written(
+    tmp_path: Path, cfg: LoopCfg, method: Method
+) -> None:
+    """Of its decisions that may be of several classes, the class too; and no other
+    method may go on with the run."""
+    run, own = tmp_path / "run", replace(cfg, method=method)
+    claim(run, own, INPUTS)
+    found = read_config(run).method
+    assert found == method
+    for decision in ("budget", "paid", "exploration"):
+        assert type(getattr(found, decision)) is type(getattr(method, decision))
+    claim(run, own, INPUTS)
+    for other in METHODS.values():
+        if other != method:
+            with pytest.raises(RunError, match=r"with other settings \(method\."):
+                claim(run, replace(cfg, method=other), INPUTS)
+
+
+def test_no_value_of_a_decision_may_change(tmp_path: Path, cfg: LoopCfg) -> None:
+    """Every number, name and truth in the methods that ship, one by one."""
+    for index, method in enumerate((FROM_SCRATCH, STYLE)):
+        run = tmp_path / str(index)
+        claim(run, replace(cfg, method=method), INPUTS)
+        path, tried = run / CONFIG_NAME, 0
+        whole = yaml.safe_load(path.read_text())
+        for place in places_of(whole["method"]):
+            changed = copy.deepcopy(whole)
+            *parents, name = place
+            holder = reduce(lambda part, key: part[key], parents, changed["method"])
+            holder[name] = other_than(holder[name])
+            path.write_text(yaml.safe_dump(changed))
+            told = re.escape(f"method.{'.'.join(place)} ")
+            with pytest.raises(RunError, match=rf"with other settings \({told}"):
+                claim(run, replace(cfg, method=method), INPUTS)
+            tried += 1
+        assert tried > 80
+
+
+def places_of(values: dict[str, Any]) -> Iterator[tuple[str, ...]]:
+    """Where the leaves of `values` are."""
+    for name, value in values.items():
+        if isinstance(value, dict):
+            yield from (
+                (name, *rest) for rest in places_of(value) if rest != ("class",)
+            )
+        else:
+            yield (name,)
+
+
+def other_than(value: object) -> object:
+    if isinstance(value, bool):
+        return not value
+    return value + 1 if isinstance(value, int | float) else "other"
+
+
 @pytest.mark.parametrize(
-    ("absent", "changed", "inputs", "told"),
+    ("absent", "change", "inputs", "told"),
     [
-        ((), {"calm_from": 0.75}, {}, "calm_from 0.85 -> 0.75"),
-        (("calm_from", "noise_again"), {}, {}, r"2 of today's.*\(calm_from, noise_"),
+        (
+            (),
+            {"exploration": PutBack(calm_from=0.75)},
+            {},
+            r"method\.exploration\.calm_from 0\.85 -> 0\.75",
+        ),
+        ((), {"exploration": Descending()}, {}, "exploration PutBack -> Descending"),
+        ((), {"paid": AsFitted()}, {}, "method.paid AgreedCurves -> AsFitted"),
+        ((), {"start": None}, {}, "method.start BestLiked -> None"),
+        ((), {"unstick": Optimism()}, {}, r"unstick None -> {'deviations': 2\.0"),
+        ((), {"weight": 2.0}, {}, "method.weight 3.0 -> 2.0"),
+        (
+            (("exploration", "calm_from"), ("exploration", "later")),
+            {},
+            {},
+            r"2 of today's.*\(method\.exploration\.calm_from, .*later\)",
+        ),
         ((), {}, {"robot": "another"}, "robot sha256 of a model -> another"),
         ((), {}, {"criterion": {"source": "t"}}, "criterion.source s -> t"),
         ((), {}, {"base": "b"}, "base None -> b"),
@@ -126,23 +247,70 @@ def test_the_configuration_that_is_written_is_whole(
 def test_a_run_begun_under_other_values_says_so(
     tmp_path: Path,
     cfg: LoopCfg,
-    absent: tuple[str, ...],
-    changed: dict[str, float],
+    absent: tuple[tuple[str, str], ...],
+    change: dict[str, Any],
     inputs: dict[str, object],
     told: str,
 ) -> None:
     """Also where only a file behind a name has changed, or an earlier version did not
     write what it ran under."""
-    run = tmp_path / "run"
+    run, cfg = tmp_path / "run", replace(cfg, method=STYLE)
     claim(run, cfg, INPUTS)
     written = yaml.safe_load((run / CONFIG_NAME).read_text())
-    for name in absent:
-        del written[name]
+    for decision, name in absent:
+        del written["method"][decision][name]
     (run / CONFIG_NAME).write_text(yaml.safe_dump(written))
     with pytest.raises(RunError, match=told):
-        claim(run, replace(cfg, **changed), INPUTS | inputs)
+        claim(run, replace(cfg, method=replace(STYLE, **change)), INPUTS | inputs)
     # What only looks at it still reads it.
     assert read_config(run) == cfg
+
+
+EARLIER = """\
+rounds: 4
+labels: 100
+rater: simulated
+criterion: task
+base: none
+robot: null
+seed: 0
+base_steps: 0
+round_steps: 600000
+last_round_steps: 800000
+learned_weight: 1.0
+caution: 1.0
+approval_labels: 7
+exploration: {early: 0.7, late: 0.5, last: 0.4, final: 0.1}
+far_limit: null
+first_share: 0.48
+batch_labels: 10
+fit: {kind: grow, error_share: 0.3}
+"""
+"""From the configuration of a run before there were methods."""
+
+
+def test_a_run_of_an_earlier_version_is_left_to_that(
+    tmp_path: Path, cfg: LoopCfg, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whoever goes on with it or only looks at it is told what to do, and nothing of it
+    changes."""
+    run = tmp_path / "run"
+    run.mkdir()
+    (run / CONFIG_NAME).write_text(EARLIER)
+    (run / INPUTS_NAME).write_text(json.dumps(INPUTS))
+    before = {path: path.read_bytes() for path in run.iterdir()}
+    told = "started by an earlier gaitpref.*go on with that version, or give another"
+    with pytest.raises(RunError, match=told):
+        claim(run, cfg, INPUTS)
+    with pytest.raises(RunError, match=told):
+        read_config(run)
+    asked = ["loop", "--run", str(run), "--base", "none"]
+    for command in (asked, ["report", "--run", str(run)]):
+        assert main(command) == 2
+        said = " ".join(capsys.readouterr().err.split())
+        assert re.search(told, said)
+        assert str(run) in said
+    assert {path: path.read_bytes() for path in run.iterdir()} == before
 
 
 def test_what_a_run_was_started_with_must_be_readable(
@@ -160,16 +328,13 @@ def test_what_a_run_was_started_with_must_be_readable(
     ("name", "value", "told"),
     [
         ("rater", "humna", "rater must be one of simulated, human; got 'humna'"),
-        ("strategy", "best", "strategy must be one of .*disagreement.*; got 'best'"),
         ("rounds", "three", "rounds must be a whole number, got 'three'"),
         ("rounds", 2.5, "rounds must be a whole number, got 2.5"),
-        ("mirror", "no", "mirror must be true or false, got 'no'"),
         ("seed", True, "seed must be a whole number, got True"),
-        ("caution", "much", "caution must be a number, got 'much'"),
         ("criterion", 5, "criterion must be a text, got 5"),
         ("robot", ["a"], "robot must be a text, got"),
         ("env", 5, "env must hold settings, got 5"),
-        ("exploration", 0.5, "exploration must hold settings, got 0.5"),
+        ("method", 5, "method must hold settings, got 5"),
     ],
 )
 def test_a_setting_of_the_wrong_kind_is_refused(
@@ -183,14 +348,58 @@ def test_a_setting_of_the_wrong_kind_is_refused(
         read_config(tmp_path / "run")
 
 
+@pytest.mark.parametrize(
+    ("decision", "value", "told"),
+    [
+        ("questions", {"strategy": "best"}, "one of .*disagreement.*; got 'best'"),
+        ("questions", {"batch": 0}, "batch must be at least 1, got 0"),
+        ("questions", {"uniform_share": 1.5}, r"uniform_share must lie in \[0, 1\]"),
+        ("mirror", "no", "mirror must be true or false, got 'no'"),
+        ("weight", "much", "weight must be a number, got 'much'"),
+        ("exploration", 0.5, "exploration must hold settings, got 0.5"),
+        ("budget", {"class": "Shrinking", "most_first_share": 1.0}, r"lie in \[0, 1\)"),
+        (
+            "budget",
+            {"class": "FrontLoaded", "first_share": 0.0, "first_least": 0},
+            r"first_share must lie in \(0, 1\), got 0",
+        ),
+        ("budget", {"class": "FrontLoaded"}, "FrontLoaded: .*'first_share'"),
+        ("budget", None, "must hold settings, got None"),
+        (
+            "paid",
+            {"class": "Nothing"},
+            "paid must be one of AgreedCurves, SurelyLiked, AsFitted; got 'Nothing'",
+        ),
+        ("paid", {"class": ["a"]}, "Method: unhashable"),
+        ("paid", {"class": "AsFitted", "beyond": 0.5}, "AsFitted has no field beyond"),
+        ("starts", {}, "Method has no field starts"),
+    ],
+)
+def test_a_decision_of_the_wrong_kind_is_refused(
+    tmp_path: Path, cfg: LoopCfg, decision: str, value: object, told: str
+) -> None:
+    claim(tmp_path / "run", cfg, INPUTS)
+    path = tmp_path / "run" / CONFIG_NAME
+    written = yaml.safe_load(path.read_text())
+    written["method"][decision] = value
+    path.write_text(yaml.safe_dump(written))
+    with pytest.raises(RunError, match=told):
+        read_config(tmp_path / "run")
+
+
 def test_a_setting_may_be_one_of_two_kinds() -> None:
     """`auto` is of the second of them, `gp` of the first."""
-    fit = resolve(Loop(run=Path("run"))).fit
+    fit = STYLE.reward
     for kind in ("gp", "auto"):
         plain = json.loads(json.dumps(to_plain(replace(fit, kind=kind))))
         assert from_plain(type(fit), plain).kind == kind
     with pytest.raises(ValueError, match=r"kind must be one of .* got 'best'"):
         from_plain(type(fit), {**to_plain(fit), "kind": "best"})
+
+
+def test_a_run_has_few_settings_beside_its_method() -> None:
+    """A decision is a field of `Method`."""
+    assert len(fields(LoopCfg)) <= 16
 
 
 def test_before_the_first_round_there_is_none(tmp_path: Path) -> None:

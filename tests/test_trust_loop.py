@@ -14,6 +14,8 @@ from data.dataset import Dataset
 from gaitpref.cli import main
 from gaitpref.criteria import load_criterion
 from gaitpref.loop import run_configured
+from gaitpref.method.budget import FrontLoaded
+from gaitpref.method.context import RoundContext
 from gaitpref.people import People
 from gaitpref.questions import ClipCfg, ask
 from gaitpref.rater import answer_pairs
@@ -48,11 +50,14 @@ def test_answers_that_do_not_agree_train_nothing(
     They are two hundred, most of them asked at first: of a hundred the right ones are
     often many enough to agree.
     """
+    small = small_cfg(seed=1)
     cfg = replace(
-        small_cfg(seed=1),
-        base_steps=0,
+        small,
+        method=replace(
+            small.method, budget=FrontLoaded(first_share=0.74, first_least=30)
+        ),
+        steps=replace(small.steps, base=0),
         labels=200,
-        first_share=0.74,
         record=RecordCfg(episodes=90, episode_s=2.0),
         simulated=RaterCfg(mistakes=0.5),
     )
@@ -70,7 +75,8 @@ def test_answers_that_do_not_agree_train_nothing(
     assert (second.info, second.std.tolist()) == (first.info, first.std.tolist())
     with Dataset.open(run / "dataset").answers() as store:
         # Nothing new was trained, so there is nothing to judge at the end.
-        assert store.count() == 200 - cfg.approval_labels
+        assert cfg.method.accept
+        assert store.count() == 200 - cfg.method.accept.noisy_labels
     report = json.loads((run / "rounds/00/report.json").read_text())
     assert "do not agree" in report["trust"]["alarm"]
     assert not report["trust"]["deserves_training"]
@@ -95,7 +101,9 @@ def test_a_policy_that_somebody_has_trained_or_given_stays(
     start = TrainCfg(steps=steps, env=cfg.env, ppo=cfg.ppo)
     train(before.policy.parent, robot, start)
     before.report.write_text(json.dumps({"trust": {"deserves_training": False}}))
-    policy_stage(cfg, round, robot, Dataset.create(run / "dataset"), People())
+    context = RoundContext(number=1, rounds=cfg.rounds, labels=cfg.labels)
+    dataset = Dataset.create(run / "dataset")
+    policy_stage(cfg, round, context, robot, dataset, People())
     assert round.policy.read_bytes() == before.policy.read_bytes()
     assert "the policy stays as it was" in " ".join(capsys.readouterr().err.split())
 

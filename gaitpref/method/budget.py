@@ -32,7 +32,9 @@ class Shrinking:
 
     def labels_of(self, context: RoundContext, *, kept: int = 0) -> int:
         """Answers asked for in the round, where `kept` are kept for judging the last
-        policy."""
+        policy: those alone in the last."""
+        if context.is_last:
+            return kept
         if context.rounds == 1:
             return context.labels
         own = self._first(context)

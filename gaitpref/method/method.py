@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+from data.plain import ONE_OF
 from policy.known_terms import KnownTermsCfg
 from rewardmodel.cfg import FitCfg, LinearCfg, SparseCfg
 
@@ -29,7 +30,7 @@ class Method:
 
     clips: ClipSources
     """What the questions can be about."""
-    budget: Shrinking | FrontLoaded
+    budget: Shrinking | FrontLoaded = field(metadata=ONE_OF)
     """How many answers a round asks for."""
     questions: Questions = field(default_factory=Questions)
     """Which pairs it asks about."""
@@ -37,15 +38,15 @@ class Method:
     """What is fitted to the answers."""
     once_it_walks: OnceItWalks | None = None
     """What the last rewards expect besides; None: nothing."""
-    paid: AgreedCurves | SurelyLiked | AsFitted
+    paid: AgreedCurves | SurelyLiked | AsFitted = field(metadata=ONE_OF)
     """What of the reward a training is paid."""
     weight: float
     """Weight of that, which has unit standard deviation per second."""
     safety: KnownTermsCfg = field(default_factory=KnownTermsCfg)
     """Known terms it is added to, the robot's safety."""
-    start: BestLiked | None = None
+    start: BestLiked | None = field(default=None, metadata=ONE_OF)
     """Where a training goes on from; None: from the newest policy."""
-    exploration: Descending | PutBack | None
+    exploration: Descending | PutBack | None = field(metadata=ONE_OF)
     """Its exploration noise; None: what the policy has."""
     mirror: bool = True
     """Whether every step counts as its mirror image too, where both sides of the robot

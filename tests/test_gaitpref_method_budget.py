@@ -1,0 +1,114 @@
+"""Answers are shared out to the last one, whatever is asked for and kept."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from gaitpref.method.budget import LEAST_LABELS, FrontLoaded, Shrinking
+from gaitpref.method.context import RoundContext
+from gaitpref.method.expectations import OnceItWalks
+from gaitpref.method.method import FROM_SCRATCH, STYLE
+from rewardmodel.cfg import FitCfg
+from rewardmodel.pairs import MIN_ANSWERS
+
+BUDGETS = {
+    "style": STYLE.budget,
+    "scratch": FROM_SCRATCH.budget,
+    "own only": Shrinking(most_first_share=0.0),
+    "all at first": FrontLoaded(
+        first_share=0.99, first_least=1000, most_first_share=0.99
+    ),
+    "little at first": FrontLoaded(first_share=0.01, first_least=0),
+}
+GRID = [
+    (rounds, MIN_ANSWERS + LEAST_LABELS * (rounds - 1) + spare)
+    for rounds in (1, 2, 3, 5, 9)
+    for spare in (0, 1, 2, 7, 30, 101, 1000)
+]
+
+
+@pytest.mark.parametrize("name", BUDGETS)
+@pytest.mark.parametrize(("rounds", "labels"), GRID)
+def test_all_answers_are_asked_for_and_none_twice(
+    name: str, rounds: int, labels: int
+) -> None:
+    """Whatever the first round went on to, and of what can be spared for the last."""
+    budget = BUDGETS[name]
+    first = RoundContext(number=0, rounds=rounds, labels=labels)
+    own = budget.labels_of(first)
+    most = max(own, budget.most_first(first))
+    for asked in {own, (own + most) // 2, most}:
+        later = [
+            replace(first, number=number, first_asked=asked)
+            for number in range(1, rounds + 1)
+        ]
+        assert budget.labels_of(replace(first, first_asked=asked)) == asked
+        for wanted in (0, 1, 7, labels):
+            kept = budget.most_kept(later[-1], wanted)
+            assert 0 <= kept <= wanted
+            found = [budget.labels_of(each, kept=kept) for each in later]
+            assert found[-1] == kept
+            assert asked + sum(found) == labels
+            assert min([asked, *found[:-1]]) >= min(LEAST_LABELS, labels)
+            assert asked >= MIN_ANSWERS
+
+
+def test_what_is_kept_is_what_the_others_can_spare() -> None:
+    """Rounds between the first and the last need four answers each."""
+    budget = Shrinking()
+    for labels, kept in ((16, 0), (17, 1), (20, 4), (24, 6), (60, 7)):
+        last = RoundContext(number=3, rounds=3, labels=labels)
+        assert budget.most_kept(last, 7) == kept, labels
+    assert budget.most_kept(RoundContext(number=1, rounds=1, labels=60), 7) == 0
+
+
+def test_of_a_single_round_all_is_asked_at_once() -> None:
+    for budget in BUDGETS.values():
+        only = RoundContext(number=0, rounds=1, labels=12)
+        assert budget.labels_of(only) == 12
+        assert budget.most_first(only) == 0
+        assert budget.labels_of(replace(only, number=1)) == 0
+
+
+def test_the_first_round_may_go_on_to_its_share_and_leaves_enough() -> None:
+    first = RoundContext(number=0, rounds=4, labels=100)
+    assert Shrinking(most_first_share=0.75).most_first(first) == 75
+    assert Shrinking(most_first_share=0.999).most_first(first) == 88
+    assert Shrinking(most_first_share=0.01).most_first(first) == MIN_ANSWERS
+    assert Shrinking(most_first_share=0.0).most_first(first) == 0
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.0, float("nan")])
+def test_shares_that_are_none_are_refused(share: float) -> None:
+    with pytest.raises(ValueError, match=r"most_first_share must lie in \[0, 1\)"):
+        Shrinking(most_first_share=share)
+    with pytest.raises(ValueError, match=r"most_first_share must lie in \[0, 1\)"):
+        FrontLoaded(first_share=0.5, first_least=0, most_first_share=share)
+    with pytest.raises(ValueError, match=r"first_share must lie in \(0, 1\)"):
+        FrontLoaded(first_share=share, first_least=0)
+
+
+@pytest.mark.parametrize(("number", "rounds"), [(-1, 3), (4, 3), (1, 0)])
+def test_a_round_that_is_none_is_refused(number: int, rounds: int) -> None:
+    with pytest.raises(ValueError, match=rf"number must lie in \[0, rounds {rounds}\]"):
+        RoundContext(number=number, rounds=rounds, labels=60)
+
+
+@pytest.mark.parametrize(
+    ("rounds", "walking"),
+    [(1, []), (2, [1]), (3, [1, 2]), (4, [2, 3]), (6, [4, 5])],
+)
+def test_a_walk_is_expected_by_the_last_two_rewards_and_never_by_the_first(
+    rounds: int, walking: list[int]
+) -> None:
+    """The last round fits none; there is no walk before the first."""
+    expects = OnceItWalks(hurry=0.5, quiet_logit=0.3)
+    fit = FitCfg(kind="linear")
+    for number in range(rounds):
+        context = RoundContext(number=number, rounds=rounds, labels=60)
+        linear = fit.linear
+        if number in walking:
+            linear = replace(linear, hurry=0.5, quiet_logit=0.3)
+        assert expects.expected(fit, context) == replace(fit, linear=linear)
