@@ -34,7 +34,7 @@ from gaitpref.rater import ClipScores, standards_among
 from gaitpref.rewards import criterion_context
 from gaitpref.run_config import read_config
 from policy.checkpoint import load_policy
-from rewardmodel.doubt import likelihoods
+from rewardmodel.extensions.label_filter import likelihoods
 from rewardmodel.fit import fit_reward
 from rewardmodel.foresight import accuracy_of
 from rewardmodel.kinds import prepare

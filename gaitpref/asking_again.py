@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from data.answers import Pair
 from data.dataset import Dataset
 from rewardmodel.acquisition import AGAIN
-from rewardmodel.doubt import likelihoods
 from rewardmodel.errors import RewardError
+from rewardmodel.extensions.label_filter import likelihoods
 from rewardmodel.kinds import kind_called, prepare
 from rewardmodel.model import RewardModel
 from rewardmodel.pairs import load_pairs, pairs_behind

@@ -5,12 +5,12 @@ from __future__ import annotations
 import torch
 
 from .cfg import FitCfg
+from .extensions.semi_supervised import Unanswered, with_opinions
 from .kinds import kind_called
 from .model import leads_of_pairs
 from .normaliser import Normaliser
 from .prepared import Prepared
 from .scorer import Scorer
-from .semi_supervised import Unanswered, with_opinions
 
 
 def fit_ensemble(

@@ -30,8 +30,9 @@ from policy.train import TrainCfg, train
 from rewardmodel import FitCfg, fit_reward
 from rewardmodel.caution import CautiousReward
 from rewardmodel.descriptors import DESCRIPTOR_NAMES, UNSTEADY, names_seen
+from rewardmodel.extensions.mlp import MlpScorer
+from rewardmodel.extensions.settings import MlpCfg
 from rewardmodel.linear import LinearScorer
-from rewardmodel.mlp import MlpScorer
 from rewardmodel.model import RewardModel
 from rewardmodel.normaliser import Normaliser
 from rewardmodel.rising import RisingReward
@@ -115,7 +116,10 @@ def test_what_was_expected_is_kept_with_a_fitted_reward(tmp_path: Path) -> None:
 
 
 def test_of_other_models_the_spread_of_a_step_is_taken_off() -> None:
-    linear, scorer = quarrel(), MlpScorer(3, len(DESCRIPTOR_NAMES), 8)
+    linear, scorer = (
+        quarrel(),
+        MlpScorer(len(DESCRIPTOR_NAMES), MlpCfg(num_members=3, hidden_size=8)),
+    )
     scorer.initialise(torch.Generator().manual_seed(0))
     model = RewardModel(linear.normaliser, scorer, linear.provenance)
     asked = row(speed=2.0, height=0.5)
@@ -179,7 +183,11 @@ def test_who_errs_is_met_with_caution_and_who_does_not_pays_where_sure(
     reward = CautiousReward.suited(model, 1.0, sure=2.0)
     assert reward.sure == sure
     assert (reward.caution == 0.0) == (reward.sure > 0.0) == reward.pays_effort
-    network = RewardModel(model.normaliser, MlpScorer(3, 25, 8), model.provenance)
+    network = RewardModel(
+        model.normaliser,
+        MlpScorer(25, MlpCfg(num_members=3, hidden_size=8)),
+        model.provenance,
+    )
     assert CautiousReward.suited(network, 1.0, sure=2.0).sure == 0.0
 
 

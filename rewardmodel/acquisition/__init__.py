@@ -19,7 +19,6 @@ from .choose import choose_pairs as choose_pairs
 from .phase import in_step as in_step
 from .strategy import Strategy as Strategy
 from .strategy import Uniform as Uniform
-from .unanswered import unanswered_pairs as unanswered_pairs
 from .uncertainty import Bald as Bald
 from .uncertainty import Disagreement as Disagreement
 from .uncertainty import Entropy as Entropy
