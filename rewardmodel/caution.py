@@ -32,8 +32,8 @@ from typing import Self
 import torch
 from torch import Tensor
 
-from .descriptors import EFFORT, named
 from .evidence import FEW_ERRORS, takes_to_err
+from .habits import EFFORT, named
 from .linear import LinearScorer
 from .model import RewardModel
 from .sparse import SparseScorer

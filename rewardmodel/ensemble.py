@@ -33,5 +33,5 @@ def fit_ensemble(
 def _fit_once(prepared: Prepared, cfg: FitCfg, seed: int) -> tuple[Normaliser, Scorer]:
     """Normaliser and ensemble for the answers, from their own steps alone."""
     generator = torch.Generator().manual_seed(seed)
-    scorer = kind_called(cfg.kind).fit(prepared, cfg, generator=generator)
-    return prepared.normaliser, scorer
+    scorer = kind_called(cfg.kind).fit(prepared, cfg, generator)
+    return prepared.clips.normaliser, scorer

@@ -128,7 +128,7 @@ def no_reward(pairs: AnsweredPairs, cfg: FitCfg) -> tuple[RewardModel, FitReport
     )
     seen = frozenset(sha256 for pair in pairs.episodes for sha256 in pair)
     provenance = Provenance(cfg, report, pairs.answers_sha256, seen)
-    model = RewardModel(prepared.normaliser, make_scorer(cfg), provenance)
+    model = RewardModel(prepared.clips.normaliser, make_scorer(cfg), provenance)
     return model, _with_remaining(model, pairs)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import torch
 
@@ -24,14 +23,6 @@ from .sparse_fit import fit_sparse
 from .training import describe_pairs
 
 
-class Fit(Protocol):
-    """Fits an ensemble, each member to its own bootstrap of the answers."""
-
-    def __call__(
-        self, prepared: Prepared, cfg: FitCfg, *, generator: torch.Generator
-    ) -> Scorer: ...
-
-
 @dataclass(frozen=True, kw_only=True)
 class Kind:
     """What a reward model is made of, and what it says of the answers."""
@@ -40,7 +31,8 @@ class Kind:
     """What it sees."""
     make: Callable[[FitCfg, int], Scorer]
     """Without any opinion, for so many descriptors: raw reward 0."""
-    fit: Fit
+    fit: Callable[[Prepared, FitCfg, torch.Generator], Scorer]
+    """Each member to its own bootstrap of the answers."""
     by_curves: bool = False
     """Whether curves tell the raters' errors from their wishes, and find which of them
     may matter; else weights do."""

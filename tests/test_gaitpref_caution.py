@@ -29,9 +29,10 @@ from policy.robot import load_robot
 from policy.train import TrainCfg, train
 from rewardmodel import FitCfg, fit_reward
 from rewardmodel.caution import CautiousReward
-from rewardmodel.descriptors import DESCRIPTOR_NAMES, UNSTEADY, names_seen
+from rewardmodel.descriptors import DESCRIPTOR_NAMES, names_seen
 from rewardmodel.extensions.mlp import MlpScorer
 from rewardmodel.extensions.settings import MlpCfg
+from rewardmodel.habits import UNSTEADY
 from rewardmodel.linear import LinearScorer
 from rewardmodel.model import RewardModel
 from rewardmodel.normaliser import Normaliser

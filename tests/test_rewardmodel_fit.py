@@ -32,14 +32,7 @@ from rewardmodel import (
 )
 from rewardmodel.cfg import LinearCfg, ReliabilityCfg
 from rewardmodel.clips import ClipBatch, mean_over, pad_clips
-from rewardmodel.descriptors import (
-    DESCRIPTOR_NAMES,
-    FEET,
-    HURRIED,
-    TOLD,
-    UNSTEADY,
-    describe,
-)
+from rewardmodel.descriptors import DESCRIPTOR_NAMES, describe
 from rewardmodel.explain import explain
 from rewardmodel.extensions.model_choice import choose_kind
 from rewardmodel.extensions.settings import (
@@ -48,6 +41,7 @@ from rewardmodel.extensions.settings import (
     LabelFilterCfg,
     MlpCfg,
 )
+from rewardmodel.habits import FEET, HURRIED, TOLD, UNSTEADY
 from rewardmodel.kinds import KINDS, prepare
 from rewardmodel.linear import (
     LinearScorer,
@@ -405,10 +399,10 @@ def test_no_test_episode_is_in_the_training_pairs(
     fitted: list[int] = []
 
     def counting(
-        training: Prepared, cfg: FitCfg, *, generator: torch.Generator
+        training: Prepared, cfg: FitCfg, generator: torch.Generator
     ) -> LinearScorer:
         fitted.append(len(training))
-        return fit_linear(training, cfg, generator=generator)
+        return fit_linear(training, cfg, generator)
 
     linear = replace(KINDS["linear"], fit=counting)
     monkeypatch.setitem(KINDS, "linear", linear)

@@ -58,7 +58,7 @@ class GpScorer(Scorer):
         return (self.features(steps) @ self.weights.mT).movedim(-1, 0)
 
 
-def fit_gp(prepared: Prepared, cfg: FitCfg, *, generator: torch.Generator) -> GpScorer:
+def fit_gp(prepared: Prepared, cfg: FitCfg, generator: torch.Generator) -> GpScorer:
     """Fit each member to its own bootstrap of the answers.
 
     Its linear part is expected to be as strong as a linear model's, of nothing in

@@ -62,7 +62,7 @@ class HistoryScorer(SequenceScorer):
 
 
 def fit_history(
-    prepared: Prepared, cfg: FitCfg, *, generator: torch.Generator
+    prepared: Prepared, cfg: FitCfg, generator: torch.Generator
 ) -> HistoryScorer:
     """Fit each member to its own bootstrap of the answers, by AdamW."""
     pairs = prepared.standardised

@@ -53,9 +53,7 @@ class MlpScorer(Scorer):
         return hidden.reshape(-1, *steps.shape[:-1])
 
 
-def fit_mlp(
-    prepared: Prepared, cfg: FitCfg, *, generator: torch.Generator
-) -> MlpScorer:
+def fit_mlp(prepared: Prepared, cfg: FitCfg, generator: torch.Generator) -> MlpScorer:
     """Fit each member to its own bootstrap of the answers, by AdamW."""
     pairs = prepared.standardised
     own = cfg.settings_of(MlpCfg)

@@ -119,7 +119,7 @@ class TransformerScorer(SequenceScorer):
 
 
 def fit_transformer(
-    prepared: Prepared, cfg: FitCfg, *, generator: torch.Generator
+    prepared: Prepared, cfg: FitCfg, generator: torch.Generator
 ) -> TransformerScorer:
     """Fit each member to its own bootstrap of the answers, by AdamW."""
     pairs = prepared.standardised
