@@ -19,8 +19,7 @@ import torch
 from torch import Tensor
 
 from .legs import CONTACTS, ENDS, SINGLE, TOGETHER
-from .row import Descriptor as Descriptor
-from .row import Row
+from .row import Descriptor, Row
 
 _LIFT_OFF_S = 0.05
 """Time over which a lift-off fades: it must be shorter than a swing."""
@@ -235,14 +234,9 @@ def names_seen(sight: Sight) -> tuple[str, ...]:
     return tuple(descriptor.name for descriptor in _SEEN[sight])
 
 
-def quadratic_seen(sight: Sight) -> tuple[bool, ...]:
-    """Which of them are sums of squares or products."""
-    return tuple(descriptor.quadratic for descriptor in _SEEN[sight])
-
-
-def units_seen(sight: Sight) -> tuple[str, ...]:
-    """Their units."""
-    return tuple(descriptor.unit for descriptor in _SEEN[sight])
+def columns_seen(sight: Sight) -> tuple[Descriptor, ...]:
+    """What the columns of `describe` are."""
+    return _SEEN[sight]
 
 
 def describe(features: Tensor, sight: Sight = "habits") -> Tensor:

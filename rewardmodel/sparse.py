@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from .clips import PAST_STEPS
-from .descriptors import names_seen, quadratic_seen
+from .descriptors import columns_seen, names_seen
 from .legs import CONTACTS
 from .scorer import Additive, SequenceScorer
 from .stride_rate import stride_rate
@@ -58,7 +58,8 @@ class SparseScorer(SequenceScorer):
         self.register_buffer("rate_mean", torch.zeros(()))
         self.register_buffer("rate_std", torch.ones(()))
         self.register_buffer("judged", torch.zeros(2, num_descriptors + 1))
-        quadratic = torch.tensor([*quadratic_seen("legs"), False])
+        laid_out = [column.quadratic for column in columns_seen("legs")]
+        quadratic = torch.tensor([*laid_out, False])
         self.register_buffer("quadratic", quadratic, persistent=False)
 
     def look_at(self, pairs: StandardisedPairs) -> None:
