@@ -71,7 +71,8 @@ def _left_out(field: Field[Any], value: Any) -> bool:
 def from_plain(cls: type[T], values: Mapping[str, Any]) -> T:
     """Build the dataclass `cls` from what `to_plain` gave; its checks run again.
 
-    What a class attribute `REMOVED` names may be in older files, and is left out.
+    What a class attribute `REMOVED` names may be in older files, and is left out; a
+    static method `of_older` says what became of what they call otherwise.
 
     Raises:
         ValueError: a field is missing, unknown or of the wrong shape.
@@ -79,9 +80,10 @@ def from_plain(cls: type[T], values: Mapping[str, Any]) -> T:
     hints = get_type_hints(cls)
     known = {field.name: field for field in fields(cls)}  # type: ignore[arg-type]
     removed = getattr(cls, "REMOVED", ())
+    of_older = getattr(cls, "of_older", dict)
     values = {
         name: None if _is_none(known.get(name), value) else value
-        for name, value in values.items()
+        for name, value in of_older(values).items()
         if name not in removed
     }
     unknown = sorted(values.keys() - known.keys())

@@ -17,8 +17,9 @@ from data.files import require_directory
 from data.gone import told_gone
 from data.lock import LOCK_NAME, only_writer
 from data.manifest_file import writable
-from rewardmodel.acquisition import unanswered_pairs
-from rewardmodel.cfg import FitCfg, SemiSupervisedCfg
+from rewardmodel.cfg import FitCfg
+from rewardmodel.extensions.settings import LabelFilterCfg, SemiSupervisedCfg
+from rewardmodel.extensions.unanswered import unanswered_pairs
 from rewardmodel.fit import fit_reward
 from rewardmodel.pairs import load_pairs
 from rewardmodel.reliability import HARDLY_LOOKS
@@ -56,10 +57,7 @@ def _fit(command: options.Fit) -> None:
 def _fit_alone(command: options.Fit) -> None:
     answers = address(command.answers)
     datasets = [Dataset.open(path, answers=answers) for path in command.dataset]
-    cfg = FitCfg(
-        kind=command.model,
-        doubted_below=_probability(command.doubted_below),
-    )
+    cfg = FitCfg(kind=command.model, label_filter=_label_filter(command.doubted_below))
     stage = stage_of(command)
     if stage is not None:
         cfg = stage.fit
@@ -84,7 +82,7 @@ def _fit_alone(command: options.Fit) -> None:
         console.print(line)
     if stage is None:
         console.print(told_without_method("fits other settings"))
-    if cfg.doubted_below:
+    if cfg.label_filter:
         console.print(f"{report.doubted} answers look wrong and are taken for random")
     for rater, share in report.raters:
         console.print(
@@ -93,13 +91,17 @@ def _fit_alone(command: options.Fit) -> None:
         )
 
 
-def _probability(doubted_below: float) -> float:
+def _label_filter(doubted_below: float) -> LabelFilterCfg | None:
+    """
+    Raises:
+        GaitprefError: that is no probability below one half.
+    """
     if not 0.0 <= doubted_below < 0.5:
         raise GaitprefError(
             f"--doubted-below must lie in [0, 0.5), got {doubted_below:g}: from 0.5 on "
             "every answer looks wrong to a reward that has no opinion; try 0.2"
         )
-    return doubted_below
+    return LabelFilterCfg(below=doubted_below) if doubted_below else None
 
 
 def _relabel(command: options.Relabel) -> None:

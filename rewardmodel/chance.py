@@ -39,7 +39,7 @@ def explained_by_chance(
     """
     some = torch.arange(len(prepared)) % -(-len(prepared) // PLENTY) == 0
     seen = prepared.subset(some).seen_by("legs")
-    inputs = seen.curves.inputs
+    inputs = seen.clips.curves.inputs
     plain = replace(cfg.sparse, single_legs=False, ends=False)
     settings = replace(cfg, sparse=plain)
     own = erring(seen.standardised, settings, FEW_ERRORS)

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .descriptors import units_seen
+from .descriptors import columns_seen
 from .model import RewardModel
 
 _POINTS = 41
@@ -54,7 +54,8 @@ def learned_curves(
         control_dt_s: Of the steps, for the unit of the stride rate.
         count: How many at most.
     """
-    names, units = list(model.names), list(units_seen(model.sight))
+    names = list(model.names)
+    units = [column.unit for column in columns_seen(model.sight)]
     centre, unit = model.normaliser.mean, model.normaliser.std
     place = torch.linspace(0, 1, _POINTS)[:, None]
     signed = torch.tensor([name in _SIGNED for name in names])

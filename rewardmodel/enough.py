@@ -18,12 +18,13 @@ from torch import Tensor
 from .model import RewardModel
 from .pairs import AnsweredPairs
 from .report import FitReport
-from .selection import MIN_HELD_OUT
 
 SETTLED = 0.96
 """Mean rank correlation of the members from which on no order is left to be learned."""
 FORESEEN = 0.6
 """Held-out accuracy that its interval must clear before answers are called enough."""
+MIN_HELD_OUT = 30
+"""Held-out answers below which their accuracy tells nothing."""
 _FEW = 0.1
 """Share of the members that does not make an order open."""
 _MAX_PAIRS = 250

@@ -5,12 +5,12 @@ from __future__ import annotations
 import torch
 
 from .cfg import FitCfg
+from .extensions.semi_supervised import Unanswered, with_opinions
 from .kinds import kind_called
 from .model import leads_of_pairs
 from .normaliser import Normaliser
 from .prepared import Prepared
 from .scorer import Scorer
-from .semi_supervised import Unanswered, with_opinions
 
 
 def fit_ensemble(
@@ -33,5 +33,5 @@ def fit_ensemble(
 def _fit_once(prepared: Prepared, cfg: FitCfg, seed: int) -> tuple[Normaliser, Scorer]:
     """Normaliser and ensemble for the answers, from their own steps alone."""
     generator = torch.Generator().manual_seed(seed)
-    scorer = kind_called(cfg.kind).fit(prepared, cfg, generator=generator)
-    return prepared.normaliser, scorer
+    scorer = kind_called(cfg.kind).fit(prepared, cfg, generator)
+    return prepared.clips.normaliser, scorer

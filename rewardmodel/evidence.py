@@ -104,7 +104,7 @@ Tried = dict[tuple[float, float], float]
 def _tried(prepared: Prepared, cfg: FitCfg) -> Tried:
     """The evidence of the answers for all that is tried."""
     seen = prepared.seen_by("habits")
-    pairs, inputs = seen.standardised, seen.differences.inputs
+    pairs, inputs = seen.standardised, seen.clips.differences.inputs
     mean = expected_of_all(seen, cfg)
     return {
         (share, precision): evidence(
@@ -119,7 +119,9 @@ def expected_of_all(prepared: Prepared, cfg: FitCfg) -> Tensor:
     """Weights [D] expected of raters who do not err: of these it is asked whether they
     do."""
     plain = replace(cfg.linear, told_most=False, quiet_logit=0.0, hurry=0.0)
-    return expected_weights(prepared.described, prepared.differences.spread, plain)
+    return expected_weights(
+        prepared.described, prepared.clips.differences.spread, plain
+    )
 
 
 def _weighed(tried: Tried, precision: float, spread: float) -> Tried:

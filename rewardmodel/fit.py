@@ -17,10 +17,12 @@ from torch import Tensor
 from .calibration import calibration, counting, fit_temperature
 from .cfg import FitCfg as FitCfg
 from .cfg import KindName
-from .doubt import without_doubted
 from .enough import enough, remaining
 from .ensemble import fit_ensemble
 from .evidence import errors_alike, noise_level, settled, takes_to_err
+from .extensions.label_filter import without_doubted
+from .extensions.model_choice import choose
+from .extensions.semi_supervised import Unanswered
 from .held_out import fold_of, held_out_opinions
 from .kinds import KINDS, kind_called, make_scorer, prepare
 from .linear import members_for
@@ -31,8 +33,6 @@ from .prepared import Prepared
 from .reliability import Judged, judge
 from .report import FitReport as FitReport
 from .report import wilson_interval
-from .selection import choose
-from .semi_supervised import Unanswered
 from .sparse_fit import curve_settings
 from .training import ClipPairs
 
@@ -69,11 +69,13 @@ def fit_reward(
         return no_reward(pairs, cfg)
     started_s = time.perf_counter()
     prepared = prepare(pairs, cfg)
-    kind, considered = choose(prepared, pairs, cfg, seed, measured)
+    kind, considered = cfg.kind, ()
+    if kind == "auto":
+        kind, considered = choose(prepared, pairs, cfg, seed, measured)
     linear = members_for(cfg.linear, len(pairs))
     judged = _judged(prepared, pairs.raters, replace(cfg, kind=kind, linear=linear))
     answers, doubted = judged.prepared.seen_by(KINDS[kind].sight), 0
-    if cfg.doubted_below > 0:
+    if cfg.label_filter is not None:
         answers, doubted = without_doubted(answers, judged.cfg, seed=seed)
     others = _described(unanswered, judged.cfg)
     normaliser, scorer = fit_ensemble(answers, judged.cfg, seed, others)
@@ -126,7 +128,7 @@ def no_reward(pairs: AnsweredPairs, cfg: FitCfg) -> tuple[RewardModel, FitReport
     )
     seen = frozenset(sha256 for pair in pairs.episodes for sha256 in pair)
     provenance = Provenance(cfg, report, pairs.answers_sha256, seen)
-    model = RewardModel(prepared.normaliser, make_scorer(cfg), provenance)
+    model = RewardModel(prepared.clips.normaliser, make_scorer(cfg), provenance)
     return model, _with_remaining(model, pairs)
 
 

@@ -13,11 +13,11 @@ from torch import Tensor
 
 from .cfg import FitCfg
 from .ensemble import fit_ensemble
+from .extensions.semi_supervised import Unanswered
 from .kinds import kind_called
 from .model import opinion_on_pairs
 from .opinion import Opinion
 from .prepared import Prepared
-from .semi_supervised import Unanswered
 from .sparse_fit import curve_settings
 
 

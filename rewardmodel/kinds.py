@@ -4,31 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import torch
 
 from .cfg import FitCfg
 from .descriptors import Sight, names_seen
-from .gp import GpScorer, fit_gp
-from .history import HistoryScorer, fit_history
+from .extensions.gp import GpScorer, fit_gp
+from .extensions.history import HistoryScorer, fit_history
+from .extensions.mlp import MlpScorer, fit_mlp
+from .extensions.settings import GpCfg, HistoryCfg, MlpCfg, TransformerCfg
+from .extensions.transformer import TransformerScorer, fit_transformer
 from .linear import LinearScorer, fit_linear
-from .mlp import MlpScorer, fit_mlp
 from .pairs import AnsweredPairs
 from .prepared import Prepared
 from .scorer import Scorer
 from .sparse import SparseScorer
 from .sparse_fit import fit_sparse
 from .training import describe_pairs
-from .transformer import TransformerScorer, fit_transformer
-
-
-class Fit(Protocol):
-    """Fits an ensemble, each member to its own bootstrap of the answers."""
-
-    def __call__(
-        self, prepared: Prepared, cfg: FitCfg, *, generator: torch.Generator
-    ) -> Scorer: ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +31,8 @@ class Kind:
     """What it sees."""
     make: Callable[[FitCfg, int], Scorer]
     """Without any opinion, for so many descriptors: raw reward 0."""
-    fit: Fit
+    fit: Callable[[Prepared, FitCfg, torch.Generator], Scorer]
+    """Each member to its own bootstrap of the answers."""
     by_curves: bool = False
     """Whether curves tell the raters' errors from their wishes, and find which of them
     may matter; else weights do."""
@@ -63,26 +56,24 @@ KINDS: dict[str, Kind] = {
     ),
     "gp": Kind(
         sight="habits",
-        make=lambda cfg, count: GpScorer(
-            cfg.gp.num_members, count, cfg.gp.num_features
-        ),
+        make=lambda cfg, count: GpScorer(count, cfg.settings_of(GpCfg)),
         fit=fit_gp,
     ),
     "mlp": Kind(
         sight="habits",
-        make=lambda cfg, count: MlpScorer(
-            cfg.mlp.num_members, count, cfg.mlp.hidden_size
-        ),
+        make=lambda cfg, count: MlpScorer(count, cfg.settings_of(MlpCfg)),
         fit=fit_mlp,
     ),
     "history": Kind(
         sight="contacts",
-        make=lambda cfg, count: HistoryScorer(count, cfg.history),
+        make=lambda cfg, count: HistoryScorer(count, cfg.settings_of(HistoryCfg)),
         fit=fit_history,
     ),
     "transformer": Kind(
         sight="contacts",
-        make=lambda cfg, count: TransformerScorer(count, cfg.transformer),
+        make=lambda cfg, count: TransformerScorer(
+            count, cfg.settings_of(TransformerCfg)
+        ),
         fit=fit_transformer,
     ),
 }

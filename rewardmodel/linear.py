@@ -14,8 +14,8 @@ import torch
 from torch import Tensor
 
 from .cfg import FitCfg, LinearCfg
-from .descriptors import (
-    DESCRIPTOR_NAMES,
+from .descriptors import DESCRIPTOR_NAMES
+from .habits import (
     EFFORT,
     FEET,
     HURRIED,
@@ -80,10 +80,10 @@ def members_for(cfg: LinearCfg, num_pairs: int) -> LinearCfg:
 
 
 def fit_linear(
-    prepared: Prepared, cfg: FitCfg, *, generator: torch.Generator
+    prepared: Prepared, cfg: FitCfg, generator: torch.Generator
 ) -> LinearScorer:
     """Fit each member to its own bootstrap of the answers."""
-    pairs, scaled = prepared.standardised, prepared.differences
+    pairs, scaled = prepared.standardised, prepared.clips.differences
     inputs, spread = scaled.inputs, scaled.spread
     mean = expected_weights(pairs, spread, cfg.linear)
     factor = prior_factor(cfg.linear)

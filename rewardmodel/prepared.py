@@ -51,34 +51,39 @@ class ScaledCurves:
     """[P] what they were divided by."""
 
 
-class _Clips:
-    """What is made of described clips, when it is asked for."""
+class PreparedClips:
+    """What is made of described clips, each when it is asked for."""
 
     def __init__(self, described: DescribedPairs) -> None:
         self._described = described
-        self._seen: dict[int, _Clips] = {described.steps.shape[-1]: self}
+        self._seen: dict[int, PreparedClips] = {described.steps.shape[-1]: self}
 
-    def seen_by(self, sight: Sight) -> _Clips:
+    def seen_by(self, sight: Sight) -> PreparedClips:
+        """The columns of `sight`, standardised by themselves."""
         columns = len(names_seen(sight))
         if columns not in self._seen:
-            self._seen[columns] = _Clips(self._described.seen_by(sight))
+            self._seen[columns] = PreparedClips(self._described.seen_by(sight))
         return self._seen[columns]
 
     @cached_property
     def normaliser(self) -> Normaliser:
+        """Fitted to the steps that count."""
         steps = self._described.scored_steps
         return Normaliser(steps.shape[-1]).fit(steps)
 
     @cached_property
     def standardised(self) -> StandardisedPairs:
+        """The pairs by that normaliser, with the answers they were described with."""
         return self._described.standardised(self.normaliser)
 
     @cached_property
     def differences(self) -> ScaledDifferences:
+        """For models of weights."""
         return scaled_differences(self.standardised)
 
     @cached_property
     def curves(self) -> ScaledCurves:
+        """For sums of curves, which see the legs."""
         return scaled_curves(self.standardised)
 
 
@@ -87,19 +92,19 @@ class Prepared:
     """Described answers and, made once, what models are fitted to."""
 
     described: DescribedPairs
-    _clips: _Clips
+    clips: PreparedClips
 
     @classmethod
     def of(cls, described: DescribedPairs) -> Prepared:
         """Nothing is made yet."""
-        return cls(described, _Clips(described))
+        return cls(described, PreparedClips(described))
 
     def __len__(self) -> int:
         return len(self.described)
 
     def seen_by(self, sight: Sight) -> Prepared:
         """The columns of `sight`, standardised by themselves."""
-        return Prepared(self.described.seen_by(sight), self._clips.seen_by(sight))
+        return Prepared(self.described.seen_by(sight), self.clips.seen_by(sight))
 
     def with_errors(self, errors: Errors) -> Prepared:
         """The same clips and answers, of raters who err as `errors` say."""
@@ -107,38 +112,19 @@ class Prepared:
 
     def subset(self, chosen: Tensor) -> Prepared:
         """The pairs marked in `chosen` [B] (bool), standardised by their own steps."""
-        if chosen.all():
-            return self
-        return Prepared.of(self.described.subset(chosen))
-
-    @property
-    def normaliser(self) -> Normaliser:
-        """Fitted to the steps of these pairs."""
-        return self._clips.normaliser
+        return self if chosen.all() else Prepared.of(self.described.subset(chosen))
 
     @property
     def standardised(self) -> StandardisedPairs:
-        """The pairs by that normaliser."""
-        answers = self.described
-        return replace(
-            self._clips.standardised, target=answers.target, errors=answers.errors
-        )
+        """The pairs by their own steps."""
+        errors = self.described.errors
+        return replace(self.clips.standardised, errors=errors)
 
     def by(self, normaliser: Normaliser) -> StandardisedPairs:
         """The pairs by any normaliser, which may be fitted to more than these."""
-        if normaliser is self.normaliser:
+        if normaliser is self.clips.normaliser:
             return self.standardised
         return self.described.standardised(normaliser)
-
-    @property
-    def differences(self) -> ScaledDifferences:
-        """For models of weights."""
-        return self._clips.differences
-
-    @property
-    def curves(self) -> ScaledCurves:
-        """For sums of curves, which see the legs."""
-        return self._clips.curves
 
 
 def scaled_differences(pairs: StandardisedPairs) -> ScaledDifferences:
@@ -158,8 +144,9 @@ def scaled_curves(pairs: StandardisedPairs) -> ScaledCurves:
     parts = []
     for chosen in torch.arange(len(pairs)).split(_AT_ONCE):
         part = pairs.subset(chosen)
-        seen = ranges.seen(part.steps, scored=part.scored, before=part.lift_offs_before)
-        values = curves(seen).mT
+        before = part.lift_offs_before
+        places = ranges.places(part.steps, scored=part.scored, before=before)
+        values = curves(places.clamp(0, 1)).mT
         left, right = mean_over(values, part.scored[..., None, :])
         parts.append((left - right).double())
     difference = torch.cat(parts)

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from .clips import PAST_STEPS
-from .descriptors import names_seen, quadratic_seen
+from .descriptors import columns_seen, names_seen
 from .legs import CONTACTS
 from .scorer import Additive, SequenceScorer
 from .stride_rate import stride_rate
@@ -58,7 +58,8 @@ class SparseScorer(SequenceScorer):
         self.register_buffer("rate_mean", torch.zeros(()))
         self.register_buffer("rate_std", torch.ones(()))
         self.register_buffer("judged", torch.zeros(2, num_descriptors + 1))
-        quadratic = torch.tensor([*quadratic_seen("legs"), False])
+        laid_out = [column.quadratic for column in columns_seen("legs")]
+        quadratic = torch.tensor([*laid_out, False])
         self.register_buffer("quadratic", quadratic, persistent=False)
 
     def look_at(self, pairs: StandardisedPairs) -> None:
@@ -76,18 +77,6 @@ class SparseScorer(SequenceScorer):
         ends = [round(share * last) for share in (_RANGE_QUANTILE, 1 - _RANGE_QUANTILE)]
         self.judged.copy_(seen[ends])
 
-    def seen(
-        self,
-        steps: Tensor,
-        starts: Tensor | None = None,
-        *,
-        scored: Tensor | None = None,
-        before: Tensor | None = None,
-    ) -> Tensor:
-        """[..., T, G] what has a curve, for standardised sequences [..., T, D]: 0 and 1
-        are the ends of what was judged, and nothing goes beyond."""
-        return self.places(steps, starts, scored=scored, before=before).clamp(0, 1)
-
     def places(
         self,
         steps: Tensor,
@@ -96,15 +85,16 @@ class SparseScorer(SequenceScorer):
         scored: Tensor | None = None,
         before: Tensor | None = None,
     ) -> Tensor:
-        """The same, and how far beyond what was judged. Of squares it is the root, as
-        nearly all of a gait would lie at the low end of its curve."""
+        """[..., T, G] where on its judged range, from 0 to 1, what has a curve is, or
+        how far beyond, for standardised sequences [..., T, D]. Of squares it is the
+        root, as nearly all of a gait would lie at the low end of its curve."""
         rate = stride_rate(steps, starts, scored=scored, before=before)
         rate = (rate - self.rate_mean) / self.rate_std
         return self._on_range(torch.cat([steps, rate[..., None]], dim=-1))
 
     @property
     def average(self) -> Tensor:
-        """[G] the same of a step that is average in everything."""
+        """[G] where a step is that is average in everything, from 0 to 1."""
         return self._on_range(torch.zeros_like(self.judged[0])).clamp(0, 1)
 
     def agreed(self) -> SparseScorer:
@@ -154,7 +144,8 @@ class SparseScorer(SequenceScorer):
     ) -> Tensor:
         """Raw rewards [M, ..., T] of standardised sequences [..., T, D], as in
         `stride_rate`."""
-        return self.paid(self.seen(steps, starts, scored=scored, before=before))
+        places = self.places(steps, starts, scored=scored, before=before)
+        return self.paid(places.clamp(0, 1))
 
     def of_clips(
         self, steps: Tensor, scored: Tensor | None, before: Tensor | None
@@ -164,7 +155,7 @@ class SparseScorer(SequenceScorer):
     def hiding(self, steps: Tensor, hidden: Tensor, before: Tensor | None) -> Tensor:
         """With the contacts, the stride rate is an average one too."""
         rate = (hidden & _IS_CONTACT).any().reshape(1)
-        seen = self.seen(steps, before=before)
+        seen = self.places(steps, before=before).clamp(0, 1)
         return self.paid(torch.where(torch.cat([hidden, rate]), self.average, seen))
 
     def of_average(self, num_descriptors: int) -> Tensor:
@@ -178,7 +169,8 @@ class SparseScorer(SequenceScorer):
         return Additive(values, added, (self.rate_mean, self.rate_std))
 
     def paid(self, seen: Tensor) -> Tensor:
-        """Raw rewards [M, ..., T] for what `seen` gives, [..., T, G]."""
+        """Raw rewards [M, ..., T] for `places` within what was judged,
+        [..., T, G]."""
         weights = self.weights.unflatten(1, (-1, WEIGHTS))
         used = weights.abs().sum(dim=(0, 2)) > 0
         parts = curves(seen[..., used])
@@ -190,7 +182,7 @@ class SparseScorer(SequenceScorer):
         return self.at(self._laid_out(shares.clamp(0, 1)))
 
     def at(self, seen: Tensor) -> Tensor:
-        """The same at places [K, G] as `seen` gives them."""
+        """The same at places [K, G] within what was judged."""
         weights = self.weights.unflatten(1, (-1, WEIGHTS))
         parts = curves(seen).unflatten(1, (-1, WEIGHTS))
         return (parts * weights[:, None]).sum(dim=-1)

@@ -14,9 +14,10 @@ import torch
 from torch import Tensor
 
 from .cfg import FitCfg, SparseCfg
-from .descriptors import TOLD, names_seen
+from .descriptors import names_seen
 from .evidence import erring, error_shares, evidence, expected_share
 from .forward import LEFT_OUT, PRICE, chosen_curves
+from .habits import TOLD
 from .legs import CONTACTS, ENDS, SINGLE
 from .prepared import Prepared
 from .sparse import WEIGHTS, SparseScorer
@@ -46,10 +47,10 @@ nine gained more."""
 
 
 def fit_sparse(
-    prepared: Prepared, cfg: FitCfg, *, generator: torch.Generator
+    prepared: Prepared, cfg: FitCfg, generator: torch.Generator
 ) -> SparseScorer:
     """Fit each member to its own bootstrap of the answers."""
-    pairs, scaled = prepared.standardised, prepared.curves
+    pairs, scaled = prepared.standardised, prepared.clips.curves
     counts = bootstrap_counts(cfg.sparse.num_members, len(pairs), generator=generator)
     theta, _ = relevant(scaled.inputs, pairs, counts.double(), cfg)
     scorer = scaled.ranges.like(cfg.sparse.num_members)
@@ -94,7 +95,7 @@ def curve_settings(prepared: Prepared, cfg: FitCfg) -> FitCfg:
     some always fit a few answers, so the evidence for them has to be overwhelming.
     """
     seen = prepared.seen_by("legs")
-    pairs, inputs = seen.standardised, seen.curves.inputs
+    pairs, inputs = seen.standardised, seen.clips.curves.inputs
     tried: dict[tuple[SparseCfg, float], float] = {}
     for sparse in _open_settings(cfg.sparse):
         for share in error_shares(cfg):
@@ -111,7 +112,7 @@ def curve_settings(prepared: Prepared, cfg: FitCfg) -> FitCfg:
 
 def looks(prepared: Prepared, cfg: FitCfg) -> dict[SparseCfg, Look]:
     """How to look at answers under each setting that `cfg` leaves open."""
-    inputs = prepared.curves.inputs
+    inputs = prepared.clips.curves.inputs
 
     def look_under(sparse: SparseCfg) -> Look:
         settings = replace(cfg, sparse=sparse)

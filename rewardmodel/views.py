@@ -53,7 +53,7 @@ Look = Callable[[ClipPairs], View]
 
 def linear_look(prepared: Prepared, cfg: FitCfg) -> Look:
     """How to look at answers as a linear reward sees them."""
-    inputs, mean = prepared.differences.inputs, expected_of_all(prepared, cfg)
+    inputs, mean = prepared.clips.differences.inputs, expected_of_all(prepared, cfg)
 
     def look(answered: ClipPairs) -> View:
         views = [

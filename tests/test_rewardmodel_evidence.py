@@ -11,16 +11,15 @@ import torch
 from rewardmodel import fit_reward
 from rewardmodel.cfg import FitCfg, LinearCfg
 from rewardmodel.clips import ClipBatch, mean_over
-from rewardmodel.descriptors import (
-    DESCRIPTOR_NAMES,
+from rewardmodel.descriptors import DESCRIPTOR_NAMES, describe
+from rewardmodel.evidence import FEW_ERRORS, Found, evidence, settled, takes_to_err
+from rewardmodel.habits import (
     EFFORT,
     FEET,
     QUIET,
     TOLD,
-    describe,
     named,
 )
-from rewardmodel.evidence import FEW_ERRORS, Found, evidence, settled, takes_to_err
 from rewardmodel.kinds import prepare
 from rewardmodel.linear import LinearScorer, prior_factor
 from rewardmodel.pairs import AnsweredPairs
@@ -164,7 +163,7 @@ def test_the_evidence_is_the_integral_over_the_weight() -> None:
     """One descriptor, so that the integral can be summed on a grid."""
     cfg = replace(FitCfg(), error_share=0.1, tie_threshold=0.0)
     prepared = prepare(answered(30, seed=1), cfg)
-    pairs, inputs = prepared.standardised, prepared.differences.inputs[:, :1]
+    pairs, inputs = prepared.standardised, prepared.clips.differences.inputs[:, :1]
     precision = 1.0
     weights = torch.linspace(-8.0, 8.0, 4001, dtype=torch.float64)[:, None]
     leads = weights @ inputs.mT + pairs.fall_lead.double()

@@ -14,14 +14,15 @@ from benchmarks.data import answered_dataset
 from data.dataset import Dataset
 from gaitpref.cli import main
 from rewardmodel import RewardError
-from rewardmodel.acquisition import unanswered_pairs
-from rewardmodel.cfg import FitCfg, SemiSupervisedCfg
+from rewardmodel.cfg import FitCfg
+from rewardmodel.extensions.semi_supervised import Unanswered, with_opinions
+from rewardmodel.extensions.settings import SemiSupervisedCfg
+from rewardmodel.extensions.unanswered import unanswered_pairs
 from rewardmodel.fit import fit_reward
 from rewardmodel.held_out import fold_of
 from rewardmodel.likelihood import Errors
 from rewardmodel.normaliser import Normaliser
 from rewardmodel.pairs import AnsweredPairs, load_pairs
-from rewardmodel.semi_supervised import Unanswered, with_opinions
 from rewardmodel.storage import load_reward
 from rewardmodel.training import DescribedPairs
 

@@ -27,10 +27,11 @@ from rewardmodel.cfg import ReliabilityCfg, SparseCfg
 from rewardmodel.chance import explained_by_chance
 from rewardmodel.clips import pad_clips, read_clips
 from rewardmodel.curves import learned_curves
-from rewardmodel.descriptors import TOLD, describe, names_seen
+from rewardmodel.descriptors import describe, names_seen
 from rewardmodel.evidence import FEW_ERRORS
 from rewardmodel.explain import explain
 from rewardmodel.foresight import foresee
+from rewardmodel.habits import TOLD
 from rewardmodel.kinds import prepare
 from rewardmodel.reliability import HARDLY_LOOKS, judge
 from rewardmodel.rising import RisingReward, rises
@@ -376,7 +377,7 @@ def test_squares_are_laid_out_by_their_root() -> None:
     scorer.judged[1] = 4.0
     steps = torch.tensor([0.0, 1.0, 4.0])[:, None].repeat(1, len(SEEN))
     steps.requires_grad_()
-    seen = scorer.seen(steps)
+    seen = scorer.places(steps).clamp(0, 1)
     power, height = (seen[:, SEEN.index(name)].tolist() for name in ("power", "height"))
     assert power == pytest.approx([0.0, 0.46, 1.0], abs=0.01)
     assert height == pytest.approx([0.0, 0.25, 1.0])

@@ -393,6 +393,8 @@ def test_a_setting_may_be_one_of_two_kinds() -> None:
     for kind in ("gp", "auto"):
         plain = json.loads(json.dumps(to_plain(replace(fit, kind=kind))))
         assert from_plain(type(fit), plain).kind == kind
+    # What grew by itself never did.
+    assert from_plain(type(fit), {**to_plain(fit), "kind": "grow"}).kind == "linear"
     with pytest.raises(ValueError, match=r"kind must be one of .* got 'best'"):
         from_plain(type(fit), {**to_plain(fit), "kind": "best"})
 

@@ -5,5 +5,4 @@ from .choose import choose_pairs as choose_pairs
 from .phase import in_step as in_step
 from .strategy import Strategy as Strategy
 from .strategy import Uniform as Uniform
-from .unanswered import unanswered_pairs as unanswered_pairs
 from .uncertainty import Disagreement as Disagreement

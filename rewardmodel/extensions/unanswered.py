@@ -9,11 +9,11 @@ import numpy as np
 from data.answers import Pair
 from data.clips import cut_clips
 from data.dataset import Dataset
-from rewardmodel.cfg import SemiSupervisedCfg
+from rewardmodel.acquisition.choose import NothingToCompare, choose_pairs
+from rewardmodel.acquisition.strategy import Uniform
 from rewardmodel.pairs import AnsweredPairs, gather_pairs
 
-from .choose import NothingToCompare, choose_pairs
-from .strategy import Uniform
+from .settings import SemiSupervisedCfg
 
 
 def unanswered_pairs(

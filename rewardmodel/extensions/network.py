@@ -13,9 +13,11 @@ from dataclasses import replace
 import torch
 from torch import Tensor, nn
 
-from .cfg import FitCfg, NetworkCfg
-from .clips import mean_over
-from .training import StandardisedPairs, bootstrap_counts
+from rewardmodel.cfg import FitCfg
+from rewardmodel.clips import mean_over
+from rewardmodel.training import StandardisedPairs, bootstrap_counts
+
+from .settings import NetworkCfg
 
 Look = Callable[[StandardisedPairs, torch.Generator], StandardisedPairs]
 """What a gradient step sees of a batch of pairs."""

@@ -17,12 +17,14 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import elu, layer_norm
 
-from .cfg import FitCfg, TransformerCfg
+from rewardmodel.cfg import FitCfg
+from rewardmodel.prepared import Prepared
+from rewardmodel.scorer import SequenceScorer
+from rewardmodel.training import StandardisedPairs
+
 from .history import lags_of, windows
 from .network import draw_uniformly, fit_network, glimpses
-from .prepared import Prepared
-from .scorer import SequenceScorer
-from .training import StandardisedPairs
+from .settings import TransformerCfg
 
 _LAG_SHARPNESS = 6.0
 """Logit by which each head prefers a lag of its own before it has learned anything: a
@@ -117,11 +119,11 @@ class TransformerScorer(SequenceScorer):
 
 
 def fit_transformer(
-    prepared: Prepared, cfg: FitCfg, *, generator: torch.Generator
+    prepared: Prepared, cfg: FitCfg, generator: torch.Generator
 ) -> TransformerScorer:
     """Fit each member to its own bootstrap of the answers, by AdamW."""
     pairs = prepared.standardised
-    own = cfg.transformer
+    own = cfg.settings_of(TransformerCfg)
     scorer = TransformerScorer(pairs.steps.shape[-1], own)
     scorer.network.initialise(generator)
 

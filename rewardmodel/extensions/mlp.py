@@ -11,25 +11,27 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import elu
 
-from .cfg import FitCfg
+from rewardmodel.cfg import FitCfg
+from rewardmodel.prepared import Prepared
+from rewardmodel.scorer import Scorer
+from rewardmodel.training import StandardisedPairs
+
 from .network import draw_uniformly, fit_network, glimpses
-from .prepared import Prepared
-from .scorer import Scorer
-from .training import StandardisedPairs
+from .settings import MlpCfg, NetworkCfg
 
 
 class MlpScorer(Scorer):
     """Two hidden layers a member, all members evaluated by one batched product."""
 
-    def __init__(self, num_members: int, num_descriptors: int, hidden: int) -> None:
+    def __init__(self, num_descriptors: int, cfg: NetworkCfg) -> None:
         super().__init__()
-        sizes = (num_descriptors, hidden, hidden, 1)
+        sizes = (num_descriptors, cfg.hidden_size, cfg.hidden_size, 1)
         self.weights = nn.ParameterList(
-            torch.zeros(num_members, fan_in, fan_out)
+            torch.zeros(cfg.num_members, fan_in, fan_out)
             for fan_in, fan_out in pairwise(sizes)
         )
         self.biases = nn.ParameterList(
-            torch.zeros(num_members, 1, fan_out) for fan_out in sizes[1:]
+            torch.zeros(cfg.num_members, 1, fan_out) for fan_out in sizes[1:]
         )
 
     def initialise(self, generator: torch.Generator) -> None:
@@ -51,13 +53,11 @@ class MlpScorer(Scorer):
         return hidden.reshape(-1, *steps.shape[:-1])
 
 
-def fit_mlp(
-    prepared: Prepared, cfg: FitCfg, *, generator: torch.Generator
-) -> MlpScorer:
+def fit_mlp(prepared: Prepared, cfg: FitCfg, generator: torch.Generator) -> MlpScorer:
     """Fit each member to its own bootstrap of the answers, by AdamW."""
     pairs = prepared.standardised
-    own = cfg.mlp
-    scorer = MlpScorer(own.num_members, pairs.steps.shape[-1], own.hidden_size)
+    own = cfg.settings_of(MlpCfg)
+    scorer = MlpScorer(pairs.steps.shape[-1], own)
     scorer.initialise(generator)
 
     def look(batch: StandardisedPairs, rng: torch.Generator) -> StandardisedPairs:

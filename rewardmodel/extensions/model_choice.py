@@ -11,12 +11,12 @@ from typing import get_args
 
 from torch import Tensor
 
-from .cfg import FitCfg, KindName
-from .held_out import held_out_opinions
-from .pairs import AnsweredPairs
-from .prepared import Prepared
-from .reliability import Judged, judge
-from .training import DescribedPairs
+from rewardmodel.cfg import FitCfg, KindName
+from rewardmodel.held_out import held_out_opinions
+from rewardmodel.pairs import AnsweredPairs
+from rewardmodel.prepared import Prepared
+from rewardmodel.reliability import Judged, judge
+from rewardmodel.training import DescribedPairs
 
 MIN_HELD_OUT = 30
 """Held-out answers below which the stiffest model is taken unseen."""
@@ -29,14 +29,12 @@ def choose(
     seed: int,
     measured: bool,
 ) -> tuple[KindName, tuple[tuple[str, float], ...]]:
-    """A kind of model for prepared answers, where `cfg` leaves it open, and what
-    every kind foresees of held-out answers.
+    """A kind of model for prepared answers, and what every kind foresees of held-out
+    ones.
 
     All expect the same errors here: to a model that finds no sense in the answers, they
     would look random, and it would foresee them as well as chance does.
     """
-    if cfg.kind != "auto":
-        return cfg.kind, ()
     stiffest = get_args(KindName)[0]
     if not measured:
         return stiffest, ()

@@ -15,9 +15,9 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from .cfg import FitCfg
-from .held_out import opinion_without
-from .prepared import Prepared
+from rewardmodel.cfg import FitCfg
+from rewardmodel.held_out import opinion_without
+from rewardmodel.prepared import Prepared
 
 _RANDOM = 0.98
 """Share of random answers, all but 1, from which on nothing is learned of one."""
@@ -46,14 +46,15 @@ def likelihoods(prepared: Prepared, cfg: FitCfg, *, seed: int) -> Tensor:
 def without_doubted(
     prepared: Prepared, cfg: FitCfg, *, seed: int
 ) -> tuple[Prepared, int]:
-    """The pairs with answers less likely than `cfg.doubted_below` taken for random, and
+    """The pairs with answers less likely than the filter's limit taken for random, and
     how many these are.
 
     They stay among the answers, so that a reward is still measured by them: it would be
     right about all that is left if whatever it gets wrong were left out. Held-out
     answers have a say in which of the others are doubted, and in nothing else.
     """
-    doubted = likelihoods(prepared, cfg, seed=seed) < cfg.doubted_below
+    assert cfg.label_filter is not None
+    doubted = likelihoods(prepared, cfg, seed=seed) < cfg.label_filter.below
     errors = prepared.described.errors
     share = torch.where(doubted, _RANDOM, errors.share)
     return prepared.with_errors(replace(errors, share=share)), int(doubted.sum())

@@ -16,21 +16,22 @@ import math
 import torch
 from torch import Tensor
 
-from .cfg import FitCfg
-from .clips import mean_over
-from .linear import posterior_modes
-from .prepared import MIN_SPREAD, Prepared
-from .scorer import Scorer
-from .training import bootstrap_counts
+from rewardmodel.cfg import FitCfg
+from rewardmodel.clips import mean_over
+from rewardmodel.linear import posterior_modes
+from rewardmodel.prepared import MIN_SPREAD, Prepared
+from rewardmodel.scorer import Scorer
+from rewardmodel.training import bootstrap_counts
+
+from .settings import GpCfg
 
 
 class GpScorer(Scorer):
     """Weights of all members over descriptors and their random features."""
 
-    def __init__(
-        self, num_members: int, num_descriptors: int, num_features: int
-    ) -> None:
+    def __init__(self, num_descriptors: int, cfg: GpCfg) -> None:
         super().__init__()
+        num_members, num_features = cfg.num_members, cfg.num_features
         self.frequencies: Tensor
         self.phases: Tensor
         self.weights: Tensor
@@ -57,19 +58,19 @@ class GpScorer(Scorer):
         return (self.features(steps) @ self.weights.mT).movedim(-1, 0)
 
 
-def fit_gp(prepared: Prepared, cfg: FitCfg, *, generator: torch.Generator) -> GpScorer:
+def fit_gp(prepared: Prepared, cfg: FitCfg, generator: torch.Generator) -> GpScorer:
     """Fit each member to its own bootstrap of the answers.
 
     Its linear part is expected to be as strong as a linear model's, of nothing in
     particular; the rest is scaled so that it is expected to shift the logit of a pair
-    by `cfg.gp.amplitude`.
+    by `GpCfg.amplitude`.
     """
-    pairs = prepared.standardised
+    own, pairs = cfg.settings_of(GpCfg), prepared.standardised
     num_descriptors = pairs.steps.shape[-1]
-    scorer = GpScorer(cfg.gp.num_members, num_descriptors, cfg.gp.num_features)
+    scorer = GpScorer(num_descriptors, own)
     # Standardised steps are about sqrt(2 D) apart.
     usual_distance = math.sqrt(2 * num_descriptors)
-    scorer.draw(cfg.gp.length_scale * usual_distance, generator)
+    scorer.draw(own.length_scale * usual_distance, generator)
 
     values = scorer.features(pairs.steps)
     left, right = mean_over(values.mT, pairs.scored[..., None, :])
@@ -79,10 +80,10 @@ def fit_gp(prepared: Prepared, cfg: FitCfg, *, generator: torch.Generator) -> Gp
     units = torch.cat(
         [
             spread[:num_descriptors].clamp_min(MIN_SPREAD),
-            (waved / cfg.gp.amplitude).clamp_min(1e-6).expand(cfg.gp.num_features),
+            (waved / own.amplitude).clamp_min(1e-6).expand(own.num_features),
         ]
     )
-    counts = bootstrap_counts(cfg.gp.num_members, len(pairs), generator=generator)
+    counts = bootstrap_counts(own.num_members, len(pairs), generator=generator)
     theta = posterior_modes(
         difference / units,
         pairs,

@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 
 from rewardmodel import AnsweredPairs, FitCfg, fit_reward
-from rewardmodel.doubt import likelihoods
+from rewardmodel.extensions.label_filter import likelihoods
+from rewardmodel.extensions.settings import LabelFilterCfg
 from rewardmodel.kinds import prepare
 
 from .test_rewardmodel_fit import accuracy, answered
@@ -60,7 +61,7 @@ def test_a_tie_is_never_doubted() -> None:
 def test_doubted_answers_teach_nothing_and_are_measured_by() -> None:
     """The reward is that of answers that are plainly random, and none is left out."""
     pairs, _ = some_turned_round(1)
-    cfg = replace(CFG, doubted_below=0.2)
+    cfg = replace(CFG, label_filter=LabelFilterCfg(below=0.2))
     model, report = fit_reward(pairs, cfg, seed=0)
     plain, kept = fit_reward(pairs, CFG, seed=0)
     assert 5 < report.doubted < 40
@@ -79,7 +80,5 @@ def test_doubted_answers_teach_nothing_and_are_measured_by() -> None:
 
 
 def test_a_limit_at_which_all_answers_look_wrong_is_refused() -> None:
-    with pytest.raises(
-        ValueError, match=r"doubted_below must lie in \[0, 0.5\), got 0"
-    ):
-        FitCfg(doubted_below=0.5)
+    with pytest.raises(ValueError, match=r"below must lie in \(0, 0.5\), got 0.5"):
+        LabelFilterCfg(below=0.5)

@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from .cfg import FitCfg
-from .likelihood import Errors
-from .training import DescribedPairs
+from rewardmodel.cfg import FitCfg
+from rewardmodel.likelihood import Errors
+from rewardmodel.training import DescribedPairs
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,13 +10,15 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from .cfg import FitCfg, HistoryCfg, SequenceCfg
-from .clips import since_start
+from rewardmodel.cfg import FitCfg
+from rewardmodel.clips import since_start
+from rewardmodel.prepared import Prepared
+from rewardmodel.scorer import SequenceScorer
+from rewardmodel.training import StandardisedPairs
+
 from .mlp import MlpScorer
 from .network import fit_network, glimpses
-from .prepared import Prepared
-from .scorer import SequenceScorer
-from .training import StandardisedPairs
+from .settings import HistoryCfg, SequenceCfg
 
 
 def lags_of(cfg: SequenceCfg) -> Tensor:
@@ -52,9 +54,7 @@ class HistoryScorer(SequenceScorer):
         self.history_steps = cfg.history_steps
         self.lags: Tensor
         self.register_buffer("lags", lags_of(cfg), persistent=False)
-        self.network = MlpScorer(
-            cfg.num_members, num_descriptors * len(self.lags), cfg.hidden_size
-        )
+        self.network = MlpScorer(num_descriptors * len(self.lags), cfg)
 
     def forward(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
         """Raw rewards [M, ..., T] of standardised sequences [..., T, D]."""
@@ -62,11 +62,11 @@ class HistoryScorer(SequenceScorer):
 
 
 def fit_history(
-    prepared: Prepared, cfg: FitCfg, *, generator: torch.Generator
+    prepared: Prepared, cfg: FitCfg, generator: torch.Generator
 ) -> HistoryScorer:
     """Fit each member to its own bootstrap of the answers, by AdamW."""
     pairs = prepared.standardised
-    own = cfg.history
+    own = cfg.settings_of(HistoryCfg)
     scorer = HistoryScorer(pairs.steps.shape[-1], own)
     scorer.network.initialise(generator)
 
