@@ -29,7 +29,7 @@ from gaitpref.run_config import read_config
 from policy.checkpoint import load_policy
 from rewardmodel.cfg import ReliabilityCfg
 from rewardmodel.fit import fit_reward
-from rewardmodel.foresight import accuracy_of
+from rewardmodel.held_out_report import accuracy_of
 from rewardmodel.pairs import AnsweredPairs, load_pairs
 
 from .kinds import turned_round

@@ -3,7 +3,7 @@
 `python -m benchmarks.sureness --run RUN [RUN ...]` takes finished runs of a simulated
 rater, fits a reward to each run's answers, finds a temperature on the held-out ones,
 and asks both about pairs nobody was asked about. Once a lead says all; once the spread
-of the members' leads counts too (`rewardmodel.opinion`); and once, as it is, the
+of the members' leads counts too (`rewardmodel.prediction`); and once, as it is, the
 temperature is found on questions drawn at random most (`calibration.counting`).
 """
 
@@ -22,16 +22,11 @@ from gaitpref.progress import console
 from gaitpref.rewards import criterion_context
 from gaitpref.run_config import read_config
 from policy.checkpoint import load_policy
-from rewardmodel.calibration import (
-    Calibration,
-    calibration,
-    counting,
-    fit_temperature,
-)
-from rewardmodel.evidence import takes_to_err
+from rewardmodel.calibration import Calibration, calibration, counting, fit_temperature
 from rewardmodel.fit import fit_reward
-from rewardmodel.held_out import held_out_opinions
+from rewardmodel.held_out import held_out_predictions
 from rewardmodel.kinds import prepare
+from rewardmodel.noise_level import takes_to_err
 
 from .choosing import answers_of
 from .preference_fresh import fresh_pairs
@@ -70,8 +65,8 @@ def sureness(run: Path, *, seed: int) -> Iterator[Sureness]:
     model, _ = fit_reward(pairs, cfg.fit_of(last), seed=seed, measured=False)
     found = model.provenance.cfg
     prepared = prepare(pairs, found)
-    asked, held_out = held_out_opinions(prepared, pairs.episodes, found, seed)
-    of_fresh = model.opinion(fresh.left, fresh.right)
+    asked, held_out = held_out_predictions(prepared, pairs.episodes, found, seed)
+    of_fresh = model.prediction(fresh.left, fresh.right)
     alike = torch.ones(len(held_out.lead))
     target = prepared.described.target[asked]
     counts = counting(pairs.at_random[asked], target, erring=takes_to_err(found))

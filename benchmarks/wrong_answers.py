@@ -36,7 +36,7 @@ from gaitpref.run_config import read_config
 from policy.checkpoint import load_policy
 from rewardmodel.extensions.label_filter import likelihoods
 from rewardmodel.fit import fit_reward
-from rewardmodel.foresight import accuracy_of
+from rewardmodel.held_out_report import accuracy_of
 from rewardmodel.kinds import prepare
 from rewardmodel.pairs import AnsweredPairs, gather_pairs
 

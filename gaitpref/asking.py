@@ -13,10 +13,10 @@ from data.dataset import Dataset, EpisodeEntry
 from data.files import read_json
 from policy.babble import BABBLE_SHA256
 from rewardmodel.caution import answers_err
-from rewardmodel.enough import remaining
 from rewardmodel.fit import fit_reward
-from rewardmodel.foresight import foresee
+from rewardmodel.held_out_report import foresee
 from rewardmodel.pairs import MIN_ANSWERS, count_evidence, load_pairs
+from rewardmodel.stopping import remaining
 from rewardmodel.trust import disagree
 
 from .criteria import Criterion

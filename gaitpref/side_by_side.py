@@ -25,7 +25,7 @@ from policy.train import POLICY_NAME
 from policy.variation import VariationCfg
 from rewardmodel.acquisition import asked_for, in_step
 from rewardmodel.caution import answers_err
-from rewardmodel.evidence import ERROR_SHARES
+from rewardmodel.noise_level import ERROR_SHARES
 from rewardmodel.storage import load_reward
 
 from .loop_cfg import LoopCfg

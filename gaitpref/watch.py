@@ -16,7 +16,7 @@ from torch import Tensor
 from data.dataset import Dataset
 from data.files import read_json, write_atomically
 from policy.reward_ppo import OfRollout, ScoreFn, figures_of, history_of
-from rewardmodel.foresight import Foreseen, foresee
+from rewardmodel.held_out_report import Foreseen, foresee
 from rewardmodel.model import RewardModel
 from rewardmodel.pairs import AnsweredPairs, load_pairs
 from rewardmodel.storage import load_reward

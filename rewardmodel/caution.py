@@ -32,10 +32,10 @@ from typing import Self
 import torch
 from torch import Tensor
 
-from .evidence import FEW_ERRORS, takes_to_err
 from .habits import EFFORT, named
 from .linear import LinearScorer
 from .model import RewardModel
+from .noise_level import FEW_ERRORS, takes_to_err
 from .sparse import SparseScorer
 
 MANY_ERRORS = 0.2

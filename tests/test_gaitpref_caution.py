@@ -15,12 +15,7 @@ from gaitpref.options import Loop
 from gaitpref.presets import resolve
 from gaitpref.retraining import learned_reward
 from gaitpref.rewards import total_reward
-from gaitpref.tracking_limit import (
-    PRICE,
-    TrackingLimit,
-    limit_beside,
-    tracking_error,
-)
+from gaitpref.tracking_limit import PRICE, TrackingLimit, limit_beside, tracking_error
 from policy.checkpoint import load_policy
 from policy.config import EnvCfg
 from policy.ppo import PpoCfg
