@@ -12,9 +12,9 @@ from data.answers import AnswerStore, Pair
 from data.dataset import Dataset, EpisodeEntry
 from data.files import read_json
 from policy.babble import BABBLE_SHA256
-from rewardmodel.enough import remaining
 from rewardmodel.fit import fit_reward
 from rewardmodel.pairs import MIN_ANSWERS, count_evidence, load_pairs
+from rewardmodel.stopping import remaining
 
 from .criteria import Criterion
 from .fit_summary import what_remains

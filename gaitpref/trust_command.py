@@ -9,7 +9,7 @@ from typing import Any
 from data.gone import told_gone
 from policy.checkpoint import load_policy
 from policy.evaluate import rollout_features
-from rewardmodel.foresight import Foreseen, foresee
+from rewardmodel.held_out_report import Foreseen, foresee
 from rewardmodel.pairs import AnsweredPairs, load_pairs
 from rewardmodel.storage import load_reward
 from rewardmodel.trust import Reach, alarms, reach, spelled

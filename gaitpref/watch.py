@@ -12,7 +12,7 @@ from torch import Tensor
 
 from data.dataset import Dataset
 from data.files import read_json
-from rewardmodel.foresight import Foreseen, foresee
+from rewardmodel.held_out_report import Foreseen, foresee
 from rewardmodel.pairs import AnsweredPairs, load_pairs
 from rewardmodel.storage import load_reward
 from rewardmodel.trust import (

@@ -17,23 +17,23 @@ from torch import Tensor
 from .calibration import calibration, counting, fit_temperature
 from .cfg import FitCfg as FitCfg
 from .cfg import KindName
-from .enough import enough, remaining
 from .ensemble import fit_ensemble
-from .evidence import errors_alike, noise_level, settled, takes_to_err
 from .extensions.label_filter import without_doubted
 from .extensions.model_choice import choose
 from .extensions.semi_supervised import Unanswered
-from .held_out import fold_of, held_out_opinions
+from .held_out import fold_of, held_out_predictions
 from .kinds import KINDS, kind_called, make_scorer, prepare
 from .linear import members_for
 from .model import Provenance, RewardModel, leads_of_pairs
-from .opinion import Opinion
+from .noise_level import errors_alike, noise_level, settled, takes_to_err
 from .pairs import AnsweredPairs
+from .prediction import Prediction
 from .prepared import Prepared
 from .reliability import Judged, judge
 from .report import FitReport as FitReport
 from .report import wilson_interval
 from .sparse_fit import curve_settings
+from .stopping import enough, remaining
 from .training import ClipPairs
 
 logger = logging.getLogger(__name__)
@@ -81,9 +81,9 @@ def fit_reward(
     normaliser, scorer = fit_ensemble(answers, judged.cfg, seed, others)
     standardised = answers.by(normaliser)
     held_out = torch.zeros(len(pairs), dtype=torch.bool)
-    foreseen = Opinion.none(0)
+    foreseen = Prediction.none(0)
     if measured:
-        held_out, foreseen = held_out_opinions(
+        held_out, foreseen = held_out_predictions(
             answers, pairs.episodes, judged.cfg, seed, others
         )
         foreseen = foreseen.subset(judged.measuring[held_out])
@@ -122,7 +122,7 @@ def no_reward(pairs: AnsweredPairs, cfg: FitCfg) -> tuple[RewardModel, FitReport
         prepared.described,
         torch.zeros(len(pairs)),
         torch.zeros(len(pairs), dtype=torch.bool),
-        Opinion.none(0),
+        Prediction.none(0),
         cfg,
         time.perf_counter() - started_s,
     )
@@ -181,7 +181,7 @@ def _report(
     fitted: ClipPairs,
     lead: Tensor,
     asked: Tensor,
-    foreseen: Opinion,
+    foreseen: Prediction,
     cfg: FitCfg,
     seconds: float,
 ) -> FitReport:

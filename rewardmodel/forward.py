@@ -17,8 +17,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from .cfg import FitCfg
-from .evidence import log_evidence
-from .linear import posterior_modes
+from .laplace import log_evidence, posterior_modes
 from .training import ClipPairs
 
 LEFT_OUT = 1e-4

@@ -15,8 +15,8 @@ from .cfg import FitCfg
 from .ensemble import fit_ensemble
 from .extensions.semi_supervised import Unanswered
 from .kinds import kind_called
-from .model import opinion_on_pairs
-from .opinion import Opinion
+from .model import predict_pairs
+from .prediction import Prediction
 from .prepared import Prepared
 from .sparse_fit import curve_settings
 
@@ -27,13 +27,13 @@ def fold_of(sha256: str, folds: int = 5) -> int:
     return int.from_bytes(digest[:8]) % folds
 
 
-def held_out_opinions(
+def held_out_predictions(
     prepared: Prepared,
     episodes: tuple[tuple[str, str], ...],
     cfg: FitCfg,
     seed: int,
     others: Unanswered | None = None,
-) -> tuple[Tensor, Opinion]:
+) -> tuple[Tensor, Prediction]:
     """What models that have seen neither of their two episodes say of prepared pairs.
 
     For every fold, a model is fitted to the pairs with no clip in it and asked about
@@ -47,28 +47,28 @@ def held_out_opinions(
         [[fold_of(sha256, cfg.folds) for sha256 in pair] for pair in episodes]
     )
     asked = torch.zeros(len(prepared), dtype=torch.bool)
-    found = Opinion.none(len(prepared))
+    found = Prediction.none(len(prepared))
     for fold in range(cfg.folds):
         tested = (folds == fold).all(dim=1)
         fitted = (folds != fold).all(dim=1)
         if tested.any() and fitted.any():
             kept = others.without(fold) if others else None
             found.put(
-                tested, opinion_without(prepared, fitted, tested, cfg, seed, kept)
+                tested, prediction_without(prepared, fitted, tested, cfg, seed, kept)
             )
             asked |= tested
     return asked, found.subset(asked)
 
 
-def opinion_without(
+def prediction_without(
     prepared: Prepared,
     fitted: Tensor,
     tested: Tensor,
     cfg: FitCfg,
     seed: int,
     others: Unanswered | None = None,
-) -> Opinion:
-    """Opinion on the pairs in `tested` [B] by a model fitted to those in `fitted`
+) -> Prediction:
+    """Prediction on the pairs in `tested` [B] by a model fitted to those in `fitted`
     [B] alone (bool), and to its opinions on `others`."""
     kind = kind_called(cfg.kind)
     seen = prepared.seen_by(kind.sight)
@@ -80,4 +80,4 @@ def opinion_without(
         cfg = replace(cfg, sparse=curve_settings(own, cfg).sparse)
     normaliser, scorer = fit_ensemble(own, cfg, seed, others)
     asked = seen.described.subset(tested).standardised(normaliser)
-    return opinion_on_pairs(scorer, asked)
+    return predict_pairs(scorer, asked)

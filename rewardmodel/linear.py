@@ -15,16 +15,8 @@ from torch import Tensor
 
 from .cfg import FitCfg, LinearCfg
 from .descriptors import DESCRIPTOR_NAMES
-from .habits import (
-    EFFORT,
-    FEET,
-    HURRIED,
-    QUIET,
-    TOLD,
-    UNSTEADY,
-    named,
-)
-from .likelihood import log_likelihood_derivatives
+from .habits import EFFORT, FEET, HURRIED, QUIET, TOLD, UNSTEADY, named
+from .laplace import posterior_modes
 from .prepared import MIN_SPREAD, Prepared
 from .scorer import Additive, Scorer
 from .training import ClipPairs, bootstrap_counts
@@ -38,9 +30,6 @@ _FEWEST_MEMBERS = 5
 _MOST_DRAWN = 20_000
 """Answers that all members together are fitted to: with more of them, resampling moves
 a member less, and the mean of fewer is as good."""
-_MAX_UPDATES = 100
-_STEP_SIZES = (0.0, *(2.0**-halvings for halvings in range(8)))
-_TOLERANCE = 1e-4
 
 
 class LinearScorer(Scorer):
@@ -144,89 +133,3 @@ def prior_factor(cfg: LinearCfg) -> Tensor:
 def whitened_weights(weights: Tensor, factor: Tensor) -> Tensor:
     """What weights [D] are of differences multiplied by `factor` [D, D]."""
     return torch.linalg.solve_triangular(factor, weights[:, None], upper=False)[:, 0]
-
-
-def posterior_modes(
-    inputs: Tensor,
-    pairs: ClipPairs,
-    counts: Tensor,
-    cfg: FitCfg,
-    *,
-    precision: Tensor | float,
-    mean: Tensor | float = 0.0,
-    start: Tensor | None = None,
-    max_updates: int = _MAX_UPDATES,
-) -> Tensor:
-    """Weights theta [M, D] at a mode of the posterior, by damped Newton steps from mu.
-
-    The objective of a member is sum_b counts_b log P(answer_b | lead_b) minus
-    precision / 2 |theta - mu|^2. It is not concave, because answers that look wrong
-    count less and less; starting at the mean mu of the prior makes the mode a definite
-    one.
-
-    Args:
-        inputs: [B, D] float64 scaled differences of the clips, or [M, B, D], where
-            members look at other things.
-        pairs: Their answers and falls.
-        counts: [M, B] float64, how often a member sees an answer.
-        cfg: The likelihood of an answer.
-        precision: Of the Gaussian prior on each weight, [M, D] or one for all.
-        mean: Of the same, [D] or one for all.
-        start: [M, D] where to start instead.
-        max_updates: Newton steps at most.
-    """
-    target, offset = pairs.target.double(), pairs.fall_lead.double()
-    sizes = torch.tensor(_STEP_SIZES, dtype=inputs.dtype)[:, None, None]
-    theta = inputs.new_zeros(len(counts), inputs.shape[-1]) + mean
-    if start is not None:
-        theta = start
-
-    for _ in range(max_updates):
-        slope, curvature = log_likelihood_derivatives(
-            weighed(inputs, theta) + offset,
-            target,
-            tie_threshold=cfg.tie_threshold,
-            error_share=pairs.errors,
-        )
-        pull = weighed(inputs.mT, counts * slope)
-        uphill = pull - precision * (theta - mean)
-        if uphill.abs().max() < _TOLERANCE:
-            break
-        factor = hessian_factor(inputs, -counts * curvature, precision)
-        step = torch.cholesky_solve(uphill[..., None], factor)[..., 0]
-        tried = theta + sizes * step  # [S, M, D]
-        likelihood = pairs.log_likelihood(weighed(inputs, tried) + offset, cfg)
-        off = (precision * (tried - mean).square()).sum(-1)
-        height = (counts * likelihood).sum(-1) - off / 2
-        best = height.argmax(dim=0)
-        if not best.any():
-            break
-        theta = tried[best, torch.arange(len(theta))]
-    return theta
-
-
-def weighed(inputs: Tensor, theta: Tensor) -> Tensor:
-    """Sums [..., M, B] of inputs, [B, D] or [M, B, D], by weights [..., M, D]."""
-    if inputs.ndim == 2:
-        return theta @ inputs.mT
-    return torch.einsum("...md,mbd->...mb", theta, inputs)
-
-
-def hessian_factor(inputs: Tensor, bends: Tensor, precision: Tensor | float) -> Tensor:
-    """Cholesky factor [M, D, D] of the Hessian of the negated objective, made positive
-    where it is not.
-
-    Args:
-        inputs: [B, D] or [M, B, D] scaled differences of the clips.
-        bends: [M, B] second derivatives of the negated log-likelihood.
-        precision: Of the prior, [M, D] or one for all.
-    """
-    prior = torch.diag_embed(precision + inputs.new_zeros(inputs.shape[-1]))
-    exact = (bends[..., None] * inputs).mT @ inputs + prior
-    factor, failures = torch.linalg.cholesky_ex(exact)
-    if not failures.any():
-        return factor
-    # Answers that bend the wrong way count as straight: every step climbs again.
-    climbing = (bends.clamp_min(0)[..., None] * inputs).mT @ inputs + prior
-    straight = torch.linalg.cholesky(climbing)
-    return torch.where((failures == 0)[:, None, None], factor, straight)

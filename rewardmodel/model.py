@@ -19,7 +19,7 @@ from .clips import ClipBatch, mean_over
 from .descriptors import Sight, describe, names_seen
 from .kinds import kind_called
 from .normaliser import Normaliser, fill_missing
-from .opinion import Opinion
+from .prediction import Prediction
 from .report import FitReport
 from .scorer import Scorer
 from .training import StandardisedPairs
@@ -34,11 +34,11 @@ def leads_of_pairs(scorer: Scorer, pairs: StandardisedPairs) -> Tensor:
     return pairs.leads(lambda steps: scorer.of_clips(steps, pairs.scored, before))
 
 
-def opinion_on_pairs(scorer: Scorer, pairs: StandardisedPairs) -> Opinion:
+def predict_pairs(scorer: Scorer, pairs: StandardisedPairs) -> Prediction:
     """What is paid, and what members say, of left clips of standardised `pairs`."""
     leads, payer = leads_of_pairs(scorer, pairs), scorer.payer
     paid = leads if payer is scorer else leads_of_pairs(payer, pairs)
-    return Opinion.of(paid.mean(dim=0), leads)
+    return Prediction.of(paid.mean(dim=0), leads)
 
 
 @dataclass(frozen=True)
@@ -160,11 +160,11 @@ class RewardModel(nn.Module):
     def logit(self, left: ClipBatch, right: ClipBatch) -> Tensor:
         """Calibrated logit [B] that each left clip is called better."""
         temperature = self.provenance.report.temperature
-        return self.opinion(left, right).logit / temperature
+        return self.prediction(left, right).logit / temperature
 
-    def opinion(self, left: ClipBatch, right: ClipBatch) -> Opinion:
+    def prediction(self, left: ClipBatch, right: ClipBatch) -> Prediction:
         """On left clips [B] beside the right ones."""
-        return Opinion.of(self.lead(left, right), self.leads(left, right))
+        return Prediction.of(self.lead(left, right), self.leads(left, right))
 
     def clip_returns(self, clips: ClipBatch) -> Tensor:
         """Mean raw reward [M, B] of clips, less the fixed price of a fall."""

@@ -19,12 +19,12 @@ import torch
 from torch import Tensor
 
 from .cfg import FitCfg, SparseCfg
-from .evidence import ERROR_SHARES
+from .hypothesis import linear_hypothesis
 from .likelihood import Errors, answer_weights
+from .noise_level import ERROR_SHARES
 from .prepared import Prepared
 from .rater_shares import RaterAnswers, Shares, ShareSearch, errors_of
-from .sparse_fit import looks
-from .views import linear_look
+from .sparse_fit import curve_hypotheses
 
 HARDLY_LOOKS = 0.7
 """Share of random answers from which on those of a rater do not measure a reward."""
@@ -95,9 +95,14 @@ def _most_probable(
     """Settings of the curves, `cfg`'s where raters are not judged by these, and
     shares."""
     seen = prepared.seen_by("legs" if by_curves else "habits")
-    options = looks(seen, cfg) if by_curves else {cfg.sparse: linear_look(seen, cfg)}
+    if by_curves:
+        options = curve_hypotheses(seen, cfg)
+    else:
+        options = {cfg.sparse: linear_hypothesis(seen, cfg)}
     answers = RaterAnswers(pairs=seen.standardised, of=of, habits=habits, cfg=cfg)
-    searches = {sparse: ShareSearch(answers, look) for sparse, look in options.items()}
+    searches = {
+        sparse: ShareSearch(answers, explain) for sparse, explain in options.items()
+    }
     sparse = max(searches, key=lambda each: searches[each].log_odds)
     return sparse, searches[sparse].refined()
 

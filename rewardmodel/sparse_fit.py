@@ -15,14 +15,15 @@ from torch import Tensor
 
 from .cfg import FitCfg, SparseCfg
 from .descriptors import names_seen
-from .evidence import erring, error_shares, evidence, expected_share
 from .forward import LEFT_OUT, PRICE, chosen_curves
 from .habits import TOLD
+from .hypothesis import Explain, Hypothesis
+from .laplace import evidence
 from .legs import CONTACTS, ENDS, SINGLE
+from .noise_level import erring, error_shares, expected_share
 from .prepared import Prepared
 from .sparse import WEIGHTS, SparseScorer
 from .training import ClipPairs, bootstrap_counts
-from .views import Look, View
 
 _SINGLE = tuple(
     index
@@ -110,28 +111,28 @@ def curve_settings(prepared: Prepared, cfg: FitCfg) -> FitCfg:
     return replace(cfg, adapt=False, error_share=share, sparse=sparse)
 
 
-def looks(prepared: Prepared, cfg: FitCfg) -> dict[SparseCfg, Look]:
-    """How to look at answers under each setting that `cfg` leaves open."""
+def curve_hypotheses(prepared: Prepared, cfg: FitCfg) -> dict[SparseCfg, Explain]:
+    """How to explain answers under each setting that `cfg` leaves open."""
     inputs = prepared.clips.curves.inputs
 
-    def look_under(sparse: SparseCfg) -> Look:
+    def under(sparse: SparseCfg) -> Explain:
         settings = replace(cfg, sparse=sparse)
 
-        def look(answered: ClipPairs) -> View:
+        def explain(answered: ClipPairs) -> Hypothesis:
             counts = inputs.new_ones(1, len(answered))
             theta, variance = relevant(inputs, answered, counts, settings)
             chosen = variance[0] > LEFT_OUT
             num_curves = int(chosen.sum()) // WEIGHTS
-            return View(
+            return Hypothesis(
                 inputs=inputs[:, chosen],
                 precision=1 / variance[0, chosen],
                 start=theta[:, chosen],
                 price=num_curves * PRICE + _price(sparse),
             )
 
-        return look
+        return explain
 
-    return {s: look_under(s) for s in _open_settings(cfg.sparse)}
+    return {s: under(s) for s in _open_settings(cfg.sparse)}
 
 
 def _price(sparse: SparseCfg) -> float:

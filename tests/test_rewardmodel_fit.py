@@ -35,20 +35,10 @@ from rewardmodel.clips import ClipBatch, mean_over, pad_clips
 from rewardmodel.descriptors import DESCRIPTOR_NAMES, describe
 from rewardmodel.explain import explain
 from rewardmodel.extensions.model_choice import choose_kind
-from rewardmodel.extensions.settings import (
-    GpCfg,
-    HistoryCfg,
-    LabelFilterCfg,
-    MlpCfg,
-)
+from rewardmodel.extensions.settings import GpCfg, HistoryCfg, LabelFilterCfg, MlpCfg
 from rewardmodel.habits import FEET, HURRIED, TOLD, UNSTEADY
 from rewardmodel.kinds import KINDS, prepare
-from rewardmodel.linear import (
-    LinearScorer,
-    expected_weights,
-    fit_linear,
-    members_for,
-)
+from rewardmodel.linear import LinearScorer, expected_weights, fit_linear, members_for
 from rewardmodel.prepared import MIN_SPREAD, Prepared
 from rewardmodel.report import wilson_interval
 from rewardmodel.trust import judged_spread

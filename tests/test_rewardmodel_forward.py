@@ -11,9 +11,10 @@ from torch import Tensor
 
 from data.plain import from_plain
 from rewardmodel.cfg import FitCfg, SparseCfg
-from rewardmodel.evidence import erring, log_evidence
 from rewardmodel.forward import LEFT_OUT, chosen_curves
+from rewardmodel.laplace import log_evidence
 from rewardmodel.likelihood import Errors
+from rewardmodel.noise_level import erring
 from rewardmodel.training import StandardisedPairs, bootstrap_counts
 
 CURVES, WEIGHTS = 12, 3

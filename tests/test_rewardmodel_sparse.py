@@ -24,15 +24,15 @@ from rewardmodel import (
     save_reward,
 )
 from rewardmodel.cfg import ReliabilityCfg, SparseCfg
-from rewardmodel.chance import explained_by_chance
 from rewardmodel.clips import pad_clips, read_clips
 from rewardmodel.curves import learned_curves
 from rewardmodel.descriptors import describe, names_seen
-from rewardmodel.evidence import FEW_ERRORS
 from rewardmodel.explain import explain
-from rewardmodel.foresight import foresee
 from rewardmodel.habits import TOLD
+from rewardmodel.held_out_report import foresee
 from rewardmodel.kinds import prepare
+from rewardmodel.noise_level import FEW_ERRORS
+from rewardmodel.permutation_test import explained_by_chance
 from rewardmodel.reliability import HARDLY_LOOKS, judge
 from rewardmodel.rising import RisingReward, rises
 from rewardmodel.sparse import SparseScorer

@@ -11,8 +11,8 @@ import torch
 from data.features import FEATURE_DIM, column
 from rewardmodel import FitCfg, fit_reward
 from rewardmodel.calibration import calibration, counting, fit_temperature
-from rewardmodel.foresight import accuracy_of, foresee, opinion_of
-from rewardmodel.held_out import held_out_opinions
+from rewardmodel.held_out import held_out_predictions
+from rewardmodel.held_out_report import accuracy_of, foresee, opinion_of
 from rewardmodel.kinds import prepare
 from rewardmodel.support import PIECE_STEPS, Drift, support_of
 from rewardmodel.trust import Reach, alarms, reach
@@ -142,7 +142,7 @@ def test_questions_drawn_at_random_are_told_from_chosen_ones() -> None:
     assert found.temperature == pytest.approx(report.temperature, rel=1e-3)
     # What is saved makes probabilities of what members quarrel about, too.
     prepared = prepare(pairs, cfg)
-    asked, opinion = held_out_opinions(prepared, pairs.episodes, cfg, 0)
+    asked, opinion = held_out_predictions(prepared, pairs.episodes, cfg, 0)
     counts = counting(pairs.at_random[asked], pairs.target[asked], erring=False)
     expected = fit_temperature(opinion.logit, pairs.target[asked], counts)
     assert report.temperature == pytest.approx(expected, rel=1e-3)

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from rewardmodel.cfg import FitCfg
 from rewardmodel.clips import mean_over
-from rewardmodel.linear import posterior_modes
+from rewardmodel.laplace import posterior_modes
 from rewardmodel.prepared import MIN_SPREAD, Prepared
 from rewardmodel.scorer import Scorer
 from rewardmodel.training import bootstrap_counts

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from rewardmodel.cfg import FitCfg
-from rewardmodel.held_out import opinion_without
+from rewardmodel.held_out import prediction_without
 from rewardmodel.prepared import Prepared
 
 _RANDOM = 0.98
@@ -38,7 +38,7 @@ def likelihoods(prepared: Prepared, cfg: FitCfg, *, seed: int) -> Tensor:
     left = torch.empty(len(target))
     for number in range(cfg.folds):
         tested = group == number
-        opinion = opinion_without(prepared, ~tested, tested, cfg, seed)
+        opinion = prediction_without(prepared, ~tested, tested, cfg, seed)
         left[tested] = opinion.logit.sigmoid().to(left.dtype)
     return target * left + (1 - target) * (1 - left)
 

@@ -12,7 +12,7 @@ from typing import get_args
 from torch import Tensor
 
 from rewardmodel.cfg import FitCfg, KindName
-from rewardmodel.held_out import held_out_opinions
+from rewardmodel.held_out import held_out_predictions
 from rewardmodel.pairs import AnsweredPairs
 from rewardmodel.prepared import Prepared
 from rewardmodel.reliability import Judged, judge
@@ -58,7 +58,7 @@ def _held_out(
     judged: Judged, pairs: AnsweredPairs, cfg: FitCfg, seed: int
 ) -> tuple[DescribedPairs, Tensor]:
     """Held-out answers of raters who look, and what models foresee of them [B]."""
-    asked, opinion = held_out_opinions(judged.prepared, pairs.episodes, cfg, seed)
+    asked, opinion = held_out_predictions(judged.prepared, pairs.episodes, cfg, seed)
     told = judged.measuring[asked]
     held_out = judged.prepared.described.subset(asked & judged.measuring)
     return held_out, opinion.lead[told]

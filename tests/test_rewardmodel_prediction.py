@@ -8,7 +8,7 @@ from torch import Tensor
 
 from rewardmodel import FitCfg, fit_reward
 from rewardmodel.calibration import calibration, fit_temperature
-from rewardmodel.opinion import Opinion
+from rewardmodel.prediction import Prediction
 
 from .test_rewardmodel_fit import answered
 
@@ -17,10 +17,10 @@ def generator(seed: int) -> torch.Generator:
     return torch.Generator().manual_seed(seed)
 
 
-def opinion(lead: Tensor, variance: float, *, members: int, seed: int) -> Opinion:
+def opinion(lead: Tensor, variance: float, *, members: int, seed: int) -> Prediction:
     """Of members who scatter around `lead` [B]."""
     off = torch.randn(members, len(lead), generator=generator(seed))
-    return Opinion.of(lead, lead + variance**0.5 * off)
+    return Prediction.of(lead, lead + variance**0.5 * off)
 
 
 @pytest.mark.parametrize("variance", [0.1, 1.0, 9.0])
@@ -38,8 +38,8 @@ def test_a_logit_is_that_of_the_mean_probability(variance: float) -> None:
 def test_who_is_of_one_mind_is_believed() -> None:
     lead = torch.tensor([-3.0, 0.0, 2.0])
     for members in (1, 7):
-        assert Opinion.of(lead, lead.expand(members, -1)).logit.equal(lead)
-    assert Opinion.none(3).logit.equal(torch.zeros(3))
+        assert Prediction.of(lead, lead.expand(members, -1)).logit.equal(lead)
+    assert Prediction.none(3).logit.equal(torch.zeros(3))
 
 
 def test_questions_that_members_quarrel_about_do_not_speak_for_others() -> None:
@@ -68,7 +68,7 @@ def test_a_saved_temperature_is_that_of_the_probabilities() -> None:
     """What the model says of pairs is what its temperature was found for."""
     pairs = answered(60, seed=0)
     model, report = fit_reward(pairs, FitCfg(), seed=0)
-    of_all = model.opinion(pairs.left, pairs.right)
+    of_all = model.prediction(pairs.left, pairs.right)
     assert (of_all.variance > 0).all()
     assert of_all.lead.equal(model.lead(pairs.left, pairs.right))
     expected = (of_all.logit / report.temperature).sigmoid()

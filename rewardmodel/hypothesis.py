@@ -11,13 +11,14 @@ from dataclasses import dataclass
 from torch import Tensor
 
 from .cfg import FitCfg
-from .evidence import PRECISIONS, evidence, expected_of_all
+from .laplace import evidence
+from .noise_level import PRECISIONS, expected_of_all
 from .prepared import Prepared
 from .training import ClipPairs
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class View:
+class Hypothesis:
     """Weights that there may be, and what is expected of them before any answer."""
 
     inputs: Tensor
@@ -47,19 +48,19 @@ class View:
         return found - self.price
 
 
-Look = Callable[[ClipPairs], View]
+Explain = Callable[[ClipPairs], Hypothesis]
 """Finds what explains answers best that err as often as those it is given."""
 
 
-def linear_look(prepared: Prepared, cfg: FitCfg) -> Look:
-    """How to look at answers as a linear reward sees them."""
+def linear_hypothesis(prepared: Prepared, cfg: FitCfg) -> Explain:
+    """How to explain answers by weights."""
     inputs, mean = prepared.clips.differences.inputs, expected_of_all(prepared, cfg)
 
-    def look(answered: ClipPairs) -> View:
-        views = [
-            View(inputs=inputs, precision=precision, mean=mean)
+    def explain(answered: ClipPairs) -> Hypothesis:
+        tried = [
+            Hypothesis(inputs=inputs, precision=precision, mean=mean)
             for precision in PRECISIONS
         ]
-        return max(views, key=lambda view: view.log_odds(answered, cfg))
+        return max(tried, key=lambda each: each.log_odds(answered, cfg))
 
-    return look
+    return explain

@@ -18,15 +18,11 @@ import torch
 from torch import Tensor
 
 from .cfg import FitCfg
-from .likelihood import Errors, log_likelihood_derivatives
-from .linear import (
-    expected_weights,
-    hessian_factor,
-    posterior_modes,
-    weighed,
-)
+from .laplace import evidence
+from .likelihood import Errors
+from .linear import expected_weights
 from .prepared import Prepared
-from .training import ClipPairs, StandardisedPairs
+from .training import StandardisedPairs
 
 PRECISIONS = (0.03, 0.1, 0.3, 1.0, 3.0)
 ERROR_SHARES = (0.02, 0.1, 0.2, 0.3, 0.5, 0.7)
@@ -162,59 +158,6 @@ def settled(cfg: FitCfg, found: Found, *, tells_errors: bool) -> FitCfg:
     if found.error_share <= FEW_ERRORS:
         linear = replace(linear, told_most=False, quiet_logit=0.0)
     return replace(cfg, adapt=False, error_share=found.error_share, linear=linear)
-
-
-def evidence(
-    inputs: Tensor,
-    pairs: ClipPairs,
-    cfg: FitCfg,
-    precision: Tensor | float,
-    *,
-    mean: Tensor | float = 0.0,
-    start: Tensor | None = None,
-) -> float:
-    """Log of the probability of the answers, all weights averaged over.
-
-    Args:
-        inputs: [B, D] float64 scaled differences of the clips.
-        pairs: Their answers and falls.
-        cfg: The likelihood of an answer.
-        precision: Of the Gaussian prior on each weight, [D] or one for all.
-        mean: Of the same, [D] or one for all.
-        start: [1, D] where to start looking for the mode, if not at the mean.
-    """
-    counts = inputs.new_ones(1, len(pairs))
-    theta = posterior_modes(
-        inputs, pairs, counts, cfg, precision=precision, mean=mean, start=start
-    )
-    return float(log_evidence(inputs, pairs, counts, cfg, precision, theta, mean=mean))
-
-
-def log_evidence(
-    inputs: Tensor,
-    pairs: ClipPairs,
-    counts: Tensor,
-    cfg: FitCfg,
-    precision: Tensor | float,
-    theta: Tensor,
-    *,
-    mean: Tensor | float = 0.0,
-) -> Tensor:
-    """The same [M], of the answers every member sees, around modes `theta` [M, D]; the
-    arguments are those of `posterior_modes`."""
-    leads = weighed(inputs, theta) + pairs.fall_lead.double()
-    _, curvature = log_likelihood_derivatives(
-        leads,
-        pairs.target.double(),
-        tie_threshold=cfg.tie_threshold,
-        error_share=pairs.errors,
-    )
-    factor = hessian_factor(inputs, -counts * curvature, precision)
-    fitted = (counts * pairs.log_likelihood(leads, cfg)).sum(dim=-1)
-    prior = precision + torch.zeros_like(theta)
-    held_back = (prior * (theta - mean).square()).sum(dim=-1) / 2
-    free = 2 * factor.diagonal(dim1=-2, dim2=-1).log().sum(dim=-1)
-    return fitted - held_back - (free - prior.log().sum(dim=-1)) / 2
 
 
 def erring(pairs: StandardisedPairs, cfg: FitCfg, share: float) -> StandardisedPairs:

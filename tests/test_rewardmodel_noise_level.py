@@ -12,16 +12,11 @@ from rewardmodel import fit_reward
 from rewardmodel.cfg import FitCfg, LinearCfg
 from rewardmodel.clips import ClipBatch, mean_over
 from rewardmodel.descriptors import DESCRIPTOR_NAMES, describe
-from rewardmodel.evidence import FEW_ERRORS, Found, evidence, settled, takes_to_err
-from rewardmodel.habits import (
-    EFFORT,
-    FEET,
-    QUIET,
-    TOLD,
-    named,
-)
+from rewardmodel.habits import EFFORT, FEET, QUIET, TOLD, named
 from rewardmodel.kinds import prepare
+from rewardmodel.laplace import evidence
 from rewardmodel.linear import LinearScorer, prior_factor
+from rewardmodel.noise_level import FEW_ERRORS, Found, settled, takes_to_err
 from rewardmodel.pairs import AnsweredPairs
 
 from .test_rewardmodel_fit import DISLIKED, accuracy, answered, taste

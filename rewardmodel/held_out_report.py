@@ -16,13 +16,13 @@ from torch import Tensor
 
 from .calibration import Calibration, calibration, counting, fit_temperature
 from .cfg import FitCfg
-from .chance import explained_by_chance
-from .evidence import takes_to_err
-from .held_out import fold_of, held_out_opinions, opinion_without
+from .held_out import fold_of, held_out_predictions, prediction_without
 from .kinds import kind_called, prepare
 from .model import RewardModel
-from .opinion import Opinion
+from .noise_level import takes_to_err
 from .pairs import AnsweredPairs
+from .permutation_test import explained_by_chance
+from .prediction import Prediction
 from .reliability import Judged, judge
 from .report import wilson_interval
 
@@ -131,15 +131,15 @@ def foresee(model: RewardModel, pairs: AnsweredPairs, *, seed: int) -> Foreseen:
     kind = kind_called(cfg.kind)
     judged = judge(prepare(pairs, cfg), pairs.raters, cfg, by_curves=kind.by_curves)
     prepared = judged.prepared
-    opinion = Opinion.none(len(pairs))
+    opinion = Prediction.none(len(pairs))
     asked = unseen.clone()
     if not unseen.all():
-        held_out, by_fold = held_out_opinions(prepared, pairs.episodes, cfg, seed)
+        held_out, by_fold = held_out_predictions(prepared, pairs.episodes, cfg, seed)
         opinion.put(held_out, by_fold)
         asked |= held_out
     if unseen.any():
         fresh = pairs.subset(unseen)
-        opinion.put(unseen, model.opinion(fresh.left, fresh.right))
+        opinion.put(unseen, model.prediction(fresh.left, fresh.right))
     told = asked & judged.measuring
     found = _summary(
         pairs.subset(told) if told.any() else None,
@@ -161,13 +161,13 @@ def _newest(judged: Judged, rounds: Tensor, cfg: FitCfg, seed: int) -> Accuracy 
     asked = newest & judged.measuring
     if newest.all() or not asked.any():
         return None
-    opinion = opinion_without(judged.prepared, ~newest, asked, cfg, seed)
+    opinion = prediction_without(judged.prepared, ~newest, asked, cfg, seed)
     return accuracy_of(opinion.lead, judged.prepared.described.target[asked])
 
 
 def _summary(
     pairs: AnsweredPairs | None,
-    opinion: Opinion,
+    opinion: Prediction,
     unseen: int,
     *,
     newest: Accuracy | None,

@@ -17,7 +17,8 @@ import torch
 from torch import Tensor
 
 from .cfg import FitCfg
-from .evidence import FEW_ERRORS, erring, evidence
+from .laplace import evidence
+from .noise_level import FEW_ERRORS, erring
 from .prepared import Prepared
 from .sparse_fit import relevant
 from .training import ClipPairs

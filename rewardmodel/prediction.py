@@ -13,7 +13,7 @@ from torch import Tensor
 
 
 @dataclass(frozen=True, eq=False)
-class Opinion:
+class Prediction:
     """On pairs; `lead` says which clip, `logit` how surely."""
 
     lead: Tensor
@@ -22,12 +22,12 @@ class Opinion:
     """[B] of the same logit over the members."""
 
     @classmethod
-    def of(cls, lead: Tensor, leads: Tensor) -> Opinion:
+    def of(cls, lead: Tensor, leads: Tensor) -> Prediction:
         """Of a lead [B], and those of the members [M, B]."""
         return cls(lead, leads.var(dim=0, correction=0))
 
     @classmethod
-    def none(cls, count: int) -> Opinion:
+    def none(cls, count: int) -> Prediction:
         """No opinion on `count` pairs."""
         return cls(torch.zeros(count), torch.zeros(count))
 
@@ -44,10 +44,10 @@ class Opinion:
         """
         return self.lead / (1 + math.pi / 8 * self.variance).sqrt()
 
-    def subset(self, kept: Tensor) -> Opinion:
+    def subset(self, kept: Tensor) -> Prediction:
         """On the pairs in `kept` [B] bool."""
-        return Opinion(self.lead[kept], self.variance[kept])
+        return Prediction(self.lead[kept], self.variance[kept])
 
-    def put(self, where: Tensor, other: Opinion) -> None:
+    def put(self, where: Tensor, other: Prediction) -> None:
         """Take over `other` for the pairs in `where` [B] bool."""
         self.lead[where], self.variance[where] = other.lead, other.variance
