@@ -150,7 +150,9 @@ def _small_loop(run: Path) -> Run:
     cfg = resolve(Loop(run=run, base="none", criterion="task", rounds=1, labels=12))
     start_s = time.perf_counter()
     ppo = replace(cfg.ppo, num_envs=32, hidden_sizes=(16,))
-    small = replace(cfg, last_round_steps=1536, evaluation_episodes=8, ppo=ppo)
+    small = replace(
+        cfg, steps=replace(cfg.steps, last=1536), evaluation_episodes=8, ppo=ppo
+    )
     run_configured(run, small)
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return Run(time.perf_counter() - start_s, peak_mb, "")

@@ -84,6 +84,8 @@ def test_what_cannot_be_mirrored_is_left_as_it_is(robot: Robot) -> None:
 def test_a_loop_learns_in_the_mirror_unless_told_otherwise(
     tmp_path: Path, mirror: bool
 ) -> None:
-    run_configured(tmp_path / "run", replace(small_cfg(), mirror=mirror))
+    cfg = small_cfg()
+    cfg = replace(cfg, method=replace(cfg.method, mirror=mirror))
+    run_configured(tmp_path / "run", cfg)
     last = load_policy(tmp_path / "run/rounds/02/policy/policy.pt")
     assert last.info.ppo.mirror == mirror
