@@ -13,6 +13,8 @@ from typing import Any
 
 from data.files import read_json
 from data.plain import to_plain
+from rewardmodel.cfg import FitCfg
+from rewardmodel.kinds import KINDS
 
 from . import options
 from .by_hand import METHODS
@@ -108,6 +110,13 @@ def _leaves(record: Any, prefix: str) -> Iterator[Setting]:
     about = field_docstrings(type(record))
     for field in fields(record):
         value, path = getattr(record, field.name), f"{prefix}{field.name}"
+        if (
+            isinstance(record, FitCfg)
+            and field.name in KINDS
+            and field.name != record.kind
+        ):
+            # Settings of a model that is not fitted decide nothing.
+            continue
         if is_dataclass(value):
             if not fields(value):
                 yield Setting(path, type(value).__name__, about[field.name])
