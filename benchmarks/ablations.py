@@ -1,12 +1,16 @@
 """What each decision of the method is worth: the loop with it and without it.
 
 `python -m benchmarks.ablations` takes days on two cores and can be interrupted
-anywhere, as `benchmarks.preferences` can, whose rows these are.
+anywhere, as `benchmarks.preferences` can, whose rows these are. `--table-only` writes
+the table of the rows there are into docs/method.md.
 """
 
 from __future__ import annotations
 
+import math
+import statistics
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -14,8 +18,10 @@ from typing import Annotated
 import tyro
 
 from data.errors import GaitprefError
+from data.files import write_atomically
 
 from .preference_plan import Cell
+from .preference_table import Row, read_rows
 from .preferences import Options, run_cells
 
 Place = tuple[str, int, str]
@@ -50,6 +56,8 @@ ABLATIONS: tuple[tuple[str, tuple[Place, ...]], ...] = (
 )
 """What is left out, and where; in the order of running."""
 SEEDS = 3
+BEGIN, END = "<!-- ablations: begin -->", "<!-- ablations: end -->"
+"""What stands between them in the page is replaced."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +72,10 @@ class Ablations:
     """Directory of the runs."""
     results: Path = Path("docs/results/ablations")
     """Directory of the finished rows."""
+    page: Path = Path("docs/method.md")
+    """Page that gets the table."""
+    table_only: bool = False
+    """Run nothing: write the table of the rows there are."""
 
 
 def cells(only: tuple[str, ...] = ()) -> list[Cell]:
@@ -77,10 +89,100 @@ def cells(only: tuple[str, ...] = ()) -> list[Cell]:
     ]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Worth:
+    """What a decision was worth: differences of rows with it and without it."""
+
+    method: str
+    """Name of the method without it."""
+    places: tuple[str, ...]
+    shares: tuple[float, ...]
+    """Share of the true reward, with minus without, of every pair of rows."""
+    errors_m_s: tuple[float, ...]
+    """Tracking error likewise."""
+
+    @property
+    def mean(self) -> float:
+        return statistics.fmean(self.shares)
+
+    @property
+    def standard_error(self) -> float:
+        """Of the mean; infinite for fewer than two pairs."""
+        if len(self.shares) < 2:
+            return math.inf
+        return statistics.stdev(self.shares) / math.sqrt(len(self.shares))
+
+    @property
+    def verdict(self) -> str:
+        """What the rows say of the decision."""
+        if len(self.shares) < 2 * SEEDS:
+            return f"open: {len(self.shares)} of {2 * SEEDS} pairs"
+        return "stays" if self.mean > self.standard_error else "leaves"
+
+
+def worths(rows: Sequence[Row]) -> list[Worth]:
+    """What every decision is worth that has rows with it and without it."""
+    by_key = {(_place_of(row), row["method"], row["seed"]): row for row in rows}
+    found = []
+    for method in dict.fromkeys(name for name, _ in ABLATIONS if name != "default"):
+        pairs = [
+            (place, by_key[place, "default", seed], row)
+            for (place, name, seed), row in sorted(by_key.items())
+            if name == method and (place, "default", seed) in by_key
+        ]
+        if pairs:
+            found.append(
+                Worth(
+                    method=method,
+                    places=tuple(dict.fromkeys(place for place, _, _ in pairs)),
+                    shares=tuple(a["fraction"] - b["fraction"] for _, a, b in pairs),
+                    errors_m_s=tuple(
+                        a["tracking_error_m_s"] - b["tracking_error_m_s"]
+                        for _, a, b in pairs
+                    ),
+                )
+            )
+    return found
+
+
+def _place_of(row: Row) -> str:
+    rater = "" if row["rater"] == "perfect" else f" {row['rater']}"
+    return f"{row['task']} {row['answers']}{rater}"
+
+
+def markdown(found: Sequence[Worth]) -> str:
+    """The table of what decisions are worth."""
+    lines = [
+        "| left out | on | pairs | difference of shares | of errors | verdict |",
+        "|---|---|---|---|---|---|",
+    ]
+    lines += [
+        f"| {each.method} | {', '.join(each.places)} | {len(each.shares)} "
+        f"| {each.mean:+.3f} ± {each.standard_error:.3f} "
+        f"| {statistics.fmean(each.errors_m_s):+.3f} m/s | {each.verdict} |"
+        for each in found
+    ]
+    return "\n".join(lines)
+
+
+def publish(rows: Sequence[Row], page: Path) -> None:
+    """Write the table of `rows` into `page`, and print it."""
+    table = markdown(worths(rows))
+    print(table)
+    head, begin, rest = page.read_text().partition(BEGIN)
+    _, end, tail = rest.partition(END)
+    if not (begin and end):
+        raise GaitprefError(f"{page} lacks the lines {BEGIN} and {END}")
+    text = f"{head}{BEGIN}\n\n{table}\n\n{END}{tail}"
+    write_atomically(page, text.encode())
+
+
 def main(options: Annotated[Ablations, tyro.conf.FlagCreatePairsOff]) -> int:
-    """Run; the exit code tells whether every row was finished."""
+    """Run, publish; the exit code tells whether every row was finished."""
     run = Options(work=options.work, results=options.results, workers=options.workers)
-    return 1 if run_cells(cells(options.only), run) else 0
+    failed = 0 if options.table_only else run_cells(cells(options.only), run)
+    publish(read_rows(options.results), options.page)
+    return 1 if failed else 0
 
 
 if __name__ == "__main__":

@@ -13,15 +13,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
-from typing import Annotated, Literal
+from typing import Annotated
 
 import torch
 import tyro
 from torch import Tensor
 
 from policy.config import EnvCfg
-from policy.exploration import ExplorationBonusCfg, base_motion
-from policy.kl_penalty import KlPenaltyCfg
+from policy.extensions.exploration import ExplorationBonusCfg, base_motion
+from policy.extensions.kl_penalty import KlPenaltyCfg
 from policy.known_terms import KnownTermsCfg, known_terms
 from policy.ppo import IterationStats, PpoCfg
 from policy.robot import load_robot
@@ -47,7 +47,7 @@ class Options:
 
 
 def coverage(
-    kind: Literal["none", "rnd", "entropy"],
+    bonus: ExplorationBonusCfg | None,
     *,
     seed: int,
     iterations: int,
@@ -69,7 +69,7 @@ def coverage(
         )
         return torch.stack(tuple(terms.values())).sum(dim=0)
 
-    ppo = PpoCfg(num_envs=num_envs, bonus=ExplorationBonusCfg(kind=kind))
+    ppo = PpoCfg(num_envs=num_envs, bonus=bonus)
     cfg = TrainCfg(
         steps=iterations * ppo.steps_per_iteration, env=env, ppo=ppo, seed=seed
     )
@@ -107,12 +107,12 @@ def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> None:
     if not options.quick:
         size = {"iterations": 60, "num_envs": 128}
     figures: dict[str, Figure] = {}
-    none = [coverage("none", seed=seed, **size) for seed in seeds]
-    for kind in ("rnd", "entropy"):
-        bins = [coverage(kind, seed=seed, **size) for seed in seeds]
-        figures[f"bins_{kind}_over_none"] = sum(bins) / sum(none)
-    for kind in ("fixed", "adaptive"):
-        figures[f"kl_{kind}"] = settled_kl(KlPenaltyCfg(kind=kind), **size)
+    none = [coverage(None, seed=seed, **size) for seed in seeds]
+    for bonus in (ExplorationBonusCfg(kind="rnd"), ExplorationBonusCfg(kind="entropy")):
+        bins = [coverage(bonus, seed=seed, **size) for seed in seeds]
+        figures[f"bins_{bonus.kind}_over_none"] = sum(bins) / sum(none)
+    for penalty in (KlPenaltyCfg(kind="fixed"), KlPenaltyCfg(kind="adaptive")):
+        figures[f"kl_{penalty.kind}"] = settled_kl(penalty, **size)
     publish("exploration", figures, GOALS, options.json)
 
 

@@ -27,7 +27,7 @@ from gaitpref.rater import ClipScores, standards_among
 from rewardmodel import RewardModel, Uniform, choose_pairs
 from rewardmodel.calibration import Calibration, calibration
 from rewardmodel.clips import ClipBatch, read_clips
-from rewardmodel.foresight import accuracy_of
+from rewardmodel.held_out_report import accuracy_of
 from rewardmodel.storage import load_reward
 
 PAIRS = 400

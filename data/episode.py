@@ -53,15 +53,6 @@ def read_episode(path: Path) -> Episode:
     return decode_episode(read_file(path, EPISODE_BYTES), str(path))
 
 
-def read_features(path: Path) -> np.ndarray:
-    """Read only the feature rows [T, F] of an episode, float32 and read-only.
-
-    Raises:
-        OSError, EpisodeError: as for `read_episode`.
-    """
-    return decode_features(read_file(path, EPISODE_BYTES), str(path))
-
-
 def decode_episode(content: bytes, name: str) -> Episode:
     """The episode in the bytes of a file; `name` is what errors call it.
 

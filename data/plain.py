@@ -21,6 +21,8 @@ ADDED_LATER = {"added_later": True}
 """Metadata of a field that older files lack: its default is not written, so that what
 does not use it is the same file to the last byte, name and hash."""
 
+KIND_NONE = {"kind_none": True}
+"""Metadata of a field whose None was settings of the kind `none` in older files."""
 ONE_OF = {"one_of": True}
 """Metadata of a field that holds one of several records: the `CLASS` of which it is
 is written."""
@@ -69,22 +71,34 @@ def _left_out(field: Field[Any], value: Any) -> bool:
 def from_plain(cls: type[T], values: Mapping[str, Any]) -> T:
     """Build the dataclass `cls` from what `to_plain` gave; its checks run again.
 
-    What a class attribute `REMOVED` names may be in older files, and is left out.
+    What a class attribute `REMOVED` names may be in older files, and is left out; a
+    static method `of_older` says what became of what they call otherwise.
 
     Raises:
         ValueError: a field is missing, unknown or of the wrong shape.
     """
     hints = get_type_hints(cls)
-    known = {field.name for field in fields(cls)}  # type: ignore[arg-type]
+    known = {field.name: field for field in fields(cls)}  # type: ignore[arg-type]
     removed = getattr(cls, "REMOVED", ())
-    values = {name: value for name, value in values.items() if name not in removed}
-    unknown = sorted(set(values) - known)
+    of_older = getattr(cls, "of_older", dict)
+    values = {
+        name: None if _is_none(known.get(name), value) else value
+        for name, value in of_older(values).items()
+        if name not in removed
+    }
+    unknown = sorted(values.keys() - known.keys())
     if unknown:
         raise ValueError(f"{cls.__name__} has no field {', '.join(unknown)}")
     try:
         return cls(**{name: _typed(hints[name], v, name) for name, v in values.items()})
     except TypeError as error:
         raise ValueError(f"{cls.__name__}: {error}") from None
+
+
+def _is_none(field: Field[Any] | None, value: Any) -> bool:
+    """Whether an older file says in `value` that `field` is None."""
+    was_kind = field is not None and "kind_none" in field.metadata
+    return was_kind and isinstance(value, Mapping) and value.get("kind") == "none"
 
 
 def _plain(value: Any, whole: bool) -> Any:

@@ -12,12 +12,9 @@ from data.answers import AnswerStore, Pair
 from data.dataset import Dataset, EpisodeEntry
 from data.files import read_json
 from policy.babble import BABBLE_SHA256
-from rewardmodel.enough import remaining
-from rewardmodel.evidence import takes_to_err
 from rewardmodel.fit import fit_reward
-from rewardmodel.foresight import foresee
 from rewardmodel.pairs import MIN_ANSWERS, count_evidence, load_pairs
-from rewardmodel.trust import disagree
+from rewardmodel.stopping import remaining
 
 from .criteria import Criterion
 from .fit_summary import what_remains
@@ -80,8 +77,6 @@ def _count_going_on(
     while the members of a reward fitted to them contradict each other.
 
     What it does not know of a first walk no later answer tells: there is no walk then.
-    But answers that err, and agree for all that, hardly tell more of robots that
-    tumble; hoping leads to a walk, and more is worth knowing of that.
     """
     budget, batch = cfg.method.budget, cfg.method.questions.batch
     most = budget.most_first(context)
@@ -95,9 +90,6 @@ def _count_going_on(
     model, _ = fit_reward(pairs, cfg.method.fit_of(context), seed=seed, measured=False)
     agreement = remaining(model, pairs).agreement
     if agreement >= budget.first_agreement:
-        return asked
-    hopes = cfg.method.unstick and takes_to_err(model.provenance.cfg)
-    if hopes and not disagree(foresee(model, pairs, seed=seed)):
         return asked
     console.print(
         f"round 0: what {asked} answers say is open (agreement {agreement:.2f}, "

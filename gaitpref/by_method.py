@@ -8,10 +8,13 @@ Shapes: T steps, N episodes, F feature columns.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import torch
 from torch import Tensor
 
+from data.dataset import Dataset
 from policy.checkpoint import Policy
 from policy.ppo import ScoreFn
 from policy.record import RecordCfg
@@ -27,6 +30,9 @@ from .method.method import Method
 from .rewards import TotalReward, total_reward
 from .sides import in_mirror
 from .tracking_limit import limit_beside
+
+_EPISODES_LOOKED_AT = 32
+"""Of those recorded, to see whether a reward tells left from right."""
 
 
 def recorded_by(clips: ClipSources, record: RecordCfg) -> RecordCfg:
@@ -96,3 +102,13 @@ class Retraining:
             keep_task=self.base is not None,
             tracking_limit=limit,
         )
+
+
+def rows_of(dataset: Dataset, episodes: Sequence[str]) -> Tensor:
+    """Rows [T, N, F] of some of `episodes`, as long as the shortest; those that are
+    gone are left out."""
+    names = [name for name in episodes if dataset.holds(name)]
+    some = names[:: max(1, len(names) // _EPISODES_LOOKED_AT)]
+    rows = [torch.tensor(dataset.features(name)) for name in some]
+    shortest = min(len(each) for each in rows)
+    return torch.stack([each[:shortest] for each in rows], dim=1)

@@ -16,11 +16,17 @@ from data.faults import is_full, told
 from . import options
 from .bounds import require_bounds
 from .extras import missing
-from .terminal import UNSAID, complain, drop_output, finish, prepare
+from .terminal import (
+    EXIT_INTERRUPTED,
+    UNSAID,
+    complain,
+    drop_output,
+    finish,
+    prepare,
+)
 from .usage import did_you_mean, require_command
 
 EXIT_BAD_INPUT = 2
-EXIT_INTERRUPTED = 130
 EXIT_NOT_READ = 141
 """As of a program that SIGPIPE ends."""
 
@@ -122,6 +128,10 @@ def run(command: options.Command) -> int:
         commands = importlib.import_module(f".{module}", __package__)
     except ModuleNotFoundError as error:
         raise missing(error, extra) from None
+    if torch := sys.modules.get("torch"):
+        # The networks are small: a second thread wins little, loses a lot where another
+        # process wants the core, and would let results depend on the number of cores.
+        torch.set_num_threads(1)
     return commands.run(command)
 
 
@@ -140,15 +150,18 @@ def _home_of(command: options.Command) -> tuple[str, str]:
             return "export_command", "train,onnx"
         case options.Robot():
             return "robot_command", "train,label"
+        case options.Method():
+            return "method_command", "train"
         case options.Trust():
             return "trust_command", "train"
         case options.Explain():
             return "explain_command", "train"
         case options.Play():
             return "play_command", "train,label"
+        case options.Train():
+            return "train_command", "train"
         case (
             options.Loop()
-            | options.Train()
             | options.Record()
             | options.Answer()
             | options.Evaluate()

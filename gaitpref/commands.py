@@ -3,55 +3,39 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import asdict, replace
-
-import torch
 
 from data.dataset import Dataset
 from data.episode_chunks import Compression
 from data.errors import DatasetError, GaitprefError
 from data.gone import pairs_gone
-from data.lock import only_writer
-from policy.checkpoint import PolicyError, load_policy
-from policy.config import RANDOMISE, EnvCfg, getup_env
-from policy.curriculum import CurriculumCfg
+from policy.checkpoint import load_policy
+from policy.config import EnvCfg
 from policy.evaluate import evaluate
-from policy.exploration import ExplorationBonusCfg
-from policy.kl_penalty import KlPenaltyCfg
-from policy.known_terms import KnownTermsCfg
-from policy.ppo import PpoCfg
 from policy.record import LONGEST_S, RecordCfg, record
 from policy.reward import task_reward_for
 from policy.robot import load_robot_xml
-from policy.train import POLICY_NAME, RESUME_NAME, TrainCfg, train
 from policy.variation import VariationCfg
 
 from . import options
+from .by_hand import METHODS, told_without_method
+from .by_method import recorded_by
 from .criteria import CriterionContext, load_criterion
 from .loop import run_loop
 from .opening import open_dataset
-from .progress import console, counting_bar, training_bar
+from .progress import console, counting_bar
 from .rater import answer_pairs
 from .rater_cfg import rater_cfg
 from .report import write_report
-from .rewards import criterion_context, load_score, total_reward
-from .setting import setting_of
-
-EXIT_INTERRUPTED = 130
+from .rewards import criterion_context, load_score
 
 
 def run(command: options.Command) -> int:
     """Run the command; gives the exit code."""
-    # The networks are small: a second thread wins little, loses a lot where another
-    # process wants the core, and would let results depend on the number of cores.
-    torch.set_num_threads(1)
     match command:
         case options.Loop():
             page = run_loop(command)
             console.print(f"the report is {page}")
-        case options.Train():
-            return _train(command)
         case options.Record():
             _record(command)
         case options.Answer():
@@ -62,70 +46,6 @@ def run(command: options.Command) -> int:
             console.print(f"the report is {write_report(command.run)}")
         case _:
             raise TypeError(f"{type(command).__name__} is run by another module")
-    return 0
-
-
-def _train(command: options.Train) -> int:
-    with only_writer(command.out, console.print):
-        return _train_alone(command)
-
-
-def _train_alone(command: options.Train) -> int:
-    names = (POLICY_NAME, RESUME_NAME)
-    if not command.resume and any((command.out / name).exists() for name in names):
-        raise PolicyError(
-            f"{command.out} holds a training run: --resume goes on with it, or give "
-            f"another --out"
-        )
-    setting = setting_of(command.init, command.robot)
-    robot = setting.robot
-    env = replace(
-        setting.env,
-        randomise=RANDOMISE[command.randomize],
-        terrain=replace(setting.env.terrain, kind=command.terrain),
-        curriculum=CurriculumCfg() if command.curriculum else None,
-    )
-    if command.getup:
-        env = getup_env(env)
-    reward_fn = None
-    if command.reward != "task":
-        score = load_score(command.reward, criterion_context(robot, env))
-        reward_fn = total_reward(
-            score, robot, env, known=KnownTermsCfg(), keep_task=command.keep_task
-        )
-    cfg = TrainCfg(
-        steps=command.steps,
-        env=env,
-        ppo=PpoCfg(
-            num_envs=command.envs,
-            hidden_sizes=setting.hidden_sizes,
-            bonus=ExplorationBonusCfg(kind=command.exploration),
-            kl_penalty=KlPenaltyCfg(kind=command.kl_penalty),
-            mirror=command.mirror,
-            privileged_critic=command.randomize != "off",
-        ),
-        seed=command.seed,
-        checkpoints=command.checkpoints,
-    )
-    with training_bar("training", command.steps) as bar:
-        result = train(
-            command.out,
-            robot,
-            cfg,
-            reward_fn=reward_fn,
-            reward_name=command.reward + (" and task" if command.keep_task else ""),
-            init=command.init,
-            resume=command.resume,
-            on_iteration=bar,
-        )
-    if not result.finished:
-        print(
-            f"gaitpref: stopped after {result.steps:,} steps; the same command with "
-            f"--resume goes on",
-            file=sys.stderr,
-        )
-        return EXIT_INTERRUPTED
-    console.print(f"the policy is {result.policy}")
     return 0
 
 
@@ -145,12 +65,20 @@ def _record_cfg(command: options.Record) -> RecordCfg:
             raise GaitprefError(
                 f"{name} must lie in (0, {LONGEST_S:g}] seconds, got {value:g}"
             )
-    return RecordCfg(
+    cfg = RecordCfg(
         episodes=command.episodes,
         episode_s=command.episode_s,
         change_s=command.change_s,
         variation=VariationCfg(share=command.varied),
     )
+    if command.method is None:
+        return cfg
+    if command.varied:
+        raise GaitprefError(
+            f"--varied {command.varied:g} with --method {command.method}: the method "
+            "says which share is in another posture; leave one of the two out"
+        )
+    return recorded_by(METHODS[command.method].clips, cfg)
 
 
 def _record(command: options.Record) -> None:
@@ -160,7 +88,9 @@ def _record(command: options.Record) -> None:
     with counting_bar("recording", cfg.episodes) as bar:
 
         def counted():
-            for episode in record(command.policy, cfg, seed=command.seed):
+            for episode in record(
+                command.policy, cfg, seed=command.seed, round=command.round
+            ):
                 bar.advance(bar.task_ids[0])
                 yield episode
 
@@ -170,6 +100,8 @@ def _record(command: options.Record) -> None:
     console.print(
         f"{len(entries)} episodes with {steps:,} steps are in {command.dataset}"
     )
+    if command.method is None:
+        console.print(told_without_method("records other postures and rhythms too"))
 
 
 def _answer(command: options.Answer) -> None:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
 
 from data.clips import Clip
 from data.dataset import Dataset, EpisodeEntry
@@ -42,7 +41,6 @@ class Ranked:
 
 def run(command: options.Explain) -> int:
     """Run the command; gives the exit code."""
-    torch.set_num_threads(1)
     model = load_reward(command.reward)
     dataset = Dataset.open(command.dataset)
     if command.clip is not None:

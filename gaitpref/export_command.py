@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import onnx  # noqa: F401 - its absence is told before anything is written
 import onnxscript  # noqa: F401
-import torch
 
 from policy.checkpoint import load_policy
 from policy.export import export
@@ -15,7 +14,6 @@ from .terminal import say
 
 def run(command: options.Export) -> int:
     """Write the files; gives the exit code."""
-    torch.set_num_threads(1)
     for path in export(load_policy(command.policy), command.out):
         say(str(path))
     return 0

@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from data.habits import Sides
-from rewardmodel.foresight import Accuracy
+from rewardmodel.held_out_report import Accuracy
 from rewardmodel.reliability import HARDLY_LOOKS
 from rewardmodel.report import FitReport
 from rewardmodel.support import PIECE_STEPS, Drift

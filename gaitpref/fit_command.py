@@ -10,7 +10,6 @@ import json
 from dataclasses import asdict, replace
 
 import numpy as np
-import torch
 
 from data.dataset import Dataset
 from data.errors import GaitprefError
@@ -18,14 +17,16 @@ from data.files import require_directory
 from data.gone import told_gone
 from data.lock import LOCK_NAME, only_writer
 from data.manifest_file import writable
-from rewardmodel.acquisition import unanswered_pairs
-from rewardmodel.cfg import FitCfg, SemiSupervisedCfg, SparseCfg
+from rewardmodel.cfg import FitCfg
+from rewardmodel.extensions.settings import LabelFilterCfg, SemiSupervisedCfg
+from rewardmodel.extensions.unanswered import unanswered_pairs
 from rewardmodel.fit import fit_reward
 from rewardmodel.pairs import load_pairs
 from rewardmodel.reliability import HARDLY_LOOKS
 from rewardmodel.storage import load_reward, save_reward
 
 from . import options
+from .by_hand import stage_of, told_without_method
 from .extras import require
 from .findings import findings_of_fit
 from .fit_summary import fit_summary
@@ -35,7 +36,6 @@ from .progress import console, working
 
 def run(command: options.Command) -> int:
     """Run the command; gives the exit code."""
-    torch.set_num_threads(1)
     if isinstance(command, options.Relabel):
         _relabel(command)
     elif isinstance(command, options.Fit):
@@ -57,18 +57,17 @@ def _fit(command: options.Fit) -> None:
 def _fit_alone(command: options.Fit) -> None:
     answers = address(command.answers)
     datasets = [Dataset.open(path, answers=answers) for path in command.dataset]
-    cfg = FitCfg(
-        kind=command.model,
-        doubted_below=_probability(command.doubted_below),
-        sparse=SparseCfg(shared=_of_curves(command)),
-    )
+    cfg = FitCfg(kind=command.model, label_filter=_label_filter(command.doubted_below))
+    stage = stage_of(command)
+    if stage is not None:
+        cfg = stage.fit
     pairs, unanswered = load_pairs(datasets), None
     if command.semi_supervised:
         semi = SemiSupervisedCfg()
         cfg = replace(cfg, semi_supervised=semi)
         rng = np.random.default_rng(command.seed)
         unanswered = unanswered_pairs(datasets, pairs, semi, rng=rng)
-    with working(f"fitting {command.model} to {len(pairs)} answers"):
+    with working(f"fitting {cfg.kind} to {len(pairs)} answers"):
         model, report = fit_reward(pairs, cfg, seed=command.seed, unanswered=unanswered)
     save_reward(model, command.out)
     kind = model.provenance.cfg.kind
@@ -81,7 +80,9 @@ def _fit_alone(command: options.Fit) -> None:
     gone = told_gone(pairs.num_gone, pairs.num_collected, command.dataset[0])
     for line in filter(None, (gone, *findings.besides)):
         console.print(line)
-    if cfg.doubted_below:
+    if stage is None:
+        console.print(told_without_method("fits other settings"))
+    if cfg.label_filter:
         console.print(f"{report.doubted} answers look wrong and are taken for random")
     for rater, share in report.raters:
         console.print(
@@ -90,22 +91,17 @@ def _fit_alone(command: options.Fit) -> None:
         )
 
 
-def _probability(doubted_below: float) -> float:
+def _label_filter(doubted_below: float) -> LabelFilterCfg | None:
+    """
+    Raises:
+        GaitprefError: that is no probability below one half.
+    """
     if not 0.0 <= doubted_below < 0.5:
         raise GaitprefError(
             f"--doubted-below must lie in [0, 0.5), got {doubted_below:g}: from 0.5 on "
             "every answer looks wrong to a reward that has no opinion; try 0.2"
         )
-    return doubted_below
-
-
-def _of_curves(command: options.Fit) -> bool:
-    if command.shared and command.model != "sparse":
-        raise GaitprefError(
-            f"--shared is about curves, and --model {command.model} may have none: "
-            "add --model sparse, or leave --shared out"
-        )
-    return command.shared
+    return LabelFilterCfg(below=doubted_below) if doubted_below else None
 
 
 def _relabel(command: options.Relabel) -> None:

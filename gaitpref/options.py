@@ -109,6 +109,17 @@ class Report:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Method:
+    """Show what the loop decides on the way, from scratch and for a style."""
+
+    run: Path | None = None
+    """Directory of a run: show the method it was told instead, and what it decided by
+    now, as whether its answers err."""
+    json: bool = False
+    """Print one JSON object and nothing else."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Raters:
     """Say who may log in to the labeling page, and how well they agree."""
 
@@ -148,6 +159,7 @@ Command = (
     | Annotated[Relabel, tyro.conf.subcommand("relabel")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Report, tyro.conf.subcommand("report")]
+    | Annotated[Method, tyro.conf.subcommand("method")]
     | Annotated[Trust, tyro.conf.subcommand("trust")]
     | Annotated[Explain, tyro.conf.subcommand("explain")]
     | Annotated[Raters, tyro.conf.subcommand("raters")]

@@ -8,18 +8,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import torch
 
 from data.answers import Pair
 from data.dataset import Dataset
 from data.gone import pairs_gone
-from rewardmodel.acquisition import AGAIN, make_strategy
-from rewardmodel.errors import RewardError
 from rewardmodel.model import RewardModel
 from rewardmodel.storage import load_reward
+from rewardmodel.strategies import make_strategy
 
 from . import options
-from .asking_again import ask_again
+from .method.questions import Questions
 from .opening import open_dataset
 from .progress import console
 from .questions import ClipCfg, ask, with_known_answer
@@ -27,7 +25,6 @@ from .questions import ClipCfg, ask, with_known_answer
 
 def run(command: options.Pairs) -> int:
     """Run the command; gives the exit code."""
-    torch.set_num_threads(1)
     dataset = open_dataset(command)
     model = None if command.reward is None else load_reward(command.reward)
     cut, rng = ClipCfg.of(command.clip_s), np.random.default_rng(command.seed)
@@ -60,21 +57,8 @@ def _chosen(
     round: int,
     rng: np.random.Generator,
 ) -> list[Pair]:
-    strategy = command.strategy or ("uniform" if model is None else "disagreement")
-    if strategy == AGAIN:
-        if model is None:
-            raise RewardError(
-                f"--strategy {AGAIN} needs a reward that finds answers wrong: give "
-                "--reward REWARD_DIR, which `gaitpref fit` makes"
-            )
-        return ask_again(
-            dataset,
-            command.count,
-            known=known,
-            model=model,
-            round_number=round,
-            seed=command.seed,
-        )
+    own = Questions()
+    strategy = command.strategy or ("uniform" if model is None else own.strategy)
     # Refused before anything is chosen at random instead.
     make_strategy(strategy, model, dataset.clip_features)
     return ask(
@@ -85,7 +69,8 @@ def _chosen(
         known=known,
         model=model,
         round_number=round,
-        uniform_share=0.0,
+        # As the loop asks, where nobody says otherwise.
+        uniform_share=0.0 if command.strategy else own.uniform_share,
         strategy=strategy,
         rng=rng,
     )

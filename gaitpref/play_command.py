@@ -101,8 +101,6 @@ def live_policy(path: Path, xml: Path | None) -> LivePolicy:
 def run(command: options.Play) -> int:
     """Serve the page until it is stopped; gives the exit code."""
     require_port(command.port)
-    # One robot's network is too small for a second thread to help.
-    torch.set_num_threads(1)
     paths = [command.policy, *([command.against] if command.against else [])]
     policies = tuple(live_policy(path, command.robot) for path in paths)
     if len({policy.control_dt_s for policy in policies}) > 1:

@@ -28,6 +28,23 @@ class Train:
     """Policies kept on the way, evenly spaced."""
     init: Path | None = None
     """Policy file to start from."""
+    method: Literal["scratch", "style"] | None = None
+    """Pay a learned reward as the loop does, from scratch or for a style on top of a
+    walk: what of it, beside what, with which noise; `gaitpref method` says how. By
+    default it is paid as it was fitted, with weight 1."""
+    round: CountOrZero = 1
+    """With --method: which training of the loop this is."""
+    rounds: Count | None = None
+    """With --method: how many there are; by default as many as of the loop's quick
+    preset."""
+    dataset: Path | None = None
+    """With --method: data set with the clips the reward was fitted to."""
+    base: Path | None = None
+    """With --method style: the walking policy whose commands must be followed as well;
+    by default --init."""
+    first_reward: Path | None = None
+    """With --method, in later rounds: the reward of the first, which decided whether
+    answers err."""
     keep_task: bool = False
     """Keep the hand-written walking reward beside the given one, so that a style does
     not cost the walk."""
@@ -72,6 +89,11 @@ class Record:
     change_s: float | None = None
     """Ask for another of the recorded commands every so many seconds: a manoeuvre, of
     which `gaitpref pairs --clip-s` asks long clips. By default an episode has one."""
+    method: Literal["scratch", "style"] | None = None
+    """Record what the loop records: how many episodes with noise, in which postures,
+    in random rhythms."""
+    round: CountOrZero = 0
+    """Round of the loop that the episodes are of."""
     varied: float = 0.0
     """Share of the episodes in another posture, higher, wider or with larger steps:
     what a policy never varies itself, no answer about its clips tells."""

@@ -12,18 +12,17 @@ from data.answers import Pair
 from data.clips import Clip, cut_clips
 from data.dataset import Dataset, EpisodeEntry
 from data.errors import GaitprefError
+from data.strategy_names import NEEDS_MODEL, StrategyName
 from rewardmodel.acquisition import (
-    NEEDS_MODEL,
     Strategy,
-    StrategyName,
     Uniform,
     asked_for,
     choose_pairs,
     in_step,
-    make_strategy,
 )
 from rewardmodel.errors import RewardError
 from rewardmodel.model import RewardModel
+from rewardmodel.strategies import make_strategy
 
 LONGEST_CLIP_S = 60.0
 """Nobody judges more at a glance."""

@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rewardmodel.calibration import Bin, Calibration
-from rewardmodel.foresight import Foreseen
+from rewardmodel.held_out_report import Foreseen
 from rewardmodel.report import wilson_interval
 
 from .pictures import BLUE, GREY, plain_axes

@@ -19,6 +19,7 @@ from .report_trust import (
     alarm_section,
     approval_section,
     clips_section,
+    decided_section,
     standstill_section,
     trust_cells,
 )
@@ -108,7 +109,8 @@ def render(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
         f'<meta name="viewport" content="width=device-width"><title>{title}</title>'
         f"<style>{_STYLE}</style><h1>{title}</h1>"
         f'<p class="lead">{settings}; {done}.</p><p>{verdict}</p>'
-        f"{standstill_section(rounds)}{approval_section(rounds)}"
+        f"{decided_section(rounds)}{standstill_section(rounds)}"
+        f"{approval_section(rounds)}"
         f"{alarm_section(rounds, cfg.wish)}"
         f'<div class="curves">{_curves(criterion, rounds)}</div>{_table(rounds)}'
         f"{clips_section(run, rounds)}"

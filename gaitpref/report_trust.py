@@ -47,6 +47,16 @@ def _capitalised(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
+def decided_section(rounds: list[dict[str, Any]]) -> str:
+    """Whether the run takes its answers to err, and why; nothing before a reward."""
+    return "".join(
+        f"<p>{html.escape(_capitalised(of_round['decided']['told']))}. So it was "
+        f"decided once, in round {of_round['round']}, for the whole run.</p>"
+        for of_round in rounds
+        if of_round.get("decided")
+    )
+
+
 def approval_section(rounds: list[dict[str, Any]]) -> str:
     """What the answers said of new policies; nothing where they were not asked."""
     told = []

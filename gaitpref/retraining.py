@@ -8,9 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import torch
-from torch import Tensor
-
 from data.dataset import Dataset
 from data.files import read_file, read_json, replace_directory, write_atomically
 from data.limits import POLICY_BYTES
@@ -20,7 +17,7 @@ from policy.robot import Robot
 from policy.train import POLICY_NAME, SUMMARY_NAME, TrainCfg, train
 from rewardmodel.storage import load_reward
 
-from .by_method import Retraining
+from .by_method import Retraining, rows_of
 from .going_on import choose_start
 from .loop_cfg import LoopCfg
 from .method.context import RoundContext
@@ -38,9 +35,6 @@ from .side_by_side import labels_kept
 from .sides import in_mirror
 from .standstill import Standstill, standstill_before
 from .watch import deserves_training, why_not_trained
-
-_EPISODES_LOOKED_AT = 32
-"""Of a round, to see whether a reward tells left from right."""
 
 
 class Interrupted(KeyboardInterrupt):
@@ -170,7 +164,7 @@ def _plan(
         context=context,
         robot=robot,
         model=model,
-        seen=rows_of_round(round.before, dataset),
+        seen=rows_of(dataset, read_json(round.before.recorded)),
         start=load_policy(init),
         base=load_policy(Round(round.run, 0).policy) if cfg.keeps_task else None,
         # The same in all rounds, so that they cannot each add to the last one's error.
@@ -189,16 +183,6 @@ def _plan(
         init=init,
         standstill=standstill,
     )
-
-
-def rows_of_round(round: Round, dataset: Dataset) -> Tensor:
-    """Rows [T, N, F] of some episodes of a finished round, as long as the shortest;
-    those that are gone are left out."""
-    names = [name for name in read_json(round.recorded) if dataset.holds(name)]
-    some = names[:: max(1, len(names) // _EPISODES_LOOKED_AT)]
-    rows = [torch.tensor(dataset.features(name)) for name in some]
-    shortest = min(len(each) for each in rows)
-    return torch.stack([each[:shortest] for each in rows], dim=1)
 
 
 def planned_steps(cfg: LoopCfg, round: Round) -> int:

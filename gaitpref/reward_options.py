@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 
 import tyro
 
+from data.strategy_names import StrategyName
+
 from .bounds import Count, CountOrZero, Seed
 
 
@@ -24,31 +26,16 @@ class Pairs:
     one falls. Fewer where not so many fell."""
     clip_s: float = 1.2
     """Length of a clip; 5 to 20 to ask about a whole manoeuvre."""
-    strategy: (
-        Literal[
-            "uniform",
-            "disagreement",
-            "entropy",
-            "bald",
-            "improvement",
-            "kcenter",
-            "kcenter-entropy",
-            "medoids",
-            "dpp",
-            "again",
-        ]
-        | None
-    ) = None
+    strategy: StrategyName | None = None
     """At random; where the ensemble disagrees, where the answer is most open, where it
     would tell most about the reward (bald), or where the better clip may beat the best
     known (improvement); the pairs farthest apart (of all, or of those whose answer is
     open), those that stand for most others, or a determinantal batch that is both
-    unsure and various; or what was answered already and looks most wrong to a reward
-    fitted to the other answers, sides swapped (again). disagreement where --reward is
-    given, else uniform."""
+    unsure and various. By default as the loop does it: where --reward is given every
+    fifth at random and the others by disagreement, else all at random."""
     reward: Path | None = None
-    """Learned reward whose ensemble is asked; disagreement, entropy, bald, improvement,
-    kcenter-entropy and again need it, kcenter and dpp take it into account."""
+    """Learned reward whose ensemble is asked; disagreement, entropy, bald, improvement
+    and kcenter-entropy need it, kcenter and dpp take it into account."""
     answers: str | None = None
     """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
     file by default."""
@@ -103,6 +90,16 @@ class Fit:
     """Data set directory; give it again for more."""
     out: Path
     """Directory of the reward."""
+    method: Literal["scratch", "style"] | None = None
+    """Fit what the loop fits, from scratch or for a style on top of a walk; `gaitpref
+    method` says what. It says nothing of --model."""
+    round: CountOrZero = 0
+    """With --method: the round of the loop whose answers are the newest."""
+    rounds: Count | None = None
+    """With --method: rounds of the loop; by default as many as of its quick preset."""
+    first_reward: Path | None = None
+    """With --method, in later rounds: the reward of the first, which decided whether
+    answers err."""
     model: Literal[
         "auto", "linear", "sparse", "gp", "mlp", "history", "transformer"
     ] = "linear"
@@ -113,10 +110,6 @@ class Fit:
     semi_supervised: bool = False
     """Let what the reward is sure of in pairs nobody answered count a little too. Where
     it was measured (docs/benchmarks.md) it did not pay."""
-    shared: bool = False
-    """Only with `--model sparse`: its members share the few sets of curves that all
-    answers speak for, so that what is wished for can be read (`gaitpref explain`).
-    Policies trained on it came out a little worse (docs/tried.md)."""
     doubted_below: float = 0.0
     """Take answers for random that a reward fitted to the others gives a probability
     below this, such as 0.2. Where it was measured (docs/tried.md) it did not pay."""

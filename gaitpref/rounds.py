@@ -98,7 +98,7 @@ def context_of(cfg: LoopCfg, round: Round, dataset: Dataset) -> RoundContext:
         number=round.number,
         rounds=cfg.rounds,
         labels=cfg.labels,
-        noisy=bool(decided_before(round).get("noisy", False)),
+        noisy=decided_before(round).get("noisy"),
         first_asked=len(asked),
     )
 

@@ -23,7 +23,7 @@ from policy.checkpoint import Policy, load_policy
 from policy.record import record
 from policy.train import POLICY_NAME
 from rewardmodel.acquisition import asked_for, in_step
-from rewardmodel.evidence import ERROR_SHARES
+from rewardmodel.noise_level import ERROR_SHARES
 from rewardmodel.storage import load_reward
 
 from .by_method import recorded_by

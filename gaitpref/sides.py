@@ -45,7 +45,7 @@ def in_mirror(
         reward: What is learned; None is the task, to which left and right are alike.
         features: Episodes [T, N, F] on which to see whether `reward` is like that.
     """
-    if ppo.privileged_critic or ppo.kl_penalty.kind != "none" or not has_mirror(robot):
+    if ppo.privileged_critic or ppo.kl_penalty is not None or not has_mirror(robot):
         return ppo
     alike = (
         reward is None

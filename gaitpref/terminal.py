@@ -17,6 +17,9 @@ from rich.text import Text
 from data.faults import told
 from data.shown import shown, shown_lines
 
+EXIT_INTERRUPTED = 130
+"""Exit code of a command that the user ended."""
+
 _PLAIN = {
     "\N{BULLET}": "*",
     "\N{PLUS-MINUS SIGN}": "+-",

@@ -6,12 +6,10 @@ import json
 from dataclasses import asdict
 from typing import Any
 
-import torch
-
 from data.gone import told_gone
 from policy.checkpoint import load_policy
 from policy.evaluate import rollout_features
-from rewardmodel.foresight import Foreseen, foresee
+from rewardmodel.held_out_report import Foreseen, foresee
 from rewardmodel.pairs import AnsweredPairs, load_pairs
 from rewardmodel.storage import load_reward
 from rewardmodel.trust import Reach, alarms, reach, spelled
@@ -31,7 +29,6 @@ EPISODES = 16
 
 def run(command: options.Trust) -> int:
     """Run the command; gives the exit code, 0 with an alarm too."""
-    torch.set_num_threads(1)
     model = load_reward(command.reward)
     judged = load_pairs([open_dataset(command)])
     with working(f"foreseeing {len(judged)} answers without their episodes"):

@@ -1,6 +1,6 @@
-"""Whether the loop may believe its reward: watched in training, judged every round.
+"""Whether the loop may believe its reward, judged every round.
 
-Shapes: T steps of a rollout, N environments, F feature columns.
+Shapes: T steps, N episodes, F feature columns.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from torch import Tensor
 
 from data.dataset import Dataset
 from data.files import read_json
-from rewardmodel.foresight import Foreseen, foresee
+from rewardmodel.held_out_report import Foreseen, foresee
 from rewardmodel.pairs import AnsweredPairs, load_pairs
 from rewardmodel.storage import load_reward
 from rewardmodel.trust import (

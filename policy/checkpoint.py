@@ -30,6 +30,7 @@ from .others import (
 )
 from .ppo import PpoCfg, RewardPpo, to_rsl_rl
 from .robot import Robot, load_robot_xml
+from .written import as_written
 
 FORMAT_VERSION = 1
 
@@ -97,10 +98,10 @@ class Policy:
 
 def policy_bytes(alg: RewardPpo, info: PolicyInfo) -> bytes:
     """The contents of a policy file; equal states give equal bytes."""
-    states = alg.save()
-    return _saved(
-        {**states, "iter": 0, "infos": {"gaitpref": json.dumps(to_plain(info))}}
-    )
+    told = to_plain(info)
+    told["ppo"] = as_written(told["ppo"])
+    infos = {"gaitpref": json.dumps(told)}
+    return _saved({**alg.save(), "iter": 0, "infos": infos})
 
 
 def holding_home(path: Path) -> bytes:

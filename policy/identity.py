@@ -12,20 +12,10 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from torch import Tensor, nn
-
-
-@runtime_checkable
-class Identified(Protocol):
-    """Something that keeps what it has seen, and knows what of it is itself."""
-
-    def identity(self) -> Any:
-        """What it is made of."""
-        ...
-
 
 _DIGITS = 6
 """A figure that was measured differs in its last bits from machine to machine."""
@@ -58,8 +48,6 @@ def content_of(value: Any) -> Any:
         case list() | tuple() | set() | frozenset():
             entries = sorted(value) if isinstance(value, set | frozenset) else value
             return [content_of(entry) for entry in entries]
-        case Identified():
-            return content_of(value.identity())
         case partial():
             return content_of([value.func, value.args, value.keywords])
     if is_dataclass(value) and not isinstance(value, type):

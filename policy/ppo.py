@@ -7,18 +7,18 @@ import io
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from rsl_rl.runners import OnPolicyRunner
 from tensordict import TensorDict
 
 from data.features import column
-from data.plain import ADDED_LATER
+from data.plain import ADDED_LATER, KIND_NONE
 
 from .env import QuadrupedEnv
-from .exploration import ExplorationBonusCfg, make_bonus
-from .kl_penalty import NO_CLIP, KlPenalty, KlPenaltyCfg
+from .extensions.exploration import ExplorationBonusCfg
+from .extensions.kl_penalty import KlPenaltyCfg
 from .mirror import mirror_of
 from .reward_ppo import RewardFn as RewardFn
 from .reward_ppo import RewardPpo as RewardPpo
@@ -31,6 +31,10 @@ from .robots.hints import RobotError
 @dataclass(frozen=True, kw_only=True)
 class PpoCfg:
     """How a policy is trained; the defaults fit two CPU cores."""
+
+    REMOVED: ClassVar = ("reference_kl_weight",)
+    """Settings that older files have: of a pull to the first policy that was never on.
+    """
 
     num_envs: int = 128
     """Environments that run side by side."""
@@ -62,15 +66,14 @@ class PpoCfg:
     mirror: bool = field(default=False, metadata=ADDED_LATER)
     """Learn from every step as its mirror image too, where both sides of the robot are
     the same."""
-    reference_kl_weight: float = 0.0
-    """Reward taken per nat by which the policy leaves the one it started from."""
-    kl_penalty: KlPenaltyCfg = field(default_factory=KlPenaltyCfg)
-    """The KL-penalty form of PPO instead of the clipped one."""
-    bonus: ExplorationBonusCfg = field(default_factory=ExplorationBonusCfg)
+    kl_penalty: KlPenaltyCfg | None = field(default=None, metadata=KIND_NONE)
+    """The KL-penalty form of PPO instead of the clipped one, which also adapts the
+    learning rate."""
+    bonus: ExplorationBonusCfg | None = field(default=None, metadata=KIND_NONE)
     """A bonus for motion that is new."""
 
     def __post_init__(self) -> None:
-        if self.mirror and (self.privileged_critic or self.kl_penalty.kind != "none"):
+        if self.mirror and (self.privileged_critic or self.kl_penalty is not None):
             raise RobotError(
                 "learning in the mirror works neither with a critic that sees the "
                 "truth, as where robots differ, nor with a KL penalty: leave one out"
@@ -95,7 +98,6 @@ def to_rsl_rl(cfg: PpoCfg) -> dict[str, Any]:
         "init_std": cfg.init_std,
         "std_type": "scalar",
     }
-    clipped = cfg.kl_penalty.kind == "none"
     return {
         "num_steps_per_env": cfg.steps_per_env,
         "save_interval": 1,
@@ -109,14 +111,15 @@ def to_rsl_rl(cfg: PpoCfg) -> dict[str, Any]:
             "class_name": RewardPpo,
             "num_learning_epochs": cfg.epochs,
             "num_mini_batches": cfg.minibatches,
-            "clip_param": cfg.clip if clipped else NO_CLIP,
-            "use_clipped_value_loss": clipped,
+            "clip_param": cfg.clip,
+            "use_clipped_value_loss": True,
             "gamma": cfg.gamma,
             "lam": cfg.lam,
             "entropy_coef": cfg.entropy_weight,
             "learning_rate": cfg.learning_rate,
-            "schedule": "adaptive" if clipped else "fixed",
+            "schedule": "adaptive",
             "desired_kl": cfg.desired_kl,
+            **(cfg.kl_penalty.algorithm if cfg.kl_penalty else {}),
         },
     }
 
@@ -147,11 +150,12 @@ class Runner(OnPolicyRunner):
         self.ppo = cfg
         with contextlib.redirect_stdout(io.StringIO()):
             super().__init__(env, to_rsl_rl(cfg), log_dir=None, device=str(env.device))
-        self.alg.bonus = make_bonus(cfg.bonus, step_dt_s=env.step_dt)
+        if cfg.bonus is not None:
+            self.alg.bonus = cfg.bonus.make(step_dt_s=env.step_dt)
         if cfg.mirror:
             self.alg.mirror = mirror_of(env.robot)
-        if cfg.kl_penalty.kind != "none":
-            self.alg.penalise(KlPenalty(cfg.kl_penalty))
+        if cfg.kl_penalty is not None:
+            self.alg.penalise(cfg.kl_penalty.make())
 
     def learn(  # type: ignore[override]
         self,

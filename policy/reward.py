@@ -226,14 +226,6 @@ def weighted(features: Tensor, cfg: TaskRewardCfg, *, control_dt_s: float) -> Te
     return stacked * weights.view(-1, *[1] * (stacked.ndim - 1))
 
 
-def weighted_terms(
-    features: Tensor, cfg: TaskRewardCfg, *, control_dt_s: float
-) -> dict[str, Tensor]:
-    """The terms of `task_terms` times their weights; their sum is the task score."""
-    terms = weighted(features, cfg, control_dt_s=control_dt_s)
-    return dict(zip(cfg.weights, terms, strict=True))
-
-
 def task_score(features: Tensor, cfg: TaskRewardCfg, *, control_dt_s: float) -> Tensor:
     """Task reward per second of `features [..., F]`, [...]."""
     return weighted(features, cfg, control_dt_s=control_dt_s).sum(dim=0)

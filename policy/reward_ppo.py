@@ -19,8 +19,6 @@ from data.errors import GaitprefError
 from data.features import FEATURE_DIM
 
 from .clipped_update import clipped_update
-from .exploration import ExplorationBonus
-from .kl_penalty import KlPenalty
 from .mirror import Mirror
 
 _FUNCTIONS = (FunctionType, BuiltinFunctionType, MethodType, partial)
@@ -91,16 +89,35 @@ class OfRollout(Protocol):
         ...
 
 
-@runtime_checkable
-class Remembering(Protocol):
-    """A reward that keeps something over a rollout, and over a resume with it."""
+class Bonus(Protocol):
+    """A reward beside that of the rollout, which may learn from what it has seen."""
 
-    def remembered(self) -> dict[str, Any]:
-        """Plain values."""
+    def __call__(self, features: Tensor) -> Tensor:
+        """Bonus [T, N] of rows [T, N, F]."""
         ...
 
-    def recall(self, state: dict[str, Any]) -> None:
-        """Go on from them."""
+    def state_dict(self) -> dict[str, Any]:
+        """What it has learned."""
+        ...
+
+    def load_state_dict(self, state_dict: dict[str, Any], /) -> Any:
+        """Go on from what `state_dict` gave."""
+        ...
+
+
+class Penalty(Protocol):
+    """A term of the loss, in the place RSL-RL keeps for a mirror loss."""
+
+    def after_update(self, minibatches: int) -> dict[str, float]:
+        """Figures by name of an update whose epochs had `minibatches`."""
+        ...
+
+    def saved(self) -> dict[str, Any]:
+        """What it goes on from, by names of its own."""
+        ...
+
+    def load(self, saved: dict[str, Any], /) -> None:
+        """Go on from what `saved` gave, among other things."""
         ...
 
 
@@ -113,9 +130,9 @@ class RewardPpo(PPO):
 
     reward_fn: ScoreFn | None = None
     reference: MLPModel | None = None
-    reference_kl_weight: float = 0.0
-    bonus: ExplorationBonus | None = None
-    penalty: KlPenalty | None = None
+    """The policy training began from, to measure how far this one has gone."""
+    bonus: Bonus | None = None
+    penalty: Penalty | None = None
     mirror: Mirror | None = None
     """Learn from every step in the mirror too."""
     features: Tensor
@@ -157,7 +174,7 @@ class RewardPpo(PPO):
                 )
         rewards = require_finite(rewards) * self.valid
         self.mean_reward = float(rewards.mean())
-        rewards = rewards - self._reference_penalty()
+        self.reference_kl = self._reference_kl()
         if self.bonus is not None:
             rewards = rewards + self.bonus(self.features) * self.valid
         values = self.storage.values[..., 0]
@@ -179,31 +196,27 @@ class RewardPpo(PPO):
             return reward_fn.of_rollout(features, starts, steps)
         return reward_fn(features, starts)[len(features) - steps :]
 
-    def penalise(self, penalty: KlPenalty) -> None:
-        """Add a KL penalty to the loss, where RSL-RL has its mirror loss."""
+    def penalise(self, penalty: Penalty) -> None:
+        """Add `penalty` to the loss, where RSL-RL has its mirror loss."""
         self.penalty = self.symmetry = penalty
 
     def update(self) -> dict[str, float]:
-        """Update both networks, and after it the weight of a KL penalty."""
+        """Update both networks: by RSL-RL's own update where there is a penalty."""
         if self.penalty is None:
             return clipped_update(self, self.mirror)
         losses = super().update()
-        losses["kl"] = self.penalty.adapt(self.num_mini_batches)
-        losses["kl_beta"] = self.penalty.beta
-        return losses
+        return losses | self.penalty.after_update(self.num_mini_batches)
 
     def save(self) -> dict[str, Any]:
         """Networks and optimiser, what penalty and bonus have learned, and the steps a
         reward looks back at."""
         saved = super().save()
-        if isinstance(self.reward_fn, Remembering):
-            saved["reward"] = self.reward_fn.remembered()
         if self._before is not None:
             saved["before"] = list(self._before)
         if self.bonus is not None:
             saved["bonus_state_dict"] = self.bonus.state_dict()
         if self.penalty is not None:
-            saved["kl_beta"] = self.penalty.beta
+            saved |= self.penalty.saved()
         return saved
 
     def load(
@@ -214,17 +227,14 @@ class RewardPpo(PPO):
             if "before" in loaded_dict:
                 features, starts = loaded_dict["before"]
                 self._before = features.to(self.device), starts.to(self.device)
-            if isinstance(self.reward_fn, Remembering) and "reward" in loaded_dict:
-                self.reward_fn.recall(loaded_dict["reward"])
             if self.bonus is not None:
                 self.bonus.load_state_dict(loaded_dict["bonus_state_dict"])
             if self.penalty is not None:
-                self.penalty.beta = float(loaded_dict["kl_beta"])
+                self.penalty.load(loaded_dict)
         return super().load(loaded_dict, load_cfg, strict)
 
-    def _reference_penalty(self) -> Tensor | float:
-        """KL-shaped penalty beta * (log pi - log pi_ref) of the actions taken."""
-        self.reference_kl = 0.0
+    def _reference_kl(self) -> float:
+        """Mean log pi - log pi_ref, nats, of the actions taken."""
         if self.reference is None:
             return 0.0
         flat = self.storage.observations.flatten(0, 1)
@@ -234,8 +244,7 @@ class RewardPpo(PPO):
         log_ratio = self.storage.actions_log_prob[..., 0] - log_ref.view_as(
             self.storage.actions_log_prob[..., 0]
         )
-        self.reference_kl = float(log_ratio.mean())
-        return self.reference_kl_weight * log_ratio
+        return float(log_ratio.mean())
 
 
 def require_finite(rewards: Tensor) -> Tensor:

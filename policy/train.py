@@ -32,6 +32,7 @@ from .identity import content_of, differences
 from .ppo import IterationStats, PpoCfg, Runner, ScoreFn
 from .randomise import make_env
 from .robot import Robot
+from .written import as_written
 
 RESUME_NAME = "resume.pt"
 POLICY_NAME = "policy.pt"
@@ -108,7 +109,7 @@ def train(
     reward_name: str = "task",
     init: Path | None = None,
     resume: bool = False,
-    on_iteration: Callable[[IterationStats], bool | None] = lambda stats: None,
+    on_iteration: Callable[[IterationStats], None] = lambda stats: None,
 ) -> TrainResult:
     """Train a policy into the directory `out`.
 
@@ -121,8 +122,7 @@ def train(
         reward_name: What the reward is, in words.
         init: A policy file to start from.
         resume: Go on from the state left in `out`; without one, start anew.
-        on_iteration: Called after every iteration; where it gives True, the training
-            ends there and counts as finished.
+        on_iteration: Called after every iteration.
 
     Raises:
         PolicyError: `init` or the state to resume cannot be used.
@@ -196,7 +196,6 @@ class _Session:
             reference = Runner(self.runner.env, self.cfg.ppo).alg.get_policy()
         reference.load_state_dict(torch.load(buffer, weights_only=True))
         self.runner.alg.reference = reference.eval()
-        self.runner.alg.reference_kl_weight = self.cfg.ppo.reference_kl_weight
 
     def start_fresh(self) -> None:
         """Prepare the first iteration."""
@@ -245,13 +244,13 @@ class _Session:
         torch.set_rng_state(state["torch_rng"])
         return True
 
-    def run(self, on_iteration: Callable[[IterationStats], bool | None]) -> TrainResult:
+    def run(self, on_iteration: Callable[[IterationStats], None]) -> TrainResult:
         """Train until done or interrupted, saving on the way."""
         cfg, last = self.cfg, None
         writer = SummaryWriter(str(self.out), flush_secs=10)
 
         def after(stats: IterationStats) -> bool:
-            nonlocal ended, last
+            nonlocal last
             self._require_sound()
             last = stats
             limit = cfg.std_limit(stats.iteration)
@@ -264,11 +263,10 @@ class _Session:
                 self._save_policy(self.out / CHECKPOINTS_NAME / name, stats.steps)
             if stats.iteration % cfg.save_every == 0 or interrupted:
                 self._save_state()
-            ended = bool(on_iteration(stats))
-            return not (interrupted or ended)
+            on_iteration(stats)
+            return not interrupted
 
         interrupted: list[int] = []
-        ended = False
         try:
             with _interrupts(interrupted):
                 self.runner.learn(cfg.iterations, after)
@@ -279,7 +277,7 @@ class _Session:
         finally:
             writer.close()
         steps = self._steps
-        finished = ended or self.runner.current_learning_iteration >= cfg.iterations
+        finished = self.runner.current_learning_iteration >= cfg.iterations
         self._save_state()
         self._save_policy(self.out / POLICY_NAME, steps)
         if last is not None:
@@ -296,6 +294,7 @@ class _Session:
         settings = to_plain(self.cfg, whole=True)
         for free in ("steps", "checkpoints", "save_every"):
             del settings[free]
+        settings["ppo"] = as_written(settings["ppo"])
         told = {
             **settings,
             "robot": self.robot.model_sha256,

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from .descriptors import EFFORT, named
+from .habits import EFFORT, named
 from .linear import LinearScorer
 from .model import RewardModel
 

@@ -198,3 +198,13 @@ def mean_over(values: Tensor, counted: Tensor) -> Tensor:
     """
     weights = counted.to(values.dtype)
     return (values * weights).sum(dim=-1) / weights.sum(dim=-1).clamp_min(1)
+
+
+def since_start(starts: Tensor) -> Tensor:
+    """[..., T] index of the newest start at or before each step of `starts` [..., T].
+
+    Steps before the first start belong to a sequence that began earlier; the first of
+    them stands for what is not seen.
+    """
+    index = torch.arange(starts.shape[-1], device=starts.device)
+    return (starts * index).cummax(dim=-1).values

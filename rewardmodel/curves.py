@@ -11,10 +11,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .descriptors import units_seen
-from .linear import LinearScorer
+from .descriptors import columns_seen
 from .model import RewardModel
-from .sparse import SparseScorer
 
 _POINTS = 41
 _USUAL = 2.0
@@ -56,29 +54,26 @@ def learned_curves(
         control_dt_s: Of the steps, for the unit of the stride rate.
         count: How many at most.
     """
-    names, units = list(model.names), list(units_seen(model.provenance.cfg.sight))
+    names = list(model.names)
+    units = [column.unit for column in columns_seen(model.sight)]
     centre, unit = model.normaliser.mean, model.normaliser.std
     place = torch.linspace(0, 1, _POINTS)[:, None]
-    match model.payer, model.scorer:
-        case _, LinearScorer() as scorer:
-            signed = torch.tensor([name in _SIGNED for name in names])
-            least = torch.where(signed, -torch.inf, -centre / unit)
-            low = least.clamp_min(-_USUAL).clamp_max(_USUAL)
-            values = low + place * (_USUAL - low)
-            added = values * scorer.weights[:, None]
-            paid = added.mean(dim=0)
-        case SparseScorer() as payer, SparseScorer() as scorer:
-            low, high = scorer.judged
-            values = low + place * (high - low)
-            places = place.expand(-1, values.shape[1])
-            added, paid = scorer.along(places), payer.along(places)[0]
-            names, units = [*names, "stride_rate"], [*units, "Hz"]
-            rates = torch.stack([scorer.rate_mean, scorer.rate_std]) / control_dt_s
-            centre = torch.cat([centre, rates[:1]])
-            unit = torch.cat([unit, rates[1:]])
-        case _:
-            return ()
-    shown = values * unit + centre
+    signed = torch.tensor([name in _SIGNED for name in names])
+    least = torch.where(signed, -torch.inf, -centre / unit)
+    low = least.clamp_min(-_USUAL).clamp_max(_USUAL)
+    high = torch.full_like(low, _USUAL)
+    found, agreed = (
+        scorer.additive(place, low, high) for scorer in (model.scorer, model.payer)
+    )
+    if found is None or agreed is None:
+        return ()
+    added, paid = found.added, agreed.added.mean(dim=0)
+    if found.rate is not None:
+        names, units = [*names, "stride_rate"], [*units, "Hz"]
+        rates = torch.stack(found.rate) / control_dt_s
+        centre = torch.cat([centre, rates[:1]])
+        unit = torch.cat([unit, rates[1:]])
+    shown = found.values * unit + centre
     mean = (paid - paid.mean(dim=0)) / model.reward_std
     spread = ((added - added.mean(dim=1, keepdim=True)) / model.reward_std).std(dim=0)
     weights = mean.amax(dim=0) - mean.amin(dim=0)

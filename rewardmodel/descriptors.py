@@ -19,8 +19,7 @@ import torch
 from torch import Tensor
 
 from .legs import CONTACTS, ENDS, SINGLE, TOGETHER
-from .row import Descriptor as Descriptor
-from .row import Row
+from .row import Descriptor, Row
 
 _LIFT_OFF_S = 0.05
 """Time over which a lift-off fades: it must be shorter than a swing."""
@@ -219,39 +218,6 @@ DESCRIPTORS = (
 )
 
 DESCRIPTOR_NAMES = tuple(descriptor.name for descriptor in DESCRIPTORS)
-UNSTEADY = ("vertical_speed_sq", "roll_rate_sq", "pitch_rate_sq", "slip")
-"""Habits hardly anybody wants more of, and that standing and a good walk both lack."""
-TOLD = (
-    "planar_error",
-    "planar_error_sq",
-    "yaw_rate_error",
-    "yaw_rate_error_sq",
-)
-"""Not doing what the robot is told."""
-EFFORT = ("joint_speed_sq", "torque_sq", "power", "action_rate_sq")
-"""What any motion costs, and hardly anybody wants more of for its own sake."""
-QUIET = ("joint_offset_sq", "joint_speed_sq", "action_sq", "action_rate_sq")
-"""What moves more than a walk takes: legs far from where they stand, and shaking."""
-HURRIED = ("lift_offs",)
-"""Short steps one after the other. Where no answer speaks of them, PPO takes as many as
-noise makes: what it learns from has no reason for longer ones."""
-FEET = (
-    "contacts",
-    "foot_height_mean",
-    "foot_height_max",
-    "foot_speed_mean",
-    "air_time_mean",
-    "air_time_max",
-    "lift_offs",
-)
-"""How the feet go. A robot that tumbles lifts them too, so answers about robots that
-cannot walk yet say less of these than of anything else."""
-
-
-def named(names: tuple[str, ...]) -> Tensor:
-    """[D] bool: which habits have one of `names`."""
-    return torch.tensor([name in names for name in DESCRIPTOR_NAMES])
-
 
 Sight = Literal["habits", "contacts", "legs"]
 """What a model sees: the table, the contact of each foot besides, or all of
@@ -268,14 +234,9 @@ def names_seen(sight: Sight) -> tuple[str, ...]:
     return tuple(descriptor.name for descriptor in _SEEN[sight])
 
 
-def quadratic_seen(sight: Sight) -> tuple[bool, ...]:
-    """Which of them are sums of squares or products."""
-    return tuple(descriptor.quadratic for descriptor in _SEEN[sight])
-
-
-def units_seen(sight: Sight) -> tuple[str, ...]:
-    """Their units."""
-    return tuple(descriptor.unit for descriptor in _SEEN[sight])
+def columns_seen(sight: Sight) -> tuple[Descriptor, ...]:
+    """What the columns of `describe` are."""
+    return _SEEN[sight]
 
 
 def describe(features: Tensor, sight: Sight = "habits") -> Tensor:

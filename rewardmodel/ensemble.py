@@ -1,66 +1,37 @@
-"""One fit to described answers: what standardises them, and what scores them.
-
-Shapes: B pairs.
-"""
+"""One fit to prepared answers: what standardises clips, and what scores them."""
 
 from __future__ import annotations
 
-from typing import get_args
-
 import torch
 
-from .cfg import FitCfg, Kind
-from .gp import fit_gp
-from .history import fit_history
-from .linear import fit_linear
-from .mlp import fit_mlp
-from .model import Scorer, leads_of_pairs
+from .cfg import FitCfg
+from .extensions.semi_supervised import Unanswered, with_opinions
+from .kinds import kind_called
+from .model import leads_of_pairs
 from .normaliser import Normaliser
-from .semi_supervised import Unanswered, with_opinions
-from .sparse_fit import fit_sparse
-from .training import TrainingPairs
-from .transformer import fit_transformer
+from .prepared import Prepared
+from .scorer import Scorer
 
 
 def fit_ensemble(
-    pairs: TrainingPairs, cfg: FitCfg, seed: int, others: Unanswered | None = None
+    prepared: Prepared, cfg: FitCfg, seed: int, others: Unanswered | None = None
 ) -> tuple[Normaliser, Scorer]:
-    """Normaliser and ensemble for described `pairs`; with `others`, once more with what
-    the first is sure of in them.
+    """Normaliser and ensemble for answers as the kind of `cfg` sees them; with
+    `others`, once more with what the first is sure of in them.
 
     Raises:
         ValueError: `cfg` names no model, or leaves open which.
     """
-    normaliser, scorer = _fit_once(pairs, cfg, seed)
+    normaliser, scorer = _fit_once(prepared, cfg, seed)
     if others is None or len(others.pairs) == 0:
         return normaliser, scorer
-    leads = leads_of_pairs(scorer, others.pairs.transformed(normaliser))
-    return _fit_once(with_opinions(pairs, others.pairs, leads, cfg), cfg, seed)
+    leads = leads_of_pairs(scorer, others.pairs.standardised(normaliser))
+    more = with_opinions(prepared.described, others.pairs, leads, cfg)
+    return _fit_once(Prepared.of(more), cfg, seed)
 
 
-def _fit_once(
-    pairs: TrainingPairs, cfg: FitCfg, seed: int
-) -> tuple[Normaliser, Scorer]:
-    """Normaliser and ensemble for described `pairs`, from their own steps alone."""
+def _fit_once(prepared: Prepared, cfg: FitCfg, seed: int) -> tuple[Normaliser, Scorer]:
+    """Normaliser and ensemble for the answers, from their own steps alone."""
     generator = torch.Generator().manual_seed(seed)
-    normaliser = Normaliser(pairs.steps.shape[-1]).fit(pairs.scored_steps)
-    standardised = pairs.transformed(normaliser)
-    match cfg.kind:
-        case "sparse":
-            scorer = fit_sparse(standardised, cfg, generator=generator)
-        case "gp":
-            scorer = fit_gp(standardised, cfg, generator=generator)
-        case "mlp":
-            scorer = fit_mlp(standardised, cfg, generator=generator)
-        case "history":
-            scorer = fit_history(standardised, cfg, generator=generator)
-        case "transformer":
-            scorer = fit_transformer(standardised, cfg, generator=generator)
-        case "linear":
-            scorer = fit_linear(standardised, cfg, generator=generator)
-        case _:
-            raise ValueError(
-                f"`{cfg.kind}` is no model: one of {', '.join(get_args(Kind))} is, and "
-                "which of them `auto` and `grow` stand for is chosen before a fit"
-            )
-    return normaliser, scorer
+    scorer = kind_called(cfg.kind).fit(prepared, cfg, generator)
+    return prepared.clips.normaliser, scorer

@@ -23,10 +23,8 @@ from data.features import LEGS
 from .clips import ClipBatch
 from .errors import RewardError
 from .legs import CONTACTS, ENDS, SINGLE, TOGETHER
-from .linear import LinearScorer
 from .model import RewardModel
 from .normaliser import fill_missing
-from .sparse import SparseScorer
 
 Method = Literal["auto", "exact", "gradients", "occlusion"]
 
@@ -118,7 +116,9 @@ def explain(
     chosen = _chosen(model, method)
     match chosen:
         case "exact":
-            shares = steps * model.scorer.weights.mean(dim=0) / model.reward_std  # type: ignore[union-attr]
+            assert model.scorer.linear_weights is not None
+            weights = model.scorer.linear_weights.mean(dim=0)
+            shares = steps * weights / model.reward_std
         case "gradients":
             shares = _gradients(model, steps)
         case "occlusion":
@@ -150,7 +150,7 @@ def explain(
 
 
 def _chosen(model: RewardModel, method: Method) -> str:
-    linear = isinstance(model.scorer, LinearScorer)
+    linear = model.scorer.linear_weights is not None
     if method == "exact" and not linear:
         raise RewardError(
             "only a linear model has exact shares; take --method gradients or occlusion"
@@ -176,25 +176,16 @@ def _reward(model: RewardModel, steps: Tensor) -> Tensor:
 
 def _average(model: RewardModel, num_descriptors: int) -> float:
     """Reward of an average judged step, which also steps at the average rate."""
-    if isinstance(scorer := model.payer, SparseScorer):
-        return float(model.reward_of(scorer.paid(scorer.average)))
-    return float(_reward(model, torch.zeros(1, num_descriptors)))
+    return float(model.reward_of(model.payer.of_average(num_descriptors)))
 
 
 def _occluded(
     model: RewardModel, steps: Tensor, hidden: Tensor, before: Tensor | None
 ) -> Tensor:
-    """Loss of reward [K] where the descriptors `hidden` [D] are average ones, and with
-    the contacts the stride rate."""
-    scorer = model.payer
-    if not isinstance(scorer, SparseScorer):
-        return _reward(model, steps) - _reward(model, steps.masked_fill(hidden, 0.0))
-    names = {item.name for item in CONTACTS}
-    contacts = torch.tensor([name in names for name in model.names])
-    rate = (hidden & contacts).any().reshape(1)
-    seen = scorer.seen(steps, before=None if before is None else before[0])
-    without = torch.where(torch.cat([hidden, rate]), scorer.average, seen)
-    paid, left = scorer.paid(seen), scorer.paid(without)
+    """Loss of reward [K] where the descriptors `hidden` [D] are average ones."""
+    scorer, before = model.payer, None if before is None else before[0]
+    paid = scorer.of_clips(steps, None, before)
+    left = scorer.hiding(steps, hidden, before)
     return model.reward_of(paid) - model.reward_of(left)
 
 

@@ -16,24 +16,25 @@ from torch import Tensor
 
 from .calibration import calibration, counting, fit_temperature
 from .cfg import FitCfg as FitCfg
-from .cfg import Kind
-from .doubt import without_doubted
-from .enough import enough, remaining
+from .cfg import KindName
 from .ensemble import fit_ensemble
-from .evidence import erring, find, settled, takes_to_err
-from .held_out import fold_of, held_out_opinions
+from .extensions.label_filter import without_doubted
+from .extensions.model_choice import choose
+from .extensions.semi_supervised import Unanswered
+from .held_out import fold_of, held_out_predictions
+from .kinds import KINDS, kind_called, make_scorer, prepare
 from .linear import members_for
-from .model import Provenance, RewardModel, leads_of_pairs, make_scorer, paying
-from .normaliser import Normaliser
-from .opinion import Opinion
+from .model import Provenance, RewardModel, leads_of_pairs
+from .noise_level import errors_alike, noise_level, settled, takes_to_err
 from .pairs import AnsweredPairs
+from .prediction import Prediction
+from .prepared import Prepared
 from .reliability import Judged, judge
 from .report import FitReport as FitReport
 from .report import wilson_interval
-from .selection import choose
-from .semi_supervised import Unanswered
-from .sparse_fit import find as look
-from .training import TrainingPairs, training_pairs
+from .sparse_fit import curve_settings
+from .stopping import enough, remaining
+from .training import ClipPairs
 
 logger = logging.getLogger(__name__)
 
@@ -67,67 +68,67 @@ def fit_reward(
     if pairs.num_preferences == 0:
         return no_reward(pairs, cfg)
     started_s = time.perf_counter()
-    plain = training_pairs(pairs, cfg)
-    kind, considered = choose(plain, pairs, cfg, seed, measured)
-    cfg = replace(cfg, kind=kind, linear=members_for(cfg.linear, len(pairs)))
-    judged = _judged(plain, pairs.raters, cfg)
-    described, cfg, doubted = judged.pairs.seen_by(judged.cfg), judged.cfg, 0
-    if cfg.doubted_below > 0:
-        described, doubted = without_doubted(described, cfg, seed=seed)
-    others = _described(unanswered, cfg)
-    normaliser, scorer = fit_ensemble(described, cfg, seed, others)
-    standardised = described.transformed(normaliser)
+    prepared = prepare(pairs, cfg)
+    kind, considered = cfg.kind, ()
+    if kind == "auto":
+        kind, considered = choose(prepared, pairs, cfg, seed, measured)
+    linear = members_for(cfg.linear, len(pairs))
+    judged = _judged(prepared, pairs.raters, replace(cfg, kind=kind, linear=linear))
+    answers, doubted = judged.prepared.seen_by(KINDS[kind].sight), 0
+    if cfg.label_filter is not None:
+        answers, doubted = without_doubted(answers, judged.cfg, seed=seed)
+    others = _described(unanswered, judged.cfg)
+    normaliser, scorer = fit_ensemble(answers, judged.cfg, seed, others)
+    standardised = answers.by(normaliser)
     held_out = torch.zeros(len(pairs), dtype=torch.bool)
-    foreseen = Opinion.none(0)
+    foreseen = Prediction.none(0)
     if measured:
-        held_out, foreseen = held_out_opinions(
-            described, pairs.episodes, cfg, seed, others
+        held_out, foreseen = held_out_predictions(
+            answers, pairs.episodes, judged.cfg, seed, others
         )
         foreseen = foreseen.subset(judged.measuring[held_out])
         held_out &= judged.measuring
     report = _report(
         pairs,
-        described,
-        leads_of_pairs(paying(scorer), standardised).mean(dim=0),
+        standardised,
+        leads_of_pairs(scorer.payer, standardised).mean(dim=0),
         held_out,
         foreseen,
-        cfg,
+        judged.cfg,
         time.perf_counter() - started_s,
     )
     report = replace(
         report, raters=judged.raters, doubted=doubted, considered=considered
     )
     seen = frozenset(sha256 for pair in pairs.episodes for sha256 in pair)
-    provenance = Provenance(cfg, report, pairs.answers_sha256, seen)
+    provenance = Provenance(judged.cfg, report, pairs.answers_sha256, seen)
     model = RewardModel(normaliser, scorer, provenance)
     model.calibrate(standardised)
     if measured:
         report = _with_remaining(model, pairs)
-    logger.info("fitted a %s reward: %s", cfg.kind, report)
+    logger.info("fitted a %s reward: %s", kind, report)
     return model, report
 
 
 def no_reward(pairs: AnsweredPairs, cfg: FitCfg) -> tuple[RewardModel, FitReport]:
     """A reward that is 0 everywhere, and says of which answers: they prefer nothing, or
     too little."""
-    if cfg.kind in ("auto", "grow"):
-        cfg = replace(cfg, kind=get_args(Kind)[0])
-    cfg = replace(cfg, linear=members_for(cfg.linear, len(pairs)))
     started_s = time.perf_counter()
-    described = training_pairs(pairs, cfg).seen_by(cfg)
-    normaliser = Normaliser(described.steps.shape[-1]).fit(described.scored_steps)
+    kind = cfg.kind if cfg.kind in KINDS else get_args(KindName)[0]
+    cfg = replace(cfg, kind=kind, linear=members_for(cfg.linear, len(pairs)))
+    prepared = prepare(pairs, cfg)
     report = _report(
         pairs,
-        described,
+        prepared.described,
         torch.zeros(len(pairs)),
         torch.zeros(len(pairs), dtype=torch.bool),
-        Opinion.none(0),
+        Prediction.none(0),
         cfg,
         time.perf_counter() - started_s,
     )
     seen = frozenset(sha256 for pair in pairs.episodes for sha256 in pair)
     provenance = Provenance(cfg, report, pairs.answers_sha256, seen)
-    model = RewardModel(normaliser, make_scorer(cfg), provenance)
+    model = RewardModel(prepared.clips.normaliser, make_scorer(cfg), provenance)
     return model, _with_remaining(model, pairs)
 
 
@@ -144,23 +145,27 @@ def _with_remaining(model: RewardModel, pairs: AnsweredPairs) -> FitReport:
     return report
 
 
-def _judged(plain: TrainingPairs, raters: Sequence[str], cfg: FitCfg) -> Judged:
-    """Described pairs with the errors of their raters, and what of `cfg` the answers
-    decide, where it leaves that to them."""
+def _judged(prepared: Prepared, raters: Sequence[str], cfg: FitCfg) -> Judged:
+    """Answers with the errors of their raters, and what of `cfg` the answers decide,
+    where it leaves that to them."""
+    kind = kind_called(cfg.kind)
     if not cfg.adapt:
-        return judge(plain, raters, cfg)
-    if cfg.kind == "sparse":
-        judged = judge(plain, raters, cfg)
+        return judge(prepared, raters, cfg, by_curves=kind.by_curves)
+    if kind.by_curves:
+        judged = judge(prepared, raters, cfg, by_curves=True)
         if judged.raters:
             return judged
-        cfg = look(plain, cfg)
-        return replace(judged, pairs=erring(plain, cfg, cfg.error_share), cfg=cfg)
-    found = settled(cfg, find(plain, cfg))
-    judged = judge(erring(plain, found, found.error_share), raters, found)
+        found = curve_settings(prepared, cfg)
+        errors = errors_alike(prepared, found, found.error_share)
+        return replace(judged, prepared=prepared.with_errors(errors), cfg=found)
+    found = settled(cfg, noise_level(prepared, cfg), tells_errors=kind.tells_errors)
+    errors = errors_alike(prepared, found, found.error_share)
+    judged = judge(prepared.with_errors(errors), raters, found, by_curves=False)
     if judged.measuring.all():
         return judged
     # How strong opinions may be is for those to say who look.
-    found = settled(cfg, find(plain.subset(judged.measuring), cfg))
+    level = noise_level(prepared.subset(judged.measuring), cfg)
+    found = settled(cfg, level, tells_errors=kind.tells_errors)
     return replace(judged, cfg=found)
 
 
@@ -168,15 +173,15 @@ def _described(pairs: AnsweredPairs | None, cfg: FitCfg) -> Unanswered | None:
     if pairs is None or cfg.semi_supervised is None:
         return None
     folds = [[fold_of(sha256, cfg.folds) for sha256 in pair] for pair in pairs.episodes]
-    return Unanswered(training_pairs(pairs, cfg).seen_by(cfg), torch.tensor(folds))
+    return Unanswered(prepare(pairs, cfg).described, torch.tensor(folds))
 
 
 def _report(
     answered: AnsweredPairs,
-    fitted: TrainingPairs,
+    fitted: ClipPairs,
     lead: Tensor,
     asked: Tensor,
-    foreseen: Opinion,
+    foreseen: Prediction,
     cfg: FitCfg,
     seconds: float,
 ) -> FitReport:

@@ -17,9 +17,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from .cfg import FitCfg
-from .evidence import log_evidence
-from .linear import posterior_modes
-from .training import TrainingPairs
+from .laplace import log_evidence, posterior_modes
+from .training import ClipPairs
 
 LEFT_OUT = 1e-4
 """Variance of the weights of what does not matter: next to none."""
@@ -42,7 +41,7 @@ _AT_ONCE = 4_000_000
 
 def chosen_curves(
     curves: Tensor,
-    pairs: TrainingPairs,
+    pairs: ClipPairs,
     counts: Tensor,
     cfg: FitCfg,
     *,
@@ -86,7 +85,7 @@ def chosen_curves(
 
 def _next(
     curves: Tensor,
-    pairs: TrainingPairs,
+    pairs: ClipPairs,
     counts: Tensor,
     cfg: FitCfg,
     allowed: Tensor,
@@ -131,7 +130,7 @@ def _next(
 
 def evidence_of(
     curves: Tensor,
-    pairs: TrainingPairs,
+    pairs: ClipPairs,
     counts: Tensor,
     cfg: FitCfg,
     *,

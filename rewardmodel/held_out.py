@@ -13,11 +13,12 @@ from torch import Tensor
 
 from .cfg import FitCfg
 from .ensemble import fit_ensemble
-from .model import opinion_on_pairs
-from .opinion import Opinion
-from .semi_supervised import Unanswered
-from .sparse_fit import find as look
-from .training import TrainingPairs
+from .extensions.semi_supervised import Unanswered
+from .kinds import kind_called
+from .model import predict_pairs
+from .prediction import Prediction
+from .prepared import Prepared
+from .sparse_fit import curve_settings
 
 
 def fold_of(sha256: str, folds: int = 5) -> int:
@@ -26,14 +27,14 @@ def fold_of(sha256: str, folds: int = 5) -> int:
     return int.from_bytes(digest[:8]) % folds
 
 
-def held_out_opinions(
-    pairs: TrainingPairs,
+def held_out_predictions(
+    prepared: Prepared,
     episodes: tuple[tuple[str, str], ...],
     cfg: FitCfg,
     seed: int,
     others: Unanswered | None = None,
-) -> tuple[Tensor, Opinion]:
-    """What models that have seen neither of their two episodes say of described pairs.
+) -> tuple[Tensor, Prediction]:
+    """What models that have seen neither of their two episodes say of prepared pairs.
 
     For every fold, a model is fitted to the pairs with no clip in it and asked about
     the pairs with both clips in it. Grouping by pair instead would let a model meet the
@@ -45,34 +46,38 @@ def held_out_opinions(
     folds = torch.tensor(
         [[fold_of(sha256, cfg.folds) for sha256 in pair] for pair in episodes]
     )
-    asked = torch.zeros(len(pairs), dtype=torch.bool)
-    found = Opinion.none(len(pairs))
+    asked = torch.zeros(len(prepared), dtype=torch.bool)
+    found = Prediction.none(len(prepared))
     for fold in range(cfg.folds):
         tested = (folds == fold).all(dim=1)
         fitted = (folds != fold).all(dim=1)
         if tested.any() and fitted.any():
             kept = others.without(fold) if others else None
-            found.put(tested, opinion_without(pairs, fitted, tested, cfg, seed, kept))
+            found.put(
+                tested, prediction_without(prepared, fitted, tested, cfg, seed, kept)
+            )
             asked |= tested
     return asked, found.subset(asked)
 
 
-def opinion_without(
-    pairs: TrainingPairs,
+def prediction_without(
+    prepared: Prepared,
     fitted: Tensor,
     tested: Tensor,
     cfg: FitCfg,
     seed: int,
     others: Unanswered | None = None,
-) -> Opinion:
-    """Opinion on the pairs in `tested` [B] by a model fitted to those in `fitted`
+) -> Prediction:
+    """Prediction on the pairs in `tested` [B] by a model fitted to those in `fitted`
     [B] alone (bool), and to its opinions on `others`."""
-    pairs = pairs.seen_by(cfg)
-    if cfg.kind == "sparse" and cfg.sparse.is_open:
+    kind = kind_called(cfg.kind)
+    seen = prepared.seen_by(kind.sight)
+    own = seen.subset(fitted)
+    if kind.by_curves and cfg.sparse.is_open:
         # Where it is open whether single legs matter, or front and rear feet apart, it
         # decides much of what is foreseen and is asked anew. A fit that was measured
         # has asked all answers, as it has how often they are wrong.
-        cfg = replace(cfg, sparse=look(pairs.subset(fitted), cfg).sparse)
-    normaliser, scorer = fit_ensemble(pairs.subset(fitted), cfg, seed, others)
-    asked = pairs.subset(tested).transformed(normaliser)
-    return opinion_on_pairs(scorer, asked)
+        cfg = replace(cfg, sparse=curve_settings(own, cfg).sparse)
+    normaliser, scorer = fit_ensemble(own, cfg, seed, others)
+    asked = seen.described.subset(tested).standardised(normaliser)
+    return predict_pairs(scorer, asked)

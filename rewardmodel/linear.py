@@ -11,25 +11,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from .cfg import FitCfg, LinearCfg
-from .descriptors import (
-    DESCRIPTOR_NAMES,
-    EFFORT,
-    FEET,
-    HURRIED,
-    QUIET,
-    TOLD,
-    UNSTEADY,
-    named,
-)
-from .likelihood import log_likelihood_derivatives
-from .training import TrainingPairs, bootstrap_counts
-
-MIN_SPREAD = 0.02
-"""Spread, in standard deviations of a step, below which two clips never really differed
-in a descriptor: its weight stays small instead of being divided by next to nothing."""
+from .descriptors import DESCRIPTOR_NAMES
+from .habits import EFFORT, FEET, HURRIED, QUIET, TOLD, UNSTEADY, named
+from .laplace import posterior_modes
+from .prepared import MIN_SPREAD, Prepared
+from .scorer import Additive, Scorer
+from .training import ClipPairs, bootstrap_counts
 
 _USUAL_SPREAD = 0.25
 _STRENGTHS = ((TOLD, 2.0), (EFFORT, 1 / 2), (FEET, 1 / 3))
@@ -40,15 +30,10 @@ _FEWEST_MEMBERS = 5
 _MOST_DRAWN = 20_000
 """Answers that all members together are fitted to: with more of them, resampling moves
 a member less, and the mean of fewer is as good."""
-_MAX_UPDATES = 100
-_STEP_SIZES = (0.0, *(2.0**-halvings for halvings in range(8)))
-_TOLERANCE = 1e-4
 
 
-class LinearScorer(nn.Module):
+class LinearScorer(Scorer):
     """Weights of all members over the standardised descriptors."""
-
-    history_steps = 0
 
     def __init__(self, num_members: int, num_descriptors: int) -> None:
         super().__init__()
@@ -58,9 +43,19 @@ class LinearScorer(nn.Module):
         self.register_buffer("weights", torch.zeros(num_members, num_descriptors))
         self.register_buffer("expected", torch.zeros(num_descriptors))
 
-    def forward(self, steps: Tensor) -> Tensor:
+    @property
+    def linear_weights(self) -> Tensor:
+        """[M, D] the weights."""
+        return self.weights
+
+    def forward(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
         """Raw rewards [M, ...] of standardised descriptors [..., D]."""
         return (steps @ self.weights.mT).movedim(-1, 0)
+
+    def additive(self, places: Tensor, low: Tensor, high: Tensor) -> Additive:
+        """Straight lines."""
+        values = low + places * (high - low)
+        return Additive(values, values * self.weights[:, None])
 
 
 def members_for(cfg: LinearCfg, num_pairs: int) -> LinearCfg:
@@ -74,15 +69,11 @@ def members_for(cfg: LinearCfg, num_pairs: int) -> LinearCfg:
 
 
 def fit_linear(
-    pairs: TrainingPairs, cfg: FitCfg, *, generator: torch.Generator
+    prepared: Prepared, cfg: FitCfg, generator: torch.Generator
 ) -> LinearScorer:
-    """Fit each member to its own bootstrap of standardised `pairs`.
-
-    A descriptor's difference between the clips is divided by its root mean square over
-    the asked pairs, so that the prior means the same for each: a habit in which the
-    clips differ by the usual amount shifts the logit by about one.
-    """
-    inputs, spread = scaled_differences(pairs)
+    """Fit each member to its own bootstrap of the answers."""
+    pairs, scaled = prepared.standardised, prepared.clips.differences
+    inputs, spread = scaled.inputs, scaled.spread
     mean = expected_weights(pairs, spread, cfg.linear)
     factor = prior_factor(cfg.linear)
     counts = bootstrap_counts(cfg.linear.num_members, len(pairs), generator=generator)
@@ -101,7 +92,7 @@ def fit_linear(
     return scorer
 
 
-def expected_weights(pairs: TrainingPairs, spread: Tensor, cfg: LinearCfg) -> Tensor:
+def expected_weights(pairs: ClipPairs, spread: Tensor, cfg: LinearCfg) -> Tensor:
     """Mean [D] of the prior on the weights of differences scaled by `spread` [D].
 
     It fades where clips hardly differed in a habit: what is expected of a step does not
@@ -142,97 +133,3 @@ def prior_factor(cfg: LinearCfg) -> Tensor:
 def whitened_weights(weights: Tensor, factor: Tensor) -> Tensor:
     """What weights [D] are of differences multiplied by `factor` [D, D]."""
     return torch.linalg.solve_triangular(factor, weights[:, None], upper=False)[:, 0]
-
-
-def scaled_differences(pairs: TrainingPairs) -> tuple[Tensor, Tensor]:
-    """Differences [B, D] of the clips in float64, and the spread [D] they are divided
-    by."""
-    difference = pairs.difference.double()
-    spread = difference.square().mean(dim=0).sqrt().clamp_min(MIN_SPREAD)
-    return difference / spread, spread
-
-
-def posterior_modes(
-    inputs: Tensor,
-    pairs: TrainingPairs,
-    counts: Tensor,
-    cfg: FitCfg,
-    *,
-    precision: Tensor | float,
-    mean: Tensor | float = 0.0,
-    start: Tensor | None = None,
-    max_updates: int = _MAX_UPDATES,
-) -> Tensor:
-    """Weights theta [M, D] at a mode of the posterior, by damped Newton steps from mu.
-
-    The objective of a member is sum_b counts_b log P(answer_b | lead_b) minus
-    precision / 2 |theta - mu|^2. It is not concave, because answers that look wrong
-    count less and less; starting at the mean mu of the prior makes the mode a definite
-    one.
-
-    Args:
-        inputs: [B, D] float64 scaled differences of the clips, or [M, B, D], where
-            members look at other things.
-        pairs: Their answers and falls.
-        counts: [M, B] float64, how often a member sees an answer.
-        cfg: The likelihood of an answer.
-        precision: Of the Gaussian prior on each weight, [M, D] or one for all.
-        mean: Of the same, [D] or one for all.
-        start: [M, D] where to start instead.
-        max_updates: Newton steps at most.
-    """
-    target, offset = pairs.target.double(), pairs.fall_lead.double()
-    sizes = torch.tensor(_STEP_SIZES, dtype=inputs.dtype)[:, None, None]
-    theta = inputs.new_zeros(len(counts), inputs.shape[-1]) + mean
-    if start is not None:
-        theta = start
-
-    for _ in range(max_updates):
-        slope, curvature = log_likelihood_derivatives(
-            weighed(inputs, theta) + offset,
-            target,
-            tie_threshold=cfg.tie_threshold,
-            error_share=pairs.errors,
-        )
-        pull = weighed(inputs.mT, counts * slope)
-        uphill = pull - precision * (theta - mean)
-        if uphill.abs().max() < _TOLERANCE:
-            break
-        factor = hessian_factor(inputs, -counts * curvature, precision)
-        step = torch.cholesky_solve(uphill[..., None], factor)[..., 0]
-        tried = theta + sizes * step  # [S, M, D]
-        likelihood = pairs.log_likelihood(weighed(inputs, tried) + offset, cfg)
-        off = (precision * (tried - mean).square()).sum(-1)
-        height = (counts * likelihood).sum(-1) - off / 2
-        best = height.argmax(dim=0)
-        if not best.any():
-            break
-        theta = tried[best, torch.arange(len(theta))]
-    return theta
-
-
-def weighed(inputs: Tensor, theta: Tensor) -> Tensor:
-    """Sums [..., M, B] of inputs, [B, D] or [M, B, D], by weights [..., M, D]."""
-    if inputs.ndim == 2:
-        return theta @ inputs.mT
-    return torch.einsum("...md,mbd->...mb", theta, inputs)
-
-
-def hessian_factor(inputs: Tensor, bends: Tensor, precision: Tensor | float) -> Tensor:
-    """Cholesky factor [M, D, D] of the Hessian of the negated objective, made positive
-    where it is not.
-
-    Args:
-        inputs: [B, D] or [M, B, D] scaled differences of the clips.
-        bends: [M, B] second derivatives of the negated log-likelihood.
-        precision: Of the prior, [M, D] or one for all.
-    """
-    prior = torch.diag_embed(precision + inputs.new_zeros(inputs.shape[-1]))
-    exact = (bends[..., None] * inputs).mT @ inputs + prior
-    factor, failures = torch.linalg.cholesky_ex(exact)
-    if not failures.any():
-        return factor
-    # Answers that bend the wrong way count as straight: every step climbs again.
-    climbing = (bends.clamp_min(0)[..., None] * inputs).mT @ inputs + prior
-    straight = torch.linalg.cholesky(climbing)
-    return torch.where((failures == 0)[:, None, None], factor, straight)

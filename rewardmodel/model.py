@@ -16,84 +16,29 @@ from torch import Tensor, nn
 
 from .cfg import FitCfg
 from .clips import ClipBatch, mean_over
-from .descriptors import describe, names_seen
-from .gp import GpScorer
-from .history import HistoryScorer
-from .linear import LinearScorer
-from .mlp import MlpScorer
+from .descriptors import Sight, describe, names_seen
+from .kinds import kind_called
 from .normaliser import Normaliser, fill_missing
-from .opinion import Opinion
+from .prediction import Prediction
 from .report import FitReport
-from .sparse import SparseScorer
-from .training import TrainingPairs
-from .transformer import TransformerScorer
+from .scorer import Scorer
+from .training import StandardisedPairs
 
 _MIN_STD = 1e-4
 """Raw rewards, in logits, that vary less than this are no opinion."""
 
-StepScorer = LinearScorer | GpScorer | MlpScorer
-"""Standardised descriptors [..., D] to raw rewards [M, ...] of all members at once."""
-SequenceScorer = SparseScorer | HistoryScorer | TransformerScorer
-"""The same for sequences [..., T, D], of which `starts` [..., T] says where episodes
-begin; `history_steps` is how far it looks back."""
-Scorer = StepScorer | SequenceScorer
 
-
-def make_scorer(cfg: FitCfg) -> Scorer:
-    """An unfitted model of the kind and sizes `cfg` asks for: raw reward 0.
-
-    Raises:
-        ValueError: the kind is still to be chosen.
-    """
-    count = len(names_seen(cfg.sight))
-    match cfg.kind:
-        case "linear":
-            return LinearScorer(cfg.linear.num_members, count)
-        case "sparse":
-            return SparseScorer(cfg.sparse.num_members, count)
-        case "gp":
-            return GpScorer(cfg.gp.num_members, count, cfg.gp.num_features)
-        case "mlp":
-            return MlpScorer(cfg.mlp.num_members, count, cfg.mlp.hidden_size)
-        case "history":
-            return HistoryScorer(count, cfg.history)
-        case "transformer":
-            return TransformerScorer(count, cfg.transformer)
-    raise ValueError(f"`{cfg.kind}` is no model: a fit says which one it chose")
-
-
-def of_clips(
-    scorer: Scorer, steps: Tensor, scored: Tensor, before: Tensor | None
-) -> Tensor:
-    """Raw rewards [M, ..., T] of clips, standardised [..., T, D], whatever is padded.
-
-    Args:
-        scorer: Which model.
-        steps: The clips.
-        scored: [..., T] bool, steps that count; padding lies behind them.
-        before: [..., L] lift-offs before them, where somebody knows.
-    """
-    if isinstance(scorer, SparseScorer):
-        return scorer(steps, scored=scored, before=before)
-    return scorer(steps)
-
-
-def leads_of_pairs(scorer: Scorer, pairs: TrainingPairs) -> Tensor:
+def leads_of_pairs(scorer: Scorer, pairs: StandardisedPairs) -> Tensor:
     """Logit [M, B], by member, that left clips of standardised `pairs` are better."""
     before = pairs.lift_offs_before
-    return pairs.leads(lambda steps: of_clips(scorer, steps, pairs.scored, before))
+    return pairs.leads(lambda steps: scorer.of_clips(steps, pairs.scored, before))
 
 
-def paying(scorer: Scorer) -> Scorer:
-    """The ensemble whose mean is paid: itself, or what its members agree on."""
-    return scorer.agreed() if isinstance(scorer, SparseScorer) else scorer
-
-
-def opinion_on_pairs(scorer: Scorer, pairs: TrainingPairs) -> Opinion:
+def predict_pairs(scorer: Scorer, pairs: StandardisedPairs) -> Prediction:
     """What is paid, and what members say, of left clips of standardised `pairs`."""
-    leads, payer = leads_of_pairs(scorer, pairs), paying(scorer)
+    leads, payer = leads_of_pairs(scorer, pairs), scorer.payer
     paid = leads if payer is scorer else leads_of_pairs(payer, pairs)
-    return Opinion.of(paid.mean(dim=0), leads)
+    return Prediction.of(paid.mean(dim=0), leads)
 
 
 @dataclass(frozen=True)
@@ -137,21 +82,26 @@ class RewardModel(nn.Module):
     @property
     def payer(self) -> Scorer:
         """The ensemble whose mean is paid; `scorer` is the one whose members differ."""
-        return paying(self.scorer)
+        return self.scorer.payer
 
     @property
     def names(self) -> tuple[str, ...]:
         """What the model looks at, a name for each of its D numbers."""
-        return names_seen(self.provenance.cfg.sight)
+        return names_seen(self.sight)
 
-    def calibrate(self, pairs: TrainingPairs) -> RewardModel:
+    @property
+    def sight(self) -> Sight:
+        """What the model sees."""
+        return kind_called(self.provenance.cfg.kind).sight
+
+    def calibrate(self, pairs: StandardisedPairs) -> RewardModel:
         """Freeze centre and scale on the steps of standardised pairs.
 
         A model without any opinion gives reward 0 rather than magnified noise.
         """
         if self.history_steps:
-            rewards = of_clips(
-                self.payer, pairs.steps, pairs.scored, pairs.lift_offs_before
+            rewards = self.payer.of_clips(
+                pairs.steps, pairs.scored, pairs.lift_offs_before
             )[:, pairs.scored]
         else:
             rewards = self.scorer(pairs.scored_steps)
@@ -162,7 +112,7 @@ class RewardModel(nn.Module):
 
     def standardised(self, features: Tensor) -> Tensor:
         """What the model sees [..., D] of rows [..., F]."""
-        return self.normaliser(describe(features, self.provenance.cfg.sight))
+        return self.normaliser(describe(features, self.sight))
 
     def members(self, features: Tensor, starts: Tensor) -> Tensor:
         """Raw reward [M, T, N] of every member for rows [T, N, F]."""
@@ -174,10 +124,7 @@ class RewardModel(nn.Module):
         return self.reward_of(self._of_rows(self.payer, features, starts))
 
     def _of_rows(self, scorer: Scorer, features: Tensor, starts: Tensor) -> Tensor:
-        steps = self.standardised(features)
-        if isinstance(scorer, SequenceScorer):
-            return scorer(steps.transpose(0, 1), starts.bool().mT).mT
-        return scorer(steps)
+        return scorer.of_rows(self.standardised(features), starts)
 
     def centred(self, raw: Tensor) -> Tensor:
         """Reward [...] of a raw one, [...], that members agreed on."""
@@ -213,11 +160,11 @@ class RewardModel(nn.Module):
     def logit(self, left: ClipBatch, right: ClipBatch) -> Tensor:
         """Calibrated logit [B] that each left clip is called better."""
         temperature = self.provenance.report.temperature
-        return self.opinion(left, right).logit / temperature
+        return self.prediction(left, right).logit / temperature
 
-    def opinion(self, left: ClipBatch, right: ClipBatch) -> Opinion:
+    def prediction(self, left: ClipBatch, right: ClipBatch) -> Prediction:
         """On left clips [B] beside the right ones."""
-        return Opinion.of(self.lead(left, right), self.leads(left, right))
+        return Prediction.of(self.lead(left, right), self.leads(left, right))
 
     def clip_returns(self, clips: ClipBatch) -> Tensor:
         """Mean raw reward [M, B] of clips, less the fixed price of a fall."""
@@ -239,12 +186,8 @@ class RewardModel(nn.Module):
         it, and its spread over the members; what nobody measured counts as average."""
         steps = fill_missing(self.standardised(rows))
         starts = torch.arange(len(rows), device=rows.device) == 0
-        payer = self.payer
-        if not isinstance(self.scorer, SequenceScorer):
-            paid = raw = self.scorer(steps)
-        else:
-            raw = self.scorer(steps, starts)
-            paid = raw if payer is self.scorer else payer(steps, starts)
+        raw, payer = self.scorer(steps, starts), self.payer
+        paid = raw if payer is self.scorer else payer(steps, starts)
         return self.reward_of(paid), self.spread_of(raw)
 
     def _of_clips(self, scorer: Scorer, clips: ClipBatch) -> Tensor:
@@ -254,4 +197,4 @@ class RewardModel(nn.Module):
         steps = fill_missing(self.standardised(clips.features.to(device)))
         if before is not None:
             before = before.to(device)
-        return of_clips(scorer, steps, clips.scored.to(device), before)
+        return scorer.of_clips(steps, clips.scored.to(device), before)

@@ -18,10 +18,10 @@ from data.answers import Pair
 from data.clips import Clip
 from data.dataset import Dataset
 from data.habits import Sides
+from data.strategy_names import ASKED_AGAIN, NEEDS_MODEL
 
 from .clips import ClipBatch, fill_clips, with_past
 from .errors import RewardError
-from .strategy_names import AGAIN, NEEDS_MODEL
 from .used import UsedAnswers, answers_used, count_preferences
 from .used import count_evidence as count_evidence
 
@@ -121,7 +121,7 @@ class AnsweredPairs:
     @property
     def at_random(self) -> Tensor:
         """[B] bool: no reward chose the pair for being hard."""
-        hard = (*NEEDS_MODEL, AGAIN)
+        hard = (*NEEDS_MODEL, ASKED_AGAIN)
         return torch.tensor([name not in hard for name in self.strategies])
 
     @property
@@ -186,11 +186,6 @@ def gather_pairs(datasets: Sequence[Dataset], pairs: Sequence[Pair]) -> Answered
         num_without_target=0,
         answers_sha256="",
     )
-
-
-def pairs_behind(datasets: Sequence[Dataset]) -> list[Pair]:
-    """The pair that each row of `load_pairs` is about."""
-    return [row.pair for row in answers_used(datasets).rows]
 
 
 def _owners(datasets: Sequence[Dataset]) -> Callable[[str], Dataset]:

@@ -18,10 +18,10 @@ import torch
 from torch import Tensor
 
 from .cfg import FitCfg, ReliabilityCfg
-from .evidence import ERROR_SHARES, expected_share
+from .hypothesis import Explain, Hypothesis
 from .likelihood import Errors
-from .training import TrainingPairs
-from .views import Look, View
+from .noise_level import ERROR_SHARES, expected_share
+from .training import StandardisedPairs
 
 SHARES = (*ERROR_SHARES, 0.95)
 """What is tried. One who answers at random says now and then what would be meant."""
@@ -46,22 +46,21 @@ Shares = tuple[float, ...]
 class RaterAnswers:
     """What some raters said."""
 
-    pairs: TrainingPairs
-    """Standardised."""
+    pairs: StandardisedPairs
     of: Tensor
     """[B] number of who answered."""
     habits: Tensor
     """[3, R] how often each says left, right and equal."""
     cfg: FitCfg
 
-    def erring(self, shares: Shares) -> TrainingPairs:
+    def erring(self, shares: Shares) -> StandardisedPairs:
         """The answers, as raters give them who err as often as `shares` say."""
         return replace(self.pairs, errors=errors_of(shares, self.of, self.habits))
 
-    def log_odds(self, view: View, shares: Shares) -> float:
-        """Of the answers, the weights of `view` and the shares, up to a constant."""
+    def log_odds(self, hypothesis: Hypothesis, shares: Shares) -> float:
+        """Of the answers, the hypothesis and the shares, up to a constant."""
         expected = _expected(shares, self.cfg.reliability)
-        return view.log_odds(self.erring(shares), self.cfg) + expected
+        return hypothesis.log_odds(self.erring(shares), self.cfg) + expected
 
     def starts(self) -> Iterator[Shares]:
         """Everybody alike, and each who answered much the only one who looks."""
@@ -75,10 +74,10 @@ class RaterAnswers:
 class ShareSearch:
     """The most probable shares, as one way of looking at answers finds them."""
 
-    def __init__(self, answers: RaterAnswers, look: Look) -> None:
+    def __init__(self, answers: RaterAnswers, explain: Explain) -> None:
         self._answers = answers
-        self._look = look
-        self._seen: dict[Shares, tuple[View, float]] = {}
+        self._explain = explain
+        self._seen: dict[Shares, tuple[Hypothesis, float]] = {}
         ends = {self._end_of(start) for start in answers.starts()}
         self._ends = sorted(ends, key=self._odds_at, reverse=True)
 
@@ -98,18 +97,18 @@ class ShareSearch:
     def _odds_at(self, shares: Shares) -> float:
         return self._at(shares)[1]
 
-    def _at(self, shares: Shares) -> tuple[View, float]:
+    def _at(self, shares: Shares) -> tuple[Hypothesis, float]:
         if shares not in self._seen:
-            view = self._look(self._answers.erring(shares))
-            self._seen[shares] = view, self._answers.log_odds(view, shares)
+            hypothesis = self._explain(self._answers.erring(shares))
+            self._seen[shares] = hypothesis, self._answers.log_odds(hypothesis, shares)
         return self._seen[shares]
 
     def _end_of(self, shares: Shares) -> Shares:
         """Shares and what explains the answers, found in turn."""
         visited = [shares]
         for _ in range(_ROUNDS):
-            view = self._at(shares)[0]
-            shares = _climbed(partial(self._answers.log_odds, view), shares)
+            hypothesis = self._at(shares)[0]
+            shares = _climbed(partial(self._answers.log_odds, hypothesis), shares)
             if shares in visited:
                 break
             visited.append(shares)

@@ -19,12 +19,12 @@ import torch
 from torch import Tensor
 
 from .cfg import FitCfg, SparseCfg
-from .evidence import ERROR_SHARES
+from .hypothesis import linear_hypothesis
 from .likelihood import Errors, answer_weights
+from .noise_level import ERROR_SHARES
+from .prepared import Prepared
 from .rater_shares import RaterAnswers, Shares, ShareSearch, errors_of
-from .sparse_fit import looks
-from .training import TrainingPairs
-from .views import linear_look
+from .sparse_fit import curve_hypotheses
 
 HARDLY_LOOKS = 0.7
 """Share of random answers from which on those of a rater do not measure a reward."""
@@ -40,7 +40,7 @@ _PLENTY = 400
 class Judged:
     """Answers, and what was found of those who gave them."""
 
-    pairs: TrainingPairs
+    prepared: Prepared
     """The answers, with the errors of their raters."""
     cfg: FitCfg
     """The settings of the fit, where these were still to be found with what was."""
@@ -52,63 +52,64 @@ class Judged:
     look, beside others. Foreseen at chance, they would hide what it is right about."""
 
 
-def judge(pairs: TrainingPairs, raters: Sequence[str], cfg: FitCfg) -> Judged:
+def judge(
+    prepared: Prepared, raters: Sequence[str], cfg: FitCfg, *, by_curves: bool
+) -> Judged:
     """How often each of several raters errs, and what of `cfg` this decides.
 
-    They are judged by curves where `cfg` asks for these or leaves the model open, else
-    by linear weights: to weights that cannot say what is wanted everybody seems to
-    answer at random. Which curves may matter is found with it, where it is open. One
-    rater can be compared with nobody, and nothing is changed.
+    To weights that cannot say what is wanted everybody seems to answer at random. Which
+    curves may matter is found with it, where it is open. One rater can be compared with
+    nobody, and nothing is changed.
 
     Args:
-        pairs: The answers, described, and expected to err as `cfg` says.
+        prepared: The answers, expected to err as `cfg` says.
         raters: Who gave each.
         cfg: How a reward is fitted.
+        by_curves: Whether raters are judged by curves, else by linear weights.
     """
     names = sorted(set(raters))
     if len(names) < 2 or not cfg.reliability.enabled:
-        return Judged(pairs, cfg, (), torch.ones(len(pairs), dtype=torch.bool))
+        return Judged(prepared, cfg, (), torch.ones(len(prepared), dtype=torch.bool))
     of = torch.tensor([names.index(rater) for rater in raters])
-    habits = _habits(pairs, of, len(names), cfg)
-    sparse, found = _most_probable(pairs, of, habits, cfg)
-    believed = _believed(found) if _by_curves(cfg) else found
+    habits = _habits(prepared.described.target, of, len(names), cfg)
+    some = _some(of)
+    sparse, found = _most_probable(
+        prepared.subset(some), of[some], habits, cfg, by_curves
+    )
+    believed = _believed(found) if by_curves else found
     errors = errors_of(believed, of, habits)
     share = torch.tensor(found)[of]
     measuring = share < HARDLY_LOOKS
     if not measuring.any():
         measuring = torch.ones_like(measuring)
-    if cfg.adapt and cfg.kind == "sparse":
+    if cfg.adapt and by_curves:
         usual = min(share[measuring].mean().item(), ERROR_SHARES[-1])
         cfg = replace(cfg, adapt=False, error_share=usual, sparse=sparse)
     shares = tuple(zip(names, found, strict=True))
-    return Judged(replace(pairs, errors=errors), cfg, shares, measuring)
-
-
-def _by_curves(cfg: FitCfg) -> bool:
-    return cfg.kind in ("sparse", "auto")
+    return Judged(prepared.with_errors(errors), cfg, shares, measuring)
 
 
 def _most_probable(
-    pairs: TrainingPairs, of: Tensor, habits: Tensor, cfg: FitCfg
+    prepared: Prepared, of: Tensor, habits: Tensor, cfg: FitCfg, by_curves: bool
 ) -> tuple[SparseCfg, Shares]:
     """Settings of the curves, `cfg`'s where raters are not judged by these, and
     shares."""
-    some = _some(of)
-    pairs, of = pairs.subset(some), of[some]
-    if _by_curves(cfg):
-        standardised, options = looks(pairs, cfg)
+    seen = prepared.seen_by("legs" if by_curves else "habits")
+    if by_curves:
+        options = curve_hypotheses(seen, cfg)
     else:
-        standardised, look = linear_look(pairs, cfg)
-        options = {cfg.sparse: look}
-    answers = RaterAnswers(pairs=standardised, of=of, habits=habits, cfg=cfg)
-    searches = {sparse: ShareSearch(answers, look) for sparse, look in options.items()}
+        options = {cfg.sparse: linear_hypothesis(seen, cfg)}
+    answers = RaterAnswers(pairs=seen.standardised, of=of, habits=habits, cfg=cfg)
+    searches = {
+        sparse: ShareSearch(answers, explain) for sparse, explain in options.items()
+    }
     sparse = max(searches, key=lambda each: searches[each].log_odds)
     return sparse, searches[sparse].refined()
 
 
-def _habits(pairs: TrainingPairs, of: Tensor, num_raters: int, cfg: FitCfg) -> Tensor:
+def _habits(target: Tensor, of: Tensor, num_raters: int, cfg: FitCfg) -> Tensor:
     """How often each rater says left, right and equal, [3, R]."""
-    said = answer_weights(pairs.target, tie_threshold=cfg.tie_threshold)
+    said = answer_weights(target, tie_threshold=cfg.tie_threshold)
     alike = Errors.alike(0.0, num_raters, tie_threshold=cfg.tie_threshold).guess
     sums = (_ALIKE * alike).index_add(1, of, said)
     return sums / sums.sum(dim=0)

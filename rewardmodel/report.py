@@ -59,7 +59,7 @@ class FitReport:
     enough: bool = False
     """Whether more answers will not help now: members agree, and foresee answers."""
     doubted: int = field(default=0, metadata=ADDED_LATER)
-    """Answers taken for random because they looked wrong (`FitCfg.doubted_below`)."""
+    """Answers taken for random because they looked wrong (`FitCfg.label_filter`)."""
     considered: tuple[tuple[str, float], ...] = ()
     """Models that were to choose from, each with its held-out log-likelihood."""
     seconds: float = field(compare=False)

@@ -13,12 +13,14 @@ rate's), W weights of a curve, P = G W.
 from __future__ import annotations
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from .clips import PAST_STEPS
-from .descriptors import quadratic_seen
+from .descriptors import columns_seen, names_seen
+from .legs import CONTACTS
+from .scorer import Additive, SequenceScorer
 from .stride_rate import stride_rate
-from .training import TrainingPairs
+from .training import StandardisedPairs
 
 CENTRES = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Of the bumps a curve is made of besides a straight line, on the judged range, each as
@@ -32,9 +34,12 @@ _RANGE_QUANTILE = 0.01
 is flat: from a crouch nobody was shown, no answer says whether it is too low."""
 _ROOT_FROM = 0.01
 """Added to a share of the judged range before its root is taken."""
+_IS_CONTACT = torch.tensor(
+    [name in {item.name for item in CONTACTS} for name in names_seen("legs")]
+)
 
 
-class SparseScorer(nn.Module):
+class SparseScorer(SequenceScorer):
     """Weights of all members over the curves of all descriptors."""
 
     history_steps = PAST_STEPS
@@ -53,10 +58,11 @@ class SparseScorer(nn.Module):
         self.register_buffer("rate_mean", torch.zeros(()))
         self.register_buffer("rate_std", torch.ones(()))
         self.register_buffer("judged", torch.zeros(2, num_descriptors + 1))
-        quadratic = torch.tensor([*quadratic_seen("legs"), False])
+        laid_out = [column.quadratic for column in columns_seen("legs")]
+        quadratic = torch.tensor([*laid_out, False])
         self.register_buffer("quadratic", quadratic, persistent=False)
 
-    def look_at(self, pairs: TrainingPairs) -> None:
+    def look_at(self, pairs: StandardisedPairs) -> None:
         """Take from `pairs` what standardises the stride rate, and what was judged."""
         rate = stride_rate(
             pairs.steps, scored=pairs.scored, before=pairs.lift_offs_before
@@ -71,18 +77,6 @@ class SparseScorer(nn.Module):
         ends = [round(share * last) for share in (_RANGE_QUANTILE, 1 - _RANGE_QUANTILE)]
         self.judged.copy_(seen[ends])
 
-    def seen(
-        self,
-        steps: Tensor,
-        starts: Tensor | None = None,
-        *,
-        scored: Tensor | None = None,
-        before: Tensor | None = None,
-    ) -> Tensor:
-        """[..., T, G] what has a curve, for standardised sequences [..., T, D]: 0 and 1
-        are the ends of what was judged, and nothing goes beyond."""
-        return self.places(steps, starts, scored=scored, before=before).clamp(0, 1)
-
     def places(
         self,
         steps: Tensor,
@@ -91,15 +85,16 @@ class SparseScorer(nn.Module):
         scored: Tensor | None = None,
         before: Tensor | None = None,
     ) -> Tensor:
-        """The same, and how far beyond what was judged. Of squares it is the root, as
-        nearly all of a gait would lie at the low end of its curve."""
+        """[..., T, G] where on its judged range, from 0 to 1, what has a curve is, or
+        how far beyond, for standardised sequences [..., T, D]. Of squares it is the
+        root, as nearly all of a gait would lie at the low end of its curve."""
         rate = stride_rate(steps, starts, scored=scored, before=before)
         rate = (rate - self.rate_mean) / self.rate_std
         return self._on_range(torch.cat([steps, rate[..., None]], dim=-1))
 
     @property
     def average(self) -> Tensor:
-        """[G] the same of a step that is average in everything."""
+        """[G] where a step is that is average in everything, from 0 to 1."""
         return self._on_range(torch.zeros_like(self.judged[0])).clamp(0, 1)
 
     def agreed(self) -> SparseScorer:
@@ -115,11 +110,21 @@ class SparseScorer(nn.Module):
         """
         weights = self.weights.unflatten(1, (-1, WEIGHTS))
         share = (weights != 0).any(dim=-1).to(weights.dtype).mean(dim=0)
-        one = SparseScorer(1, len(self.quadratic) - 1)
+        one = self.like(1)
         one.weights = (weights.mean(dim=0) * share[:, None]).flatten()[None]
-        one.rate_mean, one.rate_std = self.rate_mean, self.rate_std
-        one.judged, one.quadratic = self.judged, self.quadratic
         return one
+
+    def like(self, num_members: int) -> SparseScorer:
+        """As many members without any opinion, on the same ranges."""
+        other = SparseScorer(num_members, len(self.quadratic) - 1)
+        other.rate_mean, other.rate_std = self.rate_mean, self.rate_std
+        other.judged, other.quadratic = self.judged, self.quadratic
+        return other
+
+    @property
+    def payer(self) -> SparseScorer:
+        """What the members agree on."""
+        return self.agreed()
 
     @property
     def heights(self) -> Tensor:
@@ -139,10 +144,33 @@ class SparseScorer(nn.Module):
     ) -> Tensor:
         """Raw rewards [M, ..., T] of standardised sequences [..., T, D], as in
         `stride_rate`."""
-        return self.paid(self.seen(steps, starts, scored=scored, before=before))
+        places = self.places(steps, starts, scored=scored, before=before)
+        return self.paid(places.clamp(0, 1))
+
+    def of_clips(
+        self, steps: Tensor, scored: Tensor | None, before: Tensor | None
+    ) -> Tensor:
+        return self(steps, scored=scored, before=before)
+
+    def hiding(self, steps: Tensor, hidden: Tensor, before: Tensor | None) -> Tensor:
+        """With the contacts, the stride rate is an average one too."""
+        rate = (hidden & _IS_CONTACT).any().reshape(1)
+        seen = self.places(steps, before=before).clamp(0, 1)
+        return self.paid(torch.where(torch.cat([hidden, rate]), self.average, seen))
+
+    def of_average(self, num_descriptors: int) -> Tensor:
+        return self.paid(self.average)
+
+    def additive(self, places: Tensor, low: Tensor, high: Tensor) -> Additive:
+        """On the judged ranges, and of the stride rate too."""
+        low, high = self.judged
+        values = low + places * (high - low)
+        added = self.along(places.expand(-1, values.shape[1]))
+        return Additive(values, added, (self.rate_mean, self.rate_std))
 
     def paid(self, seen: Tensor) -> Tensor:
-        """Raw rewards [M, ..., T] for what `seen` gives, [..., T, G]."""
+        """Raw rewards [M, ..., T] for `places` within what was judged,
+        [..., T, G]."""
         weights = self.weights.unflatten(1, (-1, WEIGHTS))
         used = weights.abs().sum(dim=(0, 2)) > 0
         parts = curves(seen[..., used])
@@ -154,7 +182,7 @@ class SparseScorer(nn.Module):
         return self.at(self._laid_out(shares.clamp(0, 1)))
 
     def at(self, seen: Tensor) -> Tensor:
-        """The same at places [K, G] as `seen` gives them."""
+        """The same at places [K, G] within what was judged."""
         weights = self.weights.unflatten(1, (-1, WEIGHTS))
         parts = curves(seen).unflatten(1, (-1, WEIGHTS))
         return (parts * weights[:, None]).sum(dim=-1)

@@ -14,17 +14,16 @@ import torch
 from torch import Tensor
 
 from .cfg import FitCfg, SparseCfg
-from .clips import mean_over
-from .descriptors import TOLD, names_seen
-from .evidence import ERROR_SHARES, erring, evidence, expected_share
-from .explanations import explanations, shared_out, weights_of
+from .descriptors import names_seen
 from .forward import LEFT_OUT, PRICE, chosen_curves
+from .habits import TOLD
+from .hypothesis import Explain, Hypothesis
+from .laplace import evidence
 from .legs import CONTACTS, ENDS, SINGLE
-from .linear import MIN_SPREAD
-from .normaliser import Normaliser
-from .sparse import CENTRES, WEIGHTS, SparseScorer, curves
-from .training import TrainingPairs, bootstrap_counts
-from .views import Look, View
+from .noise_level import erring, error_shares, expected_share
+from .prepared import Prepared
+from .sparse import WEIGHTS, SparseScorer
+from .training import ClipPairs, bootstrap_counts
 
 _SINGLE = tuple(
     index
@@ -46,58 +45,22 @@ _ENDS_PRICE = 5.0
 """The same against front and rear feet apart, a third as many curves: of fits of
 other wishes nine in ten gained less, of one about front feet eight in
 nine gained more."""
-_AT_ONCE = 64
-"""Pairs whose steps are looked at together, some 20 MB."""
 
 
 def fit_sparse(
-    pairs: TrainingPairs, cfg: FitCfg, *, generator: torch.Generator
+    prepared: Prepared, cfg: FitCfg, generator: torch.Generator
 ) -> SparseScorer:
-    """Fit each member to its own bootstrap of standardised `pairs`."""
-    scorer = SparseScorer(cfg.sparse.num_members, pairs.steps.shape[-1])
-    scorer.look_at(pairs)
-    inputs, units = scaled_curves(scorer, pairs)
+    """Fit each member to its own bootstrap of the answers."""
+    pairs, scaled = prepared.standardised, prepared.clips.curves
     counts = bootstrap_counts(cfg.sparse.num_members, len(pairs), generator=generator)
-    weigh = _shared if cfg.sparse.shared else relevant
-    theta, _ = weigh(inputs, pairs, counts.double(), cfg)
-    scorer.weights.copy_(theta / units)
+    theta, _ = relevant(scaled.inputs, pairs, counts.double(), cfg)
+    scorer = scaled.ranges.like(cfg.sparse.num_members)
+    scorer.weights.copy_(theta / scaled.units)
     return scorer
 
 
-def scaled_curves(scorer: SparseScorer, pairs: TrainingPairs) -> tuple[Tensor, Tensor]:
-    """Differences [B, P] of the clips' curves in float64, and what they are divided by.
-
-    A curve's straight line and its bumps, all together, shift a pair by the usual
-    amount for one unit of weight.
-    """
-    parts = []
-    for chosen in torch.arange(len(pairs)).split(_AT_ONCE):
-        part = pairs.subset(chosen)
-        seen = scorer.seen(part.steps, scored=part.scored, before=part.lift_offs_before)
-        values = curves(seen).mT
-        left, right = mean_over(values, part.scored[..., None, :])
-        parts.append((left - right).double())
-    difference = torch.cat(parts)
-    squares = difference.square().mean(dim=0).unflatten(0, (-1, WEIGHTS))
-    line, bumps = squares[:, :1], squares[:, 1:].sum(dim=1, keepdim=True)
-    units = torch.cat([line, bumps.expand(-1, len(CENTRES))], dim=1).sqrt()
-    units = units.clamp_min(MIN_SPREAD).flatten()
-    return difference / units, units
-
-
-def standardised_curves(pairs: TrainingPairs) -> tuple[Tensor, TrainingPairs]:
-    """What `scaled_curves` gives for raw `pairs`, and these standardised by their own
-    steps."""
-    normaliser = Normaliser(pairs.steps.shape[-1]).fit(pairs.scored_steps)
-    standardised = pairs.transformed(normaliser)
-    scorer = SparseScorer(1, pairs.steps.shape[-1])
-    scorer.look_at(standardised)
-    inputs, _ = scaled_curves(scorer, standardised)
-    return inputs, standardised
-
-
 def relevant(
-    inputs: Tensor, pairs: TrainingPairs, counts: Tensor, cfg: FitCfg
+    inputs: Tensor, pairs: ClipPairs, counts: Tensor, cfg: FitCfg
 ) -> tuple[Tensor, Tensor]:
     """Weights [M, P] of the curves that matter, and their variances [M, P].
 
@@ -112,15 +75,6 @@ def relevant(
     return chosen_curves(curves, pairs, counts, cfg, allowed=allowed)
 
 
-def _shared(
-    inputs: Tensor, pairs: TrainingPairs, counts: Tensor, cfg: FitCfg
-) -> tuple[Tensor, Tensor]:
-    """The same, of curves that members share by what all answers make of them."""
-    curves = inputs.unflatten(1, (-1, WEIGHTS))
-    found = explanations(curves, pairs, cfg, allowed=_allowed(curves, cfg.sparse))
-    return weights_of(shared_out(found, len(counts)), curves, pairs, counts, cfg)
-
-
 def _allowed(curves: Tensor, cfg: SparseCfg) -> Tensor:
     """[C] indices of the curves that may matter, of differences [B, G, W]."""
     allowed = curves.abs().sum(dim=(0, 2)) > 0
@@ -133,19 +87,20 @@ def _allowed(curves: Tensor, cfg: SparseCfg) -> Tensor:
     return allowed.nonzero()[:, 0]
 
 
-def find(pairs: TrainingPairs, cfg: FitCfg) -> FitCfg:
-    """`cfg` with what described `pairs` speak for put in, done adapting: the share of
-    random answers, and whether single legs matter, or front and rear feet apart.
+def curve_settings(prepared: Prepared, cfg: FitCfg) -> FitCfg:
+    """`cfg` with what the answers speak for put in, done adapting: the share of random
+    ones, and whether single legs matter, or front and rear feet apart.
 
     To weights that cannot say what was wanted, all answers look random; curves that can
     say it tell the raters' errors from their own. Among so many curves of single legs
     some always fit a few answers, so the evidence for them has to be overwhelming.
     """
-    inputs, standardised = standardised_curves(pairs.seen_by(cfg))
+    seen = prepared.seen_by("legs")
+    pairs, inputs = seen.standardised, seen.clips.curves.inputs
     tried: dict[tuple[SparseCfg, float], float] = {}
     for sparse in _open_settings(cfg.sparse):
-        for share in ERROR_SHARES:
-            own = erring(standardised, cfg, share)
+        for share in error_shares(cfg):
+            own = erring(pairs, cfg, share)
             counts = inputs.new_ones(1, len(own))
             settings = replace(cfg, sparse=sparse)
             theta, variance = relevant(inputs, own, counts, settings)
@@ -156,31 +111,28 @@ def find(pairs: TrainingPairs, cfg: FitCfg) -> FitCfg:
     return replace(cfg, adapt=False, error_share=share, sparse=sparse)
 
 
-def looks(
-    pairs: TrainingPairs, cfg: FitCfg
-) -> tuple[TrainingPairs, dict[SparseCfg, Look]]:
-    """Described `pairs` standardised, and how to look at them under each setting that
-    `cfg` leaves open."""
-    inputs, standardised = standardised_curves(pairs.seen_by(cfg))
+def curve_hypotheses(prepared: Prepared, cfg: FitCfg) -> dict[SparseCfg, Explain]:
+    """How to explain answers under each setting that `cfg` leaves open."""
+    inputs = prepared.clips.curves.inputs
 
-    def look_under(sparse: SparseCfg) -> Look:
+    def under(sparse: SparseCfg) -> Explain:
         settings = replace(cfg, sparse=sparse)
 
-        def look(answered: TrainingPairs) -> View:
+        def explain(answered: ClipPairs) -> Hypothesis:
             counts = inputs.new_ones(1, len(answered))
             theta, variance = relevant(inputs, answered, counts, settings)
             chosen = variance[0] > LEFT_OUT
             num_curves = int(chosen.sum()) // WEIGHTS
-            return View(
+            return Hypothesis(
                 inputs=inputs[:, chosen],
                 precision=1 / variance[0, chosen],
                 start=theta[:, chosen],
                 price=num_curves * PRICE + _price(sparse),
             )
 
-        return look
+        return explain
 
-    return standardised, {s: look_under(s) for s in _open_settings(cfg.sparse)}
+    return {s: under(s) for s in _open_settings(cfg.sparse)}
 
 
 def _price(sparse: SparseCfg) -> float:

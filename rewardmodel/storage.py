@@ -23,10 +23,11 @@ from data.limits import FACTS_BYTES, REWARD_BYTES
 from data.plain import from_plain, to_plain
 from data.weights import misfits, not_finite
 
-from .cfg import FitCfg, sight_of
+from .cfg import FitCfg
 from .descriptors import names_seen
 from .errors import RewardError
-from .model import Provenance, RewardModel, make_scorer
+from .kinds import kind_called, make_scorer
+from .model import Provenance, RewardModel
 from .normaliser import Normaliser
 from .report import FitReport
 
@@ -80,7 +81,7 @@ def load_reward(directory: Path) -> RewardModel:
             str(facts["answers_sha256"]),
             frozenset(map(str, facts["episodes"])),
         )
-        count = len(names_seen(provenance.cfg.sight))
+        count = len(names_seen(kind_called(provenance.cfg.kind).sight))
         model = RewardModel(Normaliser(count), make_scorer(provenance.cfg), provenance)
         tensors = load_tensors(tensors_bytes)
         if differences := misfits(tensors, model.state_dict()):
@@ -137,7 +138,7 @@ def _check_readable(facts: dict[str, Any], directory: Path) -> None:
             f"reads {FORMAT_VERSION}; fit the reward again"
         )
     _check_names("feature", facts["features"], _FEATURE_NAMES, directory)
-    seen = names_seen(sight_of(str(facts["kind"])))
+    seen = names_seen(kind_called(str(facts["kind"])).sight)
     _check_names("descriptor", facts["descriptors"], seen, directory)
     if facts["features_sha256"] != features_sha256():
         raise RewardError(

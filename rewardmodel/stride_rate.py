@@ -9,9 +9,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from .clips import PAST_STEPS
+from .clips import PAST_STEPS, since_start
 from .descriptors import names_seen
-from .history import since_start
 
 _CONTACTS = tuple(
     index

@@ -99,10 +99,7 @@ class Support:
 
     def _paid(self, pieces: Tensor) -> Tensor:
         """Raw reward [Q] of the mean step of pieces [Q, D], as if it lasted."""
-        scorer = self._model.payer
-        if self._model.history_steps:
-            return scorer(pieces[:, None])[..., 0].mean(dim=0)
-        return scorer(pieces).mean(dim=0)
+        return self._model.payer.lasting(pieces).mean(dim=0)
 
 
 def support_of(pairs: AnsweredPairs, model: RewardModel) -> Support:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Self
 
 import torch
 from torch import Tensor
@@ -15,19 +16,18 @@ from torch.nn import functional
 
 from .cfg import FitCfg
 from .clips import mean_over
-from .descriptors import describe, names_seen
+from .descriptors import Sight, describe, names_seen
 from .likelihood import Errors, log_likelihood
-from .normaliser import fill_missing
+from .normaliser import Normaliser, fill_missing
 from .pairs import AnsweredPairs
 
 
 @dataclass(frozen=True, eq=False)
-class TrainingPairs:
+class ClipPairs:
     """Answered pairs seen through the descriptors; axis "2" is left, right."""
 
     steps: Tensor
-    """[2, B, T, D] descriptors, raw or standardised. Raw ones that either clip of a
-    pair lacks are NaN in both: a difference to something unknown says nothing."""
+    """[2, B, T, D] descriptors."""
     scored: Tensor
     """[2, B, T] bool: steps that count in the mean of their clip."""
     fall_lead: Tensor
@@ -42,27 +42,45 @@ class TrainingPairs:
     def __len__(self) -> int:
         return len(self.target)
 
-    def subset(self, chosen: Tensor) -> TrainingPairs:
-        """The pairs marked in `chosen` [B] (bool)."""
-        return TrainingPairs(
+    def subset(self, chosen: Tensor) -> Self:
+        """The pairs in `chosen` [B] (bool or indices)."""
+        before = self.lift_offs_before
+        return replace(
+            self,
             steps=self.steps[:, chosen],
             scored=self.scored[:, chosen],
             fall_lead=self.fall_lead[chosen],
             target=self.target[chosen],
             errors=self.errors.part(chosen),
-            lift_offs_before=(
-                None
-                if self.lift_offs_before is None
-                else self.lift_offs_before[:, chosen]
-            ),
+            lift_offs_before=None if before is None else before[:, chosen],
         )
 
-    def joined(self, others: TrainingPairs) -> TrainingPairs:
+    @property
+    def scored_steps(self) -> Tensor:
+        """[K, D] descriptors of every step that counts, of both sides."""
+        return self.steps[self.scored]
+
+    def log_likelihood(self, leads: Tensor, cfg: FitCfg) -> Tensor:
+        """Log-likelihood [M, B] of the answers at logits `leads` [M, B]."""
+        return log_likelihood(
+            leads,
+            self.target.to(leads.dtype),
+            tie_threshold=cfg.tie_threshold,
+            error_share=self.errors,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class DescribedPairs(ClipPairs):
+    """Pairs with raw descriptors. Those that either clip of a pair lacks are NaN in
+    both: a difference to something unknown says nothing."""
+
+    def joined(self, others: DescribedPairs) -> DescribedPairs:
         """These pairs with `others` behind them, padded to one length."""
         num_steps = max(self.steps.shape[2], others.steps.shape[2])
         ours, theirs = self._padded(num_steps), others._padded(num_steps)
         before = (ours.lift_offs_before, theirs.lift_offs_before)
-        return TrainingPairs(
+        return DescribedPairs(
             steps=torch.cat([ours.steps, theirs.steps], dim=1),
             scored=torch.cat([ours.scored, theirs.scored], dim=1),
             fall_lead=torch.cat([ours.fall_lead, theirs.fall_lead]),
@@ -75,7 +93,7 @@ class TrainingPairs:
             ),
         )
 
-    def _padded(self, num_steps: int) -> TrainingPairs:
+    def _padded(self, num_steps: int) -> DescribedPairs:
         missing = num_steps - self.steps.shape[2]
         return replace(
             self,
@@ -83,19 +101,25 @@ class TrainingPairs:
             scored=functional.pad(self.scored, (0, missing)),
         )
 
-    def seen_by(self, cfg: FitCfg) -> TrainingPairs:
-        """The columns that the model of `cfg` looks at."""
-        count = len(names_seen(cfg.sight))
-        return replace(self, steps=self.steps[..., :count])
+    def seen_by(self, sight: Sight) -> DescribedPairs:
+        """The columns of `sight`, which may see less than these pairs tell."""
+        return replace(self, steps=self.steps[..., : len(names_seen(sight))])
 
-    def transformed(self, transform: Callable[[Tensor], Tensor]) -> TrainingPairs:
-        """The same pairs standardised by `transform`, missing descriptors at 0."""
-        return replace(self, steps=fill_missing(transform(self.steps)))
+    def standardised(self, normaliser: Normaliser) -> StandardisedPairs:
+        """The pairs by `normaliser`, missing descriptors at their mean."""
+        return StandardisedPairs(
+            steps=fill_missing(normaliser(self.steps)),
+            scored=self.scored,
+            fall_lead=self.fall_lead,
+            target=self.target,
+            errors=self.errors,
+            lift_offs_before=self.lift_offs_before,
+        )
 
-    @property
-    def scored_steps(self) -> Tensor:
-        """[K, D] descriptors of every step that counts, of both sides."""
-        return self.steps[self.scored]
+
+@dataclass(frozen=True, eq=False)
+class StandardisedPairs(ClipPairs):
+    """Pairs with descriptors of mean 0 and deviation 1 over all judged steps."""
 
     @property
     def difference(self) -> Tensor:
@@ -108,26 +132,17 @@ class TrainingPairs:
         left, right = mean_over(score(self.steps), self.scored).unbind(dim=1)
         return left - right + self.fall_lead
 
-    def log_likelihood(self, leads: Tensor, cfg: FitCfg) -> Tensor:
-        """Log-likelihood [M, B] of the answers at logits `leads` [M, B]."""
-        return log_likelihood(
-            leads,
-            self.target.to(leads.dtype),
-            tie_threshold=cfg.tie_threshold,
-            error_share=self.errors,
-        )
 
-
-def training_pairs(pairs: AnsweredPairs, cfg: FitCfg) -> TrainingPairs:
-    """Describe answered pairs, once for the fit, all its folds and kinds of model."""
+def describe_pairs(pairs: AnsweredPairs, cfg: FitCfg, sight: Sight) -> DescribedPairs:
+    """Describe answered pairs, whose raters err as `cfg` says."""
     left_fell, right_fell = pairs.fell.unbind(dim=-1)
     sides = (pairs.left.features, pairs.right.features)
-    steps = torch.stack([describe(features, cfg.sight) for features in sides])
+    steps = torch.stack([describe(features, sight) for features in sides])
     if steps.isnan().any():
         missing = steps.isnan().any(dim=2).any(dim=0)
         steps.masked_fill_(missing[:, None], torch.nan)
     before = (pairs.left.lift_offs_before, pairs.right.lift_offs_before)
-    return TrainingPairs(
+    return DescribedPairs(
         steps=steps,
         scored=torch.stack([pairs.left.scored, pairs.right.scored]),
         fall_lead=cfg.fall_logit * (right_fell.float() - left_fell.float()),

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from data.habits import Sides
 
-from .foresight import LEAST_SHARE, Accuracy, Foreseen
+from .held_out_report import LEAST_SHARE, Accuracy, Foreseen
 from .model import RewardModel
 from .pairs import AnsweredPairs
 from .support import Drift, support_of

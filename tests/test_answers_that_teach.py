@@ -17,7 +17,7 @@ from data.dataset import Dataset
 from data.habits import Sides, guesses
 from gaitpref.cli import main
 from rewardmodel import FitCfg, fit_reward, load_pairs, load_reward, save_reward
-from rewardmodel.cfg import KINDS
+from rewardmodel.cfg import KIND_NAMES
 from rewardmodel.pairs import MIN_ANSWERS, count_evidence
 
 from .answered_sets import Say, at_random, fill, gaits, honest
@@ -118,7 +118,7 @@ def test_ties_do_not_count_towards_what_a_fit_needs(
     assert main(fit) == 0
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", KIND_NAMES)
 def test_a_reward_that_no_answer_speaks_for_is_nothing(
     kind: str, tmp_path: Path
 ) -> None:

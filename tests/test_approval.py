@@ -23,7 +23,7 @@ from gaitpref.side_by_side import STRATEGY, verdict_of
 from gaitpref.stages import began_with
 from policy.checkpoint import holding_home, load_policy, read_plain
 from policy.evaluate import evaluate
-from rewardmodel.evidence import ERROR_SHARES
+from rewardmodel.noise_level import ERROR_SHARES
 from rewardmodel.storage import load_reward
 
 from .small_loop import small_cfg

@@ -24,8 +24,8 @@ from data.episode import (
     Episode,
     EpisodeMeta,
     decode_episode,
+    decode_features,
     read_episode,
-    read_features,
 )
 from data.episode_chunks import Compression
 from data.episode_writer import encode_episode, write_episode
@@ -148,11 +148,11 @@ def test_the_official_reader_reads_many_chunks(compression: Compression) -> None
 
 
 def test_a_written_file_gives_episode_and_features(tmp_path: Path) -> None:
-    """`read_features` is a shortcut to the same rows; nothing else stays behind."""
+    """Features alone are the same rows; nothing else stays behind."""
     episode = make_episode(5)
     write_episode(tmp_path / "e.mcap", episode)
     assert_same(read_episode(tmp_path / "e.mcap"), episode)
-    features = read_features(tmp_path / "e.mcap")
+    features = decode_features((tmp_path / "e.mcap").read_bytes(), "e.mcap")
     assert features.tobytes() == episode.features.tobytes()
     assert [path.name for path in tmp_path.iterdir()] == ["e.mcap"]
     with pytest.raises(ValueError, match="read-only"):

@@ -23,9 +23,9 @@ from policy.record import RecordCfg, record
 from policy.robot import load_robot
 from policy.train import TrainCfg, train
 from rewardmodel import FitCfg, RewardModel, fit_reward, load_pairs, save_reward
-from rewardmodel.cfg import MlpCfg
 from rewardmodel.clips import pad_clips
 from rewardmodel.explain import explain
+from rewardmodel.extensions.settings import MlpCfg
 
 HELD_OUT_SEED = 99
 
@@ -173,7 +173,7 @@ def test_shares_add_up(judged: Dataset, held_out: list[np.ndarray]) -> None:
     assert np.allclose(total, shown.reward, atol=1e-4)
 
     pytest.importorskip("captum")
-    cfg = FitCfg(kind="mlp", folds=2, mlp=MlpCfg(num_updates=30))
+    cfg = FitCfg(kind="mlp", folds=2, models=(MlpCfg(num_updates=30),))
     network, _ = fit_reward(pairs, cfg, seed=0)
     shown = explain(network, pad_clips([held_out[0]]))
     assert shown.method == "gradients"

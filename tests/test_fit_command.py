@@ -116,7 +116,7 @@ def test_every_step_gets_the_reward_of_the_model(
         np.testing.assert_allclose(found, expected.numpy(), rtol=1e-5, atol=1e-6)
 
 
-def test_what_looks_wrong_is_asked_again_or_taken_for_random(
+def test_what_looks_wrong_is_taken_for_random(
     datasets: list[Path], tmp_path: Path
 ) -> None:
     """Without a simulator too; of noise, some answers always look wrong."""
@@ -129,26 +129,6 @@ def test_what_looks_wrong_is_asked_again_or_taken_for_random(
     )
     doubted = load_reward(reward).provenance.report.doubted
     assert 0 < doubted < 30
-    again = ["pairs", "--dataset", datasets[0], "--strategy", "again", "--count", "3"]
-    refused = without_simulator(*again)
-    assert refused.returncode == 2
-    assert "--strategy again needs a reward" in refused.stderr
-    asked = without_simulator(*again, "--reward", reward)
-    assert asked.returncode == 0, asked.stderr
-    with Dataset.open(datasets[0]).answers() as store:
-        open_pairs = [pair for pair in store.pairs() if pair.strategy == "again"]
-    assert [sorted(pair.info) for pair in open_pairs] == [["again", "likelihood"]] * 3
-
-
-def test_members_share_what_they_look_at_only_where_there_are_curves(
-    datasets: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    sets = ["--dataset", str(datasets[0]), "--dataset", str(datasets[1])]
-    fit = ["fit", *sets, "--out", str(tmp_path / "reward"), "--shared"]
-    assert main(fit) == 2
-    assert "--shared is about curves" in capsys.readouterr().err
-    assert main([*fit, "--model", "sparse"]) == 0
-    assert load_reward(tmp_path / "reward").provenance.cfg.sparse.shared
 
 
 def test_a_limit_that_doubts_everything_is_refused(

@@ -25,9 +25,11 @@ from policy.robot import load_robot
 from policy.train import TrainCfg, train
 from rewardmodel import FitCfg, fit_reward
 from rewardmodel.caution import CautiousReward
-from rewardmodel.descriptors import DESCRIPTOR_NAMES, UNSTEADY, names_seen
+from rewardmodel.descriptors import DESCRIPTOR_NAMES, names_seen
+from rewardmodel.extensions.mlp import MlpScorer
+from rewardmodel.extensions.settings import MlpCfg
+from rewardmodel.habits import UNSTEADY
 from rewardmodel.linear import LinearScorer
-from rewardmodel.mlp import MlpScorer
 from rewardmodel.model import RewardModel
 from rewardmodel.normaliser import Normaliser
 from rewardmodel.rising import RisingReward
@@ -117,7 +119,10 @@ def test_what_was_expected_is_kept_with_a_fitted_reward(tmp_path: Path) -> None:
 
 def test_only_a_linear_reward_has_weights_to_be_careful_with() -> None:
     """Another is refused before anything is trained on it, by its kind."""
-    linear, scorer = quarrel(), MlpScorer(3, len(DESCRIPTOR_NAMES), 8)
+    linear, scorer = (
+        quarrel(),
+        MlpScorer(len(DESCRIPTOR_NAMES), MlpCfg(num_members=3, hidden_size=8)),
+    )
     provenance = replace(linear.provenance, cfg=FitCfg(kind="mlp"))
     model = RewardModel(linear.normaliser, scorer, provenance)
     for noisy in (True, False):

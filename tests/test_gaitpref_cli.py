@@ -127,18 +127,6 @@ def test_the_stages_work_one_by_one(
     with Dataset.open(Path(dataset)).answers() as store:
         asked = {pair.strategy for pair in store.pairs()}
     assert asked >= {"uniform", "bald", "kcenter", "medoids", "dpp"}
-    assert main([*more, "--strategy", "again"]) == 0
-    assert main([*more, "--strategy", "again"]) == 0
-    capsys.readouterr()
-    line = _refused([*more, "--count", "5", "--strategy", "again"], capsys)
-    assert "4 answered pairs can be asked again, 5 are wanted" in line
-    with Dataset.open(Path(dataset)).answers() as store:
-        pairs = {pair.pair_id: pair for pair in store.pairs()}
-    swapped = [pair for pair in pairs.values() if pair.strategy == "again"]
-    for pair in swapped:
-        first = pairs[pair.info["again"]]
-        assert (pair.a, pair.b) == (first.b, first.a)
-    assert len(swapped) == 8
     out = str(tmp_path / "out")
     learn = ["train", "--out", out, "--reward", reward, "--steps", "96"]
     assert main([*learn, "--envs", "4"]) == 0

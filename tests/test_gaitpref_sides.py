@@ -20,7 +20,7 @@ from policy.babble import Babble
 from policy.checkpoint import load_policy
 from policy.config import EnvCfg
 from policy.env import QuadrupedEnv
-from policy.kl_penalty import KlPenaltyCfg
+from policy.extensions.kl_penalty import KlPenaltyCfg
 from policy.ppo import PpoCfg
 from policy.robot import Robot, load_robot
 from policy.rollout import first_episodes

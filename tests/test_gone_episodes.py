@@ -81,8 +81,6 @@ def test_the_answers_about_other_episodes_stay(
     assert left_out in told("fit", *on, "--out", reward)
     assert left_out in told("trust", *on, "--reward", reward)
     assert left_out in told("pairs", *on, "--count", "2", "--clip-s", "0.2")
-    again = ("--count", "2", "--strategy", "again", "--reward", reward)
-    assert left_out in told("pairs", *on, *again)
     as_json = json.loads(told("fit", *on, "--out", reward, "--json"))
     assert (as_json["answers"], as_json["answers_gone"]) == (PAIRS - gone, gone)
     assert json.loads(told("trust", *on, "--reward", reward, "--json"))[

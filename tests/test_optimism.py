@@ -26,8 +26,9 @@ from policy.checkpoint import load_policy
 from policy.features import OBS_DIM
 from policy.robot import load_robot
 from policy.train import TrainCfg, train
+from rewardmodel.extensions.mlp import MlpScorer
+from rewardmodel.extensions.settings import MlpCfg
 from rewardmodel.linear import LinearScorer
-from rewardmodel.mlp import MlpScorer
 from rewardmodel.model import RewardModel
 from rewardmodel.normaliser import Normaliser
 from rewardmodel.optimism import OptimisticReward
@@ -52,7 +53,7 @@ def opinions(kind: str) -> RewardModel:
     model = model_of(*({} for _ in range(6)))
     scorer = model.scorer
     if kind == "mlp":
-        scorer = MlpScorer(6, len(model.names), 4)
+        scorer = MlpScorer(len(model.names), MlpCfg(num_members=6, hidden_size=4))
     with torch.no_grad():
         generator = torch.Generator().manual_seed(0)
         for values in (*scorer.parameters(), *scorer.buffers()):

@@ -14,7 +14,7 @@ from data.features import FEATURE_DIM, column
 from policy.config import CommandCfg, EnvCfg
 from policy.env import QuadrupedEnv
 from policy.features import OBS_DIM
-from policy.reward import TaskRewardCfg, task_reward_for, task_score, weighted_terms
+from policy.reward import TaskRewardCfg, task_reward_for, task_score, weighted
 from policy.robot import Robot, load_robot
 from policy.robots.bare import bare_model
 from policy.sim import BatchSim
@@ -237,8 +237,8 @@ def test_the_task_reward_is_a_function_of_the_row(robot: Robot) -> None:
     cfg = task_reward_for(robot, CFG.task)
     score = task_score(extras["features"], cfg, control_dt_s=env.step_dt)
     assert reward.allclose(score * env.step_dt)
-    terms = weighted_terms(extras["features"], cfg, control_dt_s=env.step_dt)
-    for name, term in terms.items():
+    terms = weighted(extras["features"], cfg, control_dt_s=env.step_dt)
+    for name, term in zip(cfg.weights, terms, strict=True):
         assert extras["log"][f"task/{name}"] == pytest.approx(
             float(term.mean()), abs=1e-6
         )
@@ -255,7 +255,8 @@ def test_task_terms_by_hand() -> None:
     row[column("foot_height")] = torch.tensor([0.0, 0.0, 0.06, 0.08])
     row[column("foot_air_time")] = torch.tensor([0.0, 0.0, 0.02, 0.3])
     cfg = TaskRewardCfg(height_m=0.28)
-    terms = weighted_terms(row, cfg, control_dt_s=0.02)
+    weights = weighted(row, cfg, control_dt_s=0.02)
+    terms = dict(zip(cfg.weights, weights, strict=True))
     assert float(terms["track_planar"]) == pytest.approx(
         math.exp(-(0.09 + 0.16) / 0.25)
     )

@@ -13,14 +13,13 @@ from torch import Tensor
 from benchmarks.exploration import coverage, settled_kl
 from data.features import FEATURE_DIM, column
 from policy.config import EnvCfg
-from policy.exploration import (
+from policy.extensions.exploration import (
     MOTION_SCALE,
     EntropyBonus,
     ExplorationBonusCfg,
     base_motion,
-    make_bonus,
 )
-from policy.kl_penalty import KlPenalty, KlPenaltyCfg
+from policy.extensions.kl_penalty import KlPenalty, KlPenaltyCfg
 from policy.ppo import PpoCfg
 from policy.robot import Robot, load_robot
 from policy.train import TrainCfg, train
@@ -67,8 +66,7 @@ def test_what_is_rare_pays_and_the_rollout_sums_to_nothing(
     """After many rollouts at rest the one robot that moves has the largest bonus."""
     torch.manual_seed(0)
     cfg = ExplorationBonusCfg(kind=kind, weight=3.0, memory=64)
-    bonus = make_bonus(cfg, step_dt_s=0.02)
-    assert bonus is not None
+    bonus = cfg.make(step_dt_s=0.02)
     speeds = 0.02 * torch.randn(8, 16)
     for _ in range(40):
         bonus(_rows(speeds))
@@ -142,4 +140,5 @@ def test_the_kl_settles_where_it_is_asked_to() -> None:
 def test_a_bonus_shows_more_motion() -> None:
     """A small version of `benchmarks.exploration`."""
     size = {"seed": 0, "iterations": 24, "num_envs": 48}
-    assert coverage("entropy", **size) > 1.25 * coverage("none", **size)
+    entropy = ExplorationBonusCfg(kind="entropy")
+    assert coverage(entropy, **size) > 1.25 * coverage(None, **size)

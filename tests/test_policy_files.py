@@ -19,9 +19,11 @@ from safetensors.torch import save as save_tensors
 from torch import nn
 
 from data.errors import FileError
+from data.plain import to_plain
 from gaitpref.cli import main
 from policy.checkpoint import PolicyError, load_policy, read_plain
 from policy.config import EnvCfg
+from policy.extensions.kl_penalty import KlPenaltyCfg
 from policy.ppo import PpoCfg
 from policy.robot import load_robot
 from policy.train import TrainCfg, train
@@ -156,6 +158,38 @@ def test_a_weight_that_is_no_number_is_refused_by_its_layer(
         assert f"{part}_state_dict.mlp.0.weight (3 of 384 numbers)" in said
         assert said.count("\n") == 1
     assert not out.exists()
+
+
+def test_extensions_that_are_off_leave_a_file_as_it_was_before_they_could_be_none(
+    trained: Path, tmp_path: Path
+) -> None:
+    """To the letter, as a file is named by its hash; and such files are read."""
+    payload = read_plain(trained / "policy.pt")
+    told = json.loads(payload["infos"]["gaitpref"])
+    written = list(told["ppo"].items())[-4:]
+    assert written == [
+        ("privileged_critic", False),
+        ("reference_kl_weight", 0.0),
+        ("kl_penalty", {"kind": "none", "beta": 1.0, "target": 0.01}),
+        (
+            "bonus",
+            {
+                "kind": "none",
+                "weight": 1.0,
+                "decay_iterations": None,
+                "neighbors": 5,
+                "memory": 2048,
+            },
+        ),
+    ]
+    assert load_policy(trained / "policy.pt").info.ppo == PPO
+    told["ppo"] |= {"kl_penalty": {"kind": "fixed", "beta": 2.0, "target": 0.01}}
+    payload["infos"]["gaitpref"] = json.dumps(told)
+    (tmp_path / "penalised.pt").write_bytes(_saved(payload))
+    ppo = load_policy(tmp_path / "penalised.pt").info.ppo
+    assert ppo == replace(PPO, kl_penalty=KlPenaltyCfg(kind="fixed", beta=2.0))
+    # A configuration says what is in force.
+    assert to_plain(PPO, whole=True)["bonus"] is None
 
 
 def test_shapes_that_do_not_fit_are_told_whole(trained: Path, tmp_path: Path) -> None:

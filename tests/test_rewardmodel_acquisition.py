@@ -18,6 +18,7 @@ from data.dataset import EpisodeEntry
 from data.episode import EpisodeMeta
 from data.episode_records import COMMAND_CHANGE
 from data.features import FEATURE_DIM, column
+from data.strategy_names import NEEDS_MODEL, StrategyName
 from rewardmodel import (
     Disagreement,
     FitCfg,
@@ -28,23 +29,15 @@ from rewardmodel import (
     choose_pairs,
     fold_of,
 )
-from rewardmodel.acquisition import (
-    NEEDS_MODEL,
-    Bald,
-    Dpp,
-    Entropy,
-    Improvement,
-    KCenter,
-    Medoids,
-    Strategy,
-    StrategyName,
-    make_strategy,
-)
+from rewardmodel.acquisition import Strategy
 from rewardmodel.clips import ClipRows
 from rewardmodel.descriptors import DESCRIPTOR_NAMES
+from rewardmodel.extensions.batches import Dpp, KCenter, Medoids
+from rewardmodel.extensions.informative import Bald, Entropy, Improvement
 from rewardmodel.linear import LinearScorer
 from rewardmodel.model import Provenance
 from rewardmodel.normaliser import Normaliser
+from rewardmodel.strategies import STRATEGIES, make_strategy
 
 
 def entry(
@@ -444,6 +437,13 @@ def test_a_various_batch_leaves_out_what_is_known() -> None:
         strategy = make_strategy(name, model, clip_rows)
         worth = strategy(clips, np.array([[0, 1], [2, 0], [0, 4], [4, 3]]), RNG)
         assert worth.argmax() in (2, 3)
+
+
+def test_names_and_strategies_agree() -> None:
+    """Names are where nothing heavy is imported, strategies where they are made."""
+    assert tuple(STRATEGIES) == get_args(StrategyName)
+    needing = [name for name, making in STRATEGIES.items() if making.blind is None]
+    assert sorted(NEEDS_MODEL) == sorted(needing)
 
 
 @pytest.mark.parametrize("name", NEEDS_MODEL)

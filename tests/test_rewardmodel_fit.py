@@ -19,6 +19,7 @@ from torch import Tensor
 
 from data.features import FEATURE_DIM, FEATURES, column
 from data.files import sha256_bytes
+from data.plain import to_plain
 from rewardmodel import (
     AnsweredPairs,
     FitCfg,
@@ -29,27 +30,17 @@ from rewardmodel import (
     load_reward,
     save_reward,
 )
-from rewardmodel.cfg import HistoryCfg, LinearCfg, MlpCfg, ReliabilityCfg
+from rewardmodel.cfg import LinearCfg, ReliabilityCfg
 from rewardmodel.clips import ClipBatch, mean_over, pad_clips
-from rewardmodel.descriptors import (
-    DESCRIPTOR_NAMES,
-    FEET,
-    HURRIED,
-    TOLD,
-    UNSTEADY,
-    describe,
-)
+from rewardmodel.descriptors import DESCRIPTOR_NAMES, describe
 from rewardmodel.explain import explain
-from rewardmodel.linear import (
-    MIN_SPREAD,
-    LinearScorer,
-    expected_weights,
-    fit_linear,
-    members_for,
-)
+from rewardmodel.extensions.model_choice import choose_kind
+from rewardmodel.extensions.settings import GpCfg, HistoryCfg, LabelFilterCfg, MlpCfg
+from rewardmodel.habits import FEET, HURRIED, TOLD, UNSTEADY
+from rewardmodel.kinds import KINDS, prepare
+from rewardmodel.linear import LinearScorer, expected_weights, fit_linear, members_for
+from rewardmodel.prepared import MIN_SPREAD, Prepared
 from rewardmodel.report import wilson_interval
-from rewardmodel.selection import choose_kind
-from rewardmodel.training import TrainingPairs, training_pairs
 from rewardmodel.trust import judged_spread
 
 EPISODES = [hashlib.sha256(bytes([index])).hexdigest() for index in range(60)]
@@ -262,8 +253,7 @@ def test_the_model_is_chosen_by_held_out_answers(tmp_path: Path) -> None:
     auto = replace(
         QUICK,
         kind="auto",
-        mlp=MlpCfg(num_updates=5),
-        history=HistoryCfg(num_updates=5),
+        models=(MlpCfg(num_updates=5), HistoryCfg(num_updates=5)),
     )
     pairs = answered(150, seed=1)
     stiff, report = fit_reward(pairs, auto, seed=0)
@@ -283,19 +273,30 @@ def test_the_model_is_chosen_by_held_out_answers(tmp_path: Path) -> None:
     assert load_reward(tmp_path / "reward").provenance == bending.provenance
 
 
-def test_it_grows_only_where_weights_cannot_say_it() -> None:
-    """Not for a weighted sum, also where a fifth of the answers is wrong."""
-    grow = replace(QUICK, kind="grow", adapt=True)
-    for flipped in (0.0, 0.2):
-        pairs = answered(150, seed=1, flipped=flipped)
-        model, report = fit_reward(pairs, grow, seed=0)
-        assert model.provenance.cfg.kind == "linear"
-        # Nothing else is fitted where weights foresee held-out answers.
-        assert report.considered == ()
-    bent = likes_the_middle(answered(250, seed=1))
-    model, report = fit_reward(bent, grow, seed=0)
-    assert model.provenance.cfg.kind == "gp"
-    assert [kind for kind, _ in report.considered] == ["linear", "gp"]
+def test_rewards_of_earlier_versions_are_read(tmp_path: Path) -> None:
+    """Which wrote settings of every model, whether it was used or not."""
+    pairs = answered(40, seed=1)
+    small = MlpCfg(num_updates=5, hidden_size=8)
+    cfg = replace(QUICK, kind="mlp", models=(small,))
+    model, _ = fit_reward(pairs, cfg, seed=0, measured=False)
+    save_reward(model, tmp_path)
+    facts = json.loads((tmp_path / "reward.json").read_text())
+    (own,) = facts["cfg"].pop("models")
+    older = {"gp": to_plain(GpCfg()), "mlp": own, "doubted_below": 0.1}
+    facts["cfg"] |= older
+    facts["cfg"]["sparse"]["shared"] = True
+    (tmp_path / "reward.json").write_text(json.dumps(facts))
+    loaded = load_reward(tmp_path)
+    found = loaded.provenance.cfg
+    assert (found.models, found.label_filter) == ((small,), LabelFilterCfg(below=0.1))
+    assert loaded.lead(pairs.left, pairs.right).equal(
+        model.lead(pairs.left, pairs.right)
+    )
+
+
+def test_a_model_has_settings_once() -> None:
+    with pytest.raises(ValueError, match="settings of MlpCfg are given twice"):
+        FitCfg(models=(MlpCfg(), MlpCfg(num_updates=3)))
 
 
 def test_few_answers_leave_no_choice() -> None:
@@ -388,12 +389,13 @@ def test_no_test_episode_is_in_the_training_pairs(
     fitted: list[int] = []
 
     def counting(
-        training: TrainingPairs, cfg: FitCfg, *, generator: torch.Generator
+        training: Prepared, cfg: FitCfg, generator: torch.Generator
     ) -> LinearScorer:
         fitted.append(len(training))
-        return fit_linear(training, cfg, generator=generator)
+        return fit_linear(training, cfg, generator)
 
-    monkeypatch.setattr("rewardmodel.ensemble.fit_linear", counting)
+    linear = replace(KINDS["linear"], fit=counting)
+    monkeypatch.setitem(KINDS, "linear", linear)
     _, report = fit_reward(pairs, FitCfg(), seed=0)
     folds = [{fold_of(sha256) for sha256 in pair} for pair in pairs.episodes]
     without = [sum(fold not in pair for pair in folds) for fold in range(5)]
@@ -420,7 +422,7 @@ def test_save_and_load_bit_for_bit(
 ) -> None:
     """Two fits with one seed write the same bytes; loading gives the same reward."""
     pairs = answered(20, seed=5)
-    cfg = FitCfg(kind=kind, mlp=MlpCfg(num_updates=5))
+    cfg = FitCfg(kind=kind, models=(MlpCfg(num_updates=5),))
     for name in ("one", "two"):
         model, _ = fit_reward(pairs, cfg, seed=7)
         save_reward(model, tmp_path / name)
@@ -636,7 +638,7 @@ def test_without_evidence_unsteadiness_is_disliked_and_nothing_else(
 
 def test_what_was_never_seen_to_differ_is_not_judged() -> None:
     """A habit all clips share gets no weight from what is expected of it."""
-    pairs = training_pairs(answered(8, seed=1), QUICK)
+    pairs = prepare(answered(8, seed=1), QUICK).described
     spread = torch.tensor(
         [1.0 if n == "slip" else MIN_SPREAD for n in DESCRIPTOR_NAMES]
     )

@@ -11,10 +11,11 @@ from torch import Tensor
 
 from data.plain import from_plain
 from rewardmodel.cfg import FitCfg, SparseCfg
-from rewardmodel.evidence import erring, log_evidence
 from rewardmodel.forward import LEFT_OUT, chosen_curves
+from rewardmodel.laplace import log_evidence
 from rewardmodel.likelihood import Errors
-from rewardmodel.training import TrainingPairs, bootstrap_counts
+from rewardmodel.noise_level import erring
+from rewardmodel.training import StandardisedPairs, bootstrap_counts
 
 CURVES, WEIGHTS = 12, 3
 CFG = FitCfg(kind="sparse", error_share=0.1)
@@ -28,10 +29,10 @@ def drawn(count: int, *, seed: int = 0) -> Tensor:
     return torch.randn(shape, generator=generator, dtype=torch.float64)
 
 
-def answers(lead: Tensor) -> TrainingPairs:
+def answers(lead: Tensor) -> StandardisedPairs:
     """Answers of a rater who never errs, of pairs with leads [B]."""
     count = len(lead)
-    pairs = TrainingPairs(
+    pairs = StandardisedPairs(
         steps=torch.zeros(2, count, 1, 1),
         scored=torch.ones(2, count, 1, dtype=torch.bool),
         fall_lead=torch.zeros(count),

@@ -14,22 +14,24 @@ from benchmarks.data import answered_dataset
 from data.dataset import Dataset
 from gaitpref.cli import main
 from rewardmodel import RewardError
-from rewardmodel.acquisition import unanswered_pairs
-from rewardmodel.cfg import FitCfg, SemiSupervisedCfg
+from rewardmodel.cfg import FitCfg
+from rewardmodel.extensions.semi_supervised import Unanswered, with_opinions
+from rewardmodel.extensions.settings import SemiSupervisedCfg
+from rewardmodel.extensions.unanswered import unanswered_pairs
 from rewardmodel.fit import fit_reward
 from rewardmodel.held_out import fold_of
 from rewardmodel.likelihood import Errors
+from rewardmodel.normaliser import Normaliser
 from rewardmodel.pairs import AnsweredPairs, load_pairs
-from rewardmodel.semi_supervised import Unanswered, with_opinions
 from rewardmodel.storage import load_reward
-from rewardmodel.training import TrainingPairs
+from rewardmodel.training import DescribedPairs
 
 SEMI = SemiSupervisedCfg(confidence=0.9, error_share=0.6, pairs_per_answer=2)
 CFG = FitCfg(semi_supervised=SEMI)
 
 
-def _pairs(count: int, num_steps: int) -> TrainingPairs:
-    return TrainingPairs(
+def _pairs(count: int, num_steps: int) -> DescribedPairs:
+    return DescribedPairs(
         steps=torch.arange(2.0 * count * num_steps).view(2, count, num_steps, 1),
         scored=torch.ones(2, count, num_steps, dtype=torch.bool),
         fall_lead=torch.zeros(count),
@@ -62,7 +64,10 @@ def test_only_what_all_members_are_sure_of_counts() -> None:
     # Shorter clips are padded, and what is padded does not count.
     assert both.steps.shape == (2, 5, 4, 1)
     assert both.scored[:, 3:].sum(dim=-1).tolist() == [[2, 2], [2, 2]]
-    assert both.difference[3:, 0].tolist() == [-8.0, -8.0]
+    blank = Normaliser(1)
+    blank.std.fill_(100.0)
+    difference = both.standardised(blank).difference[3:, 0]
+    assert difference.tolist() == pytest.approx([-0.08, -0.08])
     unsure = with_opinions(_pairs(3, 4), _pairs(4, 2), torch.zeros(2, 4), CFG)
     assert len(unsure) == 3
 

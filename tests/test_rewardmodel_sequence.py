@@ -21,9 +21,10 @@ from rewardmodel import (
     load_reward,
     save_reward,
 )
-from rewardmodel.cfg import HistoryCfg, Kind, MlpCfg, SparseCfg, TransformerCfg
+from rewardmodel.cfg import KindName, SparseCfg
 from rewardmodel.clips import pad_clips
 from rewardmodel.explain import explain
+from rewardmodel.extensions.settings import HistoryCfg, MlpCfg, TransformerCfg
 from rewardmodel.sparse import SparseScorer
 
 from .test_rewardmodel_fit import answered, gait
@@ -62,7 +63,9 @@ def accuracy(model: RewardModel, pairs: AnsweredPairs) -> float:
     ("kind", "learns"),
     [("linear", False), ("gp", False), ("mlp", False), ("history", True)],
 )
-def test_a_rhythm_is_learned_by_looking_back_alone(kind: Kind, learns: bool) -> None:
+def test_a_rhythm_is_learned_by_looking_back_alone(
+    kind: KindName, learns: bool
+) -> None:
     """Three hundred answers by the quicker rhythm, judged on fresh pairs."""
     pairs, fresh = by_rhythm(300, seed=0), by_rhythm(200, seed=99)
     model, _ = fit_reward(pairs, FitCfg(kind=kind), seed=0, measured=False)
@@ -72,8 +75,8 @@ def test_a_rhythm_is_learned_by_looking_back_alone(kind: Kind, learns: bool) -> 
 
 LOOKING_BACK = [
     FitCfg(kind="sparse", sparse=SparseCfg(num_members=2)),
-    FitCfg(kind="history", history=HistoryCfg(num_updates=3)),
-    FitCfg(kind="transformer", transformer=TransformerCfg(num_updates=3)),
+    FitCfg(kind="history", models=(HistoryCfg(num_updates=3),)),
+    FitCfg(kind="transformer", models=(TransformerCfg(num_updates=3),)),
 ]
 
 
@@ -149,8 +152,7 @@ def test_auto_looks_back_where_the_answers_speak_for_it() -> None:
     """Held-out answers about a rhythm choose `history`, and let a transformer try."""
     cfg = FitCfg(
         kind="auto",
-        mlp=MlpCfg(num_updates=1),
-        transformer=TransformerCfg(num_updates=1),
+        models=(MlpCfg(num_updates=1), TransformerCfg(num_updates=1)),
     )
     model, report = fit_reward(by_rhythm(300, seed=0), cfg, seed=0)
     assert model.provenance.cfg.kind == "history"
@@ -162,8 +164,7 @@ def test_auto_tries_no_transformer_where_history_does_not_matter() -> None:
     cfg = FitCfg(
         kind="auto",
         folds=2,
-        mlp=MlpCfg(num_updates=1),
-        history=HistoryCfg(num_updates=1),
+        models=(MlpCfg(num_updates=1), HistoryCfg(num_updates=1)),
     )
     model, report = fit_reward(answered(80, seed=0), cfg, seed=0)
     assert model.provenance.cfg.kind not in ("history", "transformer")

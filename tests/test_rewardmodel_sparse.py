@@ -24,18 +24,20 @@ from rewardmodel import (
     save_reward,
 )
 from rewardmodel.cfg import ReliabilityCfg, SparseCfg
-from rewardmodel.chance import explained_by_chance
 from rewardmodel.clips import pad_clips, read_clips
 from rewardmodel.curves import learned_curves
-from rewardmodel.descriptors import TOLD, describe, names_seen
+from rewardmodel.descriptors import describe, names_seen
 from rewardmodel.explain import explain
-from rewardmodel.foresight import foresee
+from rewardmodel.habits import TOLD
+from rewardmodel.held_out_report import foresee
+from rewardmodel.kinds import prepare
+from rewardmodel.noise_level import FEW_ERRORS
+from rewardmodel.permutation_test import explained_by_chance
 from rewardmodel.reliability import HARDLY_LOOKS, judge
 from rewardmodel.rising import RisingReward, rises
 from rewardmodel.sparse import SparseScorer
-from rewardmodel.sparse_fit import find
+from rewardmodel.sparse_fit import curve_settings
 from rewardmodel.stride_rate import stride_rate
-from rewardmodel.training import training_pairs
 from rewardmodel.trust import MOST_BY_CHANCE
 
 from .test_rewardmodel_fit import accuracy, answered, gait
@@ -137,28 +139,6 @@ def test_few_answers_name_the_one_thing_wanted(
     assert accuracy(linear, fresh) < by_weights
 
 
-@pytest.mark.parametrize(
-    ("taste", "named"), [(apart, {"side_support"}), (one_foot, {"foot_height_RL"})]
-)
-def test_members_that_share_what_is_found_agree_on_it(
-    taste: Taste, named: set[str], tmp_path: Path
-) -> None:
-    """Sixty answers leave no doubt of what one habit a wish is about."""
-    pairs, fresh = asked(taste, 60, seed=0), asked(taste, 300, seed=99)
-    shared = replace(SPARSE, sparse=SparseCfg(shared=True))
-    model, report = fit_reward(pairs, shared, seed=0)
-    assert accuracy(model, fresh) > 0.9
-    assert curves_kept(model) == named
-    assert report.held_out_accuracy is not None
-    assert report.held_out_accuracy > 0.8
-    save_reward(model, tmp_path / "reward")
-    loaded = load_reward(tmp_path / "reward")
-    assert loaded.provenance.cfg.sparse.shared
-    assert loaded.lead(fresh.left, fresh.right).equal(
-        model.lead(fresh.left, fresh.right)
-    )
-
-
 def test_what_few_members_have_is_paid_less() -> None:
     """Of two curves, one of all four members and one of the first alone."""
     scorer = SparseScorer(4, len(SEEN))
@@ -207,7 +187,7 @@ def test_random_answers_are_told_from_those_that_mean_something() -> None:
     """By how well curves explain them, of the former in some draws by chance."""
     by_chance = {
         (flipped, seed): explained_by_chance(
-            training_pairs(asked(apart, 40, seed=seed, flipped=flipped), SPARSE),
+            prepare(asked(apart, 40, seed=seed, flipped=flipped), SPARSE),
             SPARSE,
             seed=0,
             draws=19,
@@ -232,16 +212,26 @@ def test_feet_are_told_apart_where_answers_speak_for_it(
     taste: Taste, single_legs: bool, ends: bool
 ) -> None:
     """Among so many more curves some always fit a few answers by chance."""
-    cfg = find(training_pairs(asked(taste, 60, seed=0), SPARSE), SPARSE)
+    cfg = curve_settings(prepare(asked(taste, 60, seed=0), SPARSE), SPARSE)
     found = cfg.sparse
     assert (found.single_legs, found.ends) == (single_legs, ends)
+
+
+@pytest.mark.parametrize("flipped", [0.0, 0.3])
+def test_curves_look_for_errors_within_what_was_decided(flipped: float) -> None:
+    pairs = asked(one_foot, 40, seed=0, flipped=flipped)
+    sparse = SparseCfg(single_legs=True, ends=False)
+    for err in (True, False):
+        cfg = replace(SPARSE, answers_err=err, sparse=sparse)
+        found = curve_settings(prepare(pairs, cfg), cfg)
+        assert (found.error_share > FEW_ERRORS) == err
 
 
 def test_it_tells_the_errors_of_raters_from_its_own() -> None:
     """What no weighted sum says is no error to it; what is one is."""
     share = {
-        flipped: find(
-            training_pairs(asked(one_foot, 100, seed=0, flipped=flipped), SPARSE),
+        flipped: curve_settings(
+            prepare(asked(one_foot, 100, seed=0, flipped=flipped), SPARSE),
             SPARSE,
         ).error_share
         for flipped in (0.0, 0.2)
@@ -301,8 +291,9 @@ def test_while_the_model_is_open_raters_are_judged_by_curves() -> None:
     names = ("ada", "bob") * 40
     target = torch.where(torch.arange(80) % 2 == 0, pairs.target, chance.float())
     spoiled = replace(pairs, target=target)
-    for cfg, tells in ((FitCfg(kind="auto"), True), (FitCfg(kind="linear"), False)):
-        judged = judge(training_pairs(spoiled, cfg), names, cfg)
+    cfg = FitCfg(kind="auto", adapt=False)
+    for tells in (True, False):
+        judged = judge(prepare(spoiled, cfg), names, cfg, by_curves=tells)
         shares = dict(judged.raters)
         assert (shares["ada"] < 0.3 and shares["bob"] >= HARDLY_LOOKS) == tells
         assert judged.cfg == cfg
@@ -316,7 +307,8 @@ def test_who_does_not_look_is_found_out_in_a_crowd() -> None:
     careless = torch.tensor([name == "c" for name in names])
     target = torch.where(careless, chance.float(), pairs.target)
     cfg = replace(SPARSE, sparse=SparseCfg(single_legs=False, ends=False))
-    judged = judge(training_pairs(replace(pairs, target=target), cfg), names, cfg)
+    prepared = prepare(replace(pairs, target=target), cfg)
+    judged = judge(prepared, names, cfg, by_curves=True)
     shares = dict(judged.raters)
     assert shares.pop("c") >= HARDLY_LOOKS
     assert max(shares.values()) < 0.3
@@ -385,7 +377,7 @@ def test_squares_are_laid_out_by_their_root() -> None:
     scorer.judged[1] = 4.0
     steps = torch.tensor([0.0, 1.0, 4.0])[:, None].repeat(1, len(SEEN))
     steps.requires_grad_()
-    seen = scorer.seen(steps)
+    seen = scorer.places(steps).clamp(0, 1)
     power, height = (seen[:, SEEN.index(name)].tolist() for name in ("power", "height"))
     assert power == pytest.approx([0.0, 0.46, 1.0], abs=0.01)
     assert height == pytest.approx([0.0, 0.25, 1.0])

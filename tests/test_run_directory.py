@@ -388,11 +388,13 @@ def test_a_decision_of_the_wrong_kind_is_refused(
 
 
 def test_a_setting_may_be_one_of_two_kinds() -> None:
-    """`grow` is of the second of them, `gp` of the first."""
+    """`auto` is of the second of them, `gp` of the first."""
     fit = STYLE.reward
-    for kind in ("grow", "gp", "auto"):
+    for kind in ("gp", "auto"):
         plain = json.loads(json.dumps(to_plain(replace(fit, kind=kind))))
         assert from_plain(type(fit), plain).kind == kind
+    # What grew by itself never did.
+    assert from_plain(type(fit), {**to_plain(fit), "kind": "grow"}).kind == "linear"
     with pytest.raises(ValueError, match=r"kind must be one of .* got 'best'"):
         from_plain(type(fit), {**to_plain(fit), "kind": "best"})
 

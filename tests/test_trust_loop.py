@@ -34,8 +34,8 @@ from policy.robot import load_robot
 from policy.train import TrainCfg, train
 from rewardmodel import AnsweredPairs, FitCfg, RewardModel, fit_reward, load_pairs
 from rewardmodel.descriptors import DESCRIPTOR_NAMES
+from rewardmodel.kinds import prepare
 from rewardmodel.linear import LinearScorer
-from rewardmodel.training import training_pairs
 from rewardmodel.trust import alarms, reach
 
 from .small_loop import small_cfg
@@ -115,7 +115,7 @@ def exploitable(model: RewardModel, pairs: AnsweredPairs) -> RewardModel:
     weights[:, DESCRIPTOR_NAMES.index("action_sq")] = 1.0
     model.scorer.weights.copy_(weights)
     # Unit deviation on the judged steps, as every fitted reward has.
-    steps = training_pairs(pairs, FitCfg()).transformed(model.normaliser)
+    steps = prepare(pairs, FitCfg()).by(model.normaliser)
     return model.calibrate(steps)
 
 

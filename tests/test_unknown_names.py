@@ -21,10 +21,9 @@ from policy.ppo import PpoCfg
 from policy.robot import load_robot
 from policy.train import TrainCfg, train
 from rewardmodel import FitCfg, RewardError, fit_reward, load_reward, save_reward
-from rewardmodel.acquisition import make_strategy
-from rewardmodel.cfg import sight_of
 from rewardmodel.ensemble import fit_ensemble
-from rewardmodel.training import training_pairs
+from rewardmodel.kinds import kind_called, prepare
+from rewardmodel.strategies import make_strategy
 
 from .test_rewardmodel_fit import answered
 
@@ -37,11 +36,11 @@ def test_an_unknown_kind_of_model_is_not_fitted_as_linear(tmp_path: Path) -> Non
     with pytest.raises(ValueError, match="called 'lineal'; there are linear"):
         FitCfg(kind=unknown)
     with pytest.raises(ValueError, match="no model is called 'lineal'"):
-        sight_of("lineal")
+        kind_called("lineal")
     open_kind = FitCfg(kind="auto")
-    described = training_pairs(answered(10, seed=0), open_kind)
-    with pytest.raises(ValueError, match="`auto` is no model"):
-        fit_ensemble(described, open_kind, 0)
+    prepared = prepare(answered(10, seed=0), open_kind)
+    with pytest.raises(ValueError, match="no model is called 'auto'"):
+        fit_ensemble(prepared, open_kind, 0)
     model, _ = fit_reward(answered(10, seed=0), FitCfg(), seed=0, measured=False)
     save_reward(model, tmp_path)
     facts = tmp_path / "reward.json"
@@ -154,6 +153,18 @@ sys.exit(main(["fit", "--dataset", "d", "--out", "o"]))
     assert done.returncode == 1
     assert "no rewardmodel.used here" in done.stderr
     assert "pip install" not in done.stderr
+
+
+def test_commands_compute_with_one_thread(tmp_path: Path) -> None:
+    """However many there are, so that results do not depend on the machine."""
+    done = run_with(f"""
+import torch
+from gaitpref.cli import main
+torch.set_num_threads(3)
+main(["trust", "--dataset", {str(tmp_path)!r}, "--reward", {str(tmp_path)!r}])
+print(torch.get_num_threads())
+""")
+    assert done.stdout.strip() == "1", done.stderr
 
 
 def test_any_module_of_the_reward_model_can_be_imported_first() -> None:

@@ -40,11 +40,11 @@ class Compared:
 
     def judges(self, context: RoundContext) -> bool:
         """Whether the policy of a round is judged, where answers are kept for it."""
-        return context.number >= self.first and (context.is_last or context.noisy)
+        return context.number >= self.first and (context.is_last or bool(context.noisy))
 
     def odds_needed(self, context: RoundContext) -> float:
         """Odds, by the answers alone, from which on the new policy is approved."""
-        strict = context.is_last and context.noisy
+        strict = context.is_last and bool(context.noisy)
         return self.odds_to_stay if strict else self.odds_to_go_on
 
 

@@ -16,8 +16,8 @@ class RoundContext:
     """Number of the last round, which trains and asks nobody any more."""
     labels: int
     """Answers in all rounds together."""
-    noisy: bool = False
-    """Whether answers err, as it was decided after the first fit; False before."""
+    noisy: bool | None = None
+    """Whether answers err, as it was decided after the first fit; None before."""
     first_asked: int = 0
     """Questions that round 0 has asked by now."""
 

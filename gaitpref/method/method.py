@@ -5,7 +5,7 @@ A decision is left out with `replace(STYLE, start=None)`, or another put in its 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from data.plain import ONE_OF
 from policy.known_terms import KnownTermsCfg
@@ -62,9 +62,10 @@ class Method:
 
     def fit_of(self, context: RoundContext) -> FitCfg:
         """What is fitted in the round of `context`."""
+        fit = replace(self.reward, answers_err=context.noisy)
         if self.once_it_walks is None:
-            return self.reward
-        return self.once_it_walks.expected(self.reward, context)
+            return fit
+        return self.once_it_walks.expected(fit, context)
 
 
 FROM_SCRATCH = Method(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rewardmodel.strategy_names import StrategyName
+from data.strategy_names import StrategyName
 
 
 @dataclass(frozen=True, kw_only=True)

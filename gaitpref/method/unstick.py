@@ -28,4 +28,4 @@ class Optimism:
         """
         if context.is_first or context.is_last:
             return False
-        return context.number > 1 or context.noisy
+        return context.number > 1 or bool(context.noisy)

@@ -51,7 +51,6 @@ def scene(mj_model: mujoco.MjModel, prefix: str) -> Message:
     return {"markers": markers}
 
 
-_ZERO = {"x": 0.0, "y": 0.0, "z": 0.0}
 _BLANK: Message = {
     "action": 0,
     "lifetime": {"sec": 0, "nanosec": 0},

@@ -24,9 +24,6 @@ MAX_CLIPS = 1000
 """Clips looked at for one batch, drawn at random: all their pairs fit in memory."""
 CANDIDATES_PER_PAIR = 10
 """Candidates a strategy rates for every pair that will be asked."""
-SAME_POLICY_WEIGHT = 0.25
-"""How often a pair from one checkpoint becomes a candidate, against one from two:
-clips of one checkpoint look alike, and look-alikes are hard to judge."""
 MIN_FALLS, MAX_FALLS = 0.05, 0.25
 """Share of a round's questions in which one of the two robots falls: most such answers
 are known beforehand, so that they must not use up the questions, but a fall is shown
@@ -54,7 +51,7 @@ def choose_pairs(
     from both sides.
 
     Args:
-        entries: The episodes of `clips`, with their commands and policies.
+        entries: The episodes of `clips`, with their commands.
         clips: Stretches to choose from.
         count: Pairs wanted; fewer come back when there are no more.
         strategy: What makes a candidate worth asking.
@@ -100,7 +97,6 @@ class _Pool:
     clips: Sequence[Clip]
     episode: np.ndarray
     command: np.ndarray
-    policy: np.ndarray
     fold: np.ndarray
     fell: np.ndarray
     """Whether a clip ends in a fall."""
@@ -124,7 +120,6 @@ def _pool(clips: Sequence[Clip], entries: Iterable[EpisodeEntry], folds: int) ->
         command=_numbered(
             [asked_for(entry, clip) for entry, clip in zip(own, clips, strict=True)]
         ),
-        policy=_numbered([entry.meta.policy_sha256 for entry in own]),
         fold=np.array([fold_of(entry.sha256, folds) for entry in own], dtype=int),
         fell=np.array(
             [
@@ -163,10 +158,7 @@ def _candidates(
         raise NothingToCompare(_nothing_to_compare(pool))
     pairs = pairs[~_known(pool, pairs, known_pairs)]
 
-    same_policy = pool.policy[pairs[:, 0]] == pool.policy[pairs[:, 1]]
-    # The smallest of such times are a draw without replacement by weight.
-    times = rng.exponential(size=len(pairs))
-    pairs = pairs[np.argsort(times / np.where(same_policy, SAME_POLICY_WEIGHT, 1.0))]
+    pairs = rng.permutation(pairs)
     meetings = _occurrence(pool.codes(pairs, pool.episode))
     pairs = pairs[np.lexsort((pool.crosses_folds(pairs), meetings))][:count]
 

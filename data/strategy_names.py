@@ -1,0 +1,22 @@
+"""What the ways to choose a pair are called; a pair keeps the name of its own."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+StrategyName = Literal[
+    "uniform",
+    "disagreement",
+    "entropy",
+    "bald",
+    "improvement",
+    "kcenter",
+    "kcenter-entropy",
+    "medoids",
+    "dpp",
+]
+NEEDS_MODEL = ("disagreement", "entropy", "bald", "improvement", "kcenter-entropy")
+"""Names of strategies that ask an ensemble, and of it the hardest questions; kcenter
+and dpp use one where there is one."""
+ASKED_AGAIN = "again"
+"""Of pairs that earlier versions asked once more, as the answers looked wrong."""

@@ -1,0 +1,83 @@
+"""A stage of the loop done by hand: which method, and which of its rounds.
+
+Neither a simulator nor viser is imported here: data sets can be reused where they are
+not installed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, Protocol
+
+from data.errors import GaitprefError
+from rewardmodel.cfg import FitCfg
+from rewardmodel.storage import load_reward
+
+from .method.context import RoundContext
+from .method.method import FROM_SCRATCH, STYLE, Method
+from .method.noisy import NoisyAnswers
+
+MethodName = Literal["scratch", "style"]
+METHODS: dict[MethodName, Method] = {"scratch": FROM_SCRATCH, "style": STYLE}
+ROUNDS: dict[MethodName, int] = {"scratch": 4, "style": 3}
+"""Rounds of a loop where nobody says how many, as of `--preset quick`."""
+
+
+class ByHand(Protocol):
+    """The options of a command that does a stage by hand."""
+
+    @property
+    def method(self) -> MethodName | None: ...
+    @property
+    def round(self) -> int: ...
+    @property
+    def rounds(self) -> int | None: ...
+    @property
+    def first_reward(self) -> Path | None: ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stage:
+    """What a method decides for one round."""
+
+    method: Method
+    context: RoundContext
+
+    @property
+    def fit(self) -> FitCfg:
+        """What is fitted."""
+        return self.method.fit_of(self.context)
+
+
+def stage_of(command: ByHand) -> Stage | None:
+    """The method and the round that `command` names; None where it names none.
+
+    Raises:
+        GaitprefError: the round is beyond the last, or what decided whether answers err
+            is no reward.
+    """
+    if command.method is None:
+        if command.first_reward is not None:
+            raise GaitprefError(
+                "--first-reward decides for a round of a method: add --method scratch "
+                "or style"
+            )
+        return None
+    rounds = command.rounds or ROUNDS[command.method]
+    if command.round > rounds:
+        raise GaitprefError(
+            f"--round {command.round} is beyond the last, {rounds}: the loop asks in "
+            f"rounds 0 to {rounds - 1} and trains in rounds 1 to {rounds}; give "
+            "--rounds too where there are more"
+        )
+    noisy = None
+    if command.first_reward is not None:
+        noisy = NoisyAnswers.of(load_reward(command.first_reward)).noisy
+    context = RoundContext(number=command.round, rounds=rounds, labels=0, noisy=noisy)
+    return Stage(method=METHODS[command.method], context=context)
+
+
+def told_without_method(what: str) -> str:
+    """How a stage done without a method differs: the loop does `what`."""
+    return f"the loop {what}: --method style, or scratch, does it here too"

@@ -1,0 +1,109 @@
+"""The kinds of reward model there are: one table, and nothing else asks for a name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+
+from .cfg import FitCfg
+from .descriptors import Sight, names_seen
+from .extensions.gp import GpScorer, fit_gp
+from .extensions.history import HistoryScorer, fit_history
+from .extensions.mlp import MlpScorer, fit_mlp
+from .extensions.settings import GpCfg, HistoryCfg, MlpCfg, TransformerCfg
+from .extensions.transformer import TransformerScorer, fit_transformer
+from .linear import LinearScorer, fit_linear
+from .pairs import AnsweredPairs
+from .prepared import Prepared
+from .scorer import Scorer
+from .sparse import SparseScorer
+from .sparse_fit import fit_sparse
+from .training import describe_pairs
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kind:
+    """What a reward model is made of, and what it says of the answers."""
+
+    sight: Sight
+    """What it sees."""
+    make: Callable[[FitCfg, int], Scorer]
+    """Without any opinion, for so many descriptors: raw reward 0."""
+    fit: Callable[[Prepared, FitCfg, torch.Generator], Scorer]
+    """Each member to its own bootstrap of the answers."""
+    by_curves: bool = False
+    """Whether curves tell the raters' errors from their wishes, and find which of them
+    may matter; else weights do."""
+    tells_errors: bool = False
+    """Whether more errors than can be overlooked are the raters', and not what the
+    model cannot say."""
+
+
+KINDS: dict[str, Kind] = {
+    "linear": Kind(
+        sight="habits",
+        make=lambda cfg, count: LinearScorer(cfg.linear.num_members, count),
+        fit=fit_linear,
+        tells_errors=True,
+    ),
+    "sparse": Kind(
+        sight="legs",
+        make=lambda cfg, count: SparseScorer(cfg.sparse.num_members, count),
+        fit=fit_sparse,
+        by_curves=True,
+    ),
+    "gp": Kind(
+        sight="habits",
+        make=lambda cfg, count: GpScorer(count, cfg.settings_of(GpCfg)),
+        fit=fit_gp,
+    ),
+    "mlp": Kind(
+        sight="habits",
+        make=lambda cfg, count: MlpScorer(count, cfg.settings_of(MlpCfg)),
+        fit=fit_mlp,
+    ),
+    "history": Kind(
+        sight="contacts",
+        make=lambda cfg, count: HistoryScorer(count, cfg.settings_of(HistoryCfg)),
+        fit=fit_history,
+    ),
+    "transformer": Kind(
+        sight="contacts",
+        make=lambda cfg, count: TransformerScorer(
+            count, cfg.settings_of(TransformerCfg)
+        ),
+        fit=fit_transformer,
+    ),
+}
+"""From the stiffest to the most flexible."""
+EVERYTHING: Sight = "legs"
+"""What is described where the kind is still to be chosen: all that any of them sees."""
+
+
+def kind_called(name: str) -> Kind:
+    """The kind of model of that name.
+
+    Raises:
+        ValueError: there is none.
+    """
+    if name not in KINDS:
+        raise ValueError(f"no model is called {name!r}; there are {', '.join(KINDS)}")
+    return KINDS[name]
+
+
+def make_scorer(cfg: FitCfg) -> Scorer:
+    """An unfitted model of the kind and sizes `cfg` asks for: raw reward 0.
+
+    Raises:
+        ValueError: the kind is still to be chosen.
+    """
+    kind = kind_called(cfg.kind)
+    return kind.make(cfg, len(names_seen(kind.sight)))
+
+
+def prepare(pairs: AnsweredPairs, cfg: FitCfg) -> Prepared:
+    """Describe answered pairs, once for the fit, all its folds and kinds of model."""
+    known = KINDS.get(cfg.kind)
+    return Prepared.of(describe_pairs(pairs, cfg, known.sight if known else EVERYTHING))
