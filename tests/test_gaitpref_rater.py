@@ -18,8 +18,8 @@ from data.errors import GaitprefError
 from data.features import FEATURE_DIM, column
 from gaitpref.criteria import SequenceCriterion
 from gaitpref.judging import Standards, discounted_mean, judge, standards
-from gaitpref.options import Answer, Erring, Loop
 from gaitpref.method.questions import Questions
+from gaitpref.options import Answer, Erring, Loop
 from gaitpref.presets import resolve
 from gaitpref.rater import ClipScores
 from gaitpref.rater_cfg import RaterCfg, rater_cfg
