@@ -150,7 +150,8 @@ def test_an_exploited_reward_is_noticed(tmp_path: Path) -> None:
     pairs = load_pairs([dataset])
     model = exploitable(fit_reward(pairs, FitCfg(), seed=0)[0], pairs)
     total = total_reward(model, robot, env, known=KnownTermsCfg())
-    hack = TrainCfg(steps=45 * 24 * 32, env=env, ppo=ppo)
+    # Long enough that the flaw is found, whichever clips were judged.
+    hack = TrainCfg(steps=60 * 24 * 64, env=env, ppo=replace(ppo, num_envs=64))
     hacked = train(tmp_path / "hack", robot, hack, reward_fn=total, init=policy).policy
 
     def measured(file: Path) -> tuple[float, float, tuple[str, ...]]:
