@@ -18,6 +18,7 @@ from data.errors import GaitprefError
 from data.features import FEATURE_DIM, column
 from gaitpref.criteria import SequenceCriterion
 from gaitpref.judging import Standards, discounted_mean, judge, standards
+from gaitpref.method.questions import Questions
 from gaitpref.options import Answer, Erring, Loop
 from gaitpref.presets import resolve
 from gaitpref.rater import ClipScores
@@ -172,7 +173,9 @@ def test_a_clip_is_scored_as_part_of_its_episode() -> None:
 
 def test_a_run_remembers_how_its_rater_errs(tmp_path: Path) -> None:
     """Also one that never does: the settings come back out of the file as they were."""
+    style = resolve(Loop(run=Path("r")))
+    bald = replace(style.method, questions=Questions(strategy="bald"))
     for name, rater in (("perfect", RaterCfg()), ("human", RaterCfg(beta=1.0))):
-        cfg = replace(resolve(Loop(run=Path("r"))), simulated=rater, strategy="bald")
+        cfg = replace(style, simulated=rater, method=bald)
         claim(tmp_path / name, cfg, {})
         assert read_config(tmp_path / name) == cfg

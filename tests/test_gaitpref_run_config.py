@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from data.errors import GaitprefError
+from gaitpref.by_method import recorded_by
 from gaitpref.cli import parse
 from gaitpref.loop_cfg import LoopCfg, RunError
 from gaitpref.method.context import RoundContext
@@ -128,6 +129,17 @@ def test_a_quiet_walk_is_expected_only_once_there_is_one() -> None:
     for round in range(style.rounds):
         fitted = style.method.fit_of(context(style, round))
         assert fitted == style.method.reward
+
+
+def test_robots_that_tumble_are_shown_with_noise_and_rhythms() -> None:
+    """How many episodes and how long is the run's; of what, the method's."""
+    for base, noisy, rhythms in (("none", 1.0, 0.3), ("task", 0.5, 0.0)):
+        cfg = resolve(Loop(run=RUN, base=base, clip_s=2.0))
+        found = recorded_by(cfg.method.clips, cfg.record)
+        assert (found.noisy_share, found.babble_share) == (noisy, rhythms)
+        assert found.variation.share == 0.5
+        assert found.episodes == cfg.record.episodes
+        assert found.episode_s == cfg.record.episode_s >= 6.0
 
 
 def test_a_simulated_rater_errs_as_the_command_line_says() -> None:
