@@ -14,6 +14,7 @@ from gaitpref.asking import questions_stage
 from gaitpref.loop import run_configured
 from gaitpref.loop_cfg import LoopCfg
 from gaitpref.method.context import RoundContext
+from gaitpref.method.method import FROM_SCRATCH, STYLE
 from gaitpref.method.noisy import NoisyAnswers
 from gaitpref.people import People
 from gaitpref.rater_cfg import RaterCfg
@@ -21,6 +22,7 @@ from gaitpref.rounds import Round, context_of, decided_before
 from gaitpref.run_inputs import inputs_of
 from gaitpref.stages import fit_stage
 from rewardmodel import FitCfg
+from rewardmodel.noise_level import takes_to_err
 from rewardmodel.storage import load_reward
 
 from .small_loop import small_cfg
@@ -87,6 +89,15 @@ def test_answers_err_of_which_more_than_a_tenth_is_random(
     assert f"{share:.0%} of the first {found.answers} look random" in str(found)
 
 
+@pytest.mark.parametrize("noisy", [None, True, False])
+def test_every_later_fit_is_told(noisy: bool | None) -> None:
+    """Also one that expects a walk."""
+    for method in (FROM_SCRATCH, STYLE):
+        for number in range(4):
+            context = RoundContext(number=number, rounds=4, labels=60, noisy=noisy)
+            assert method.fit_of(context).answers_err is noisy
+
+
 def test_it_is_decided_once_told_and_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -106,7 +117,10 @@ def test_it_is_decided_once_told_and_kept(
     written, changed_ns = decided.read_bytes(), decided.stat().st_mtime_ns
 
     contexts = told_to_rounds(run, cfg, monkeypatch)
-    assert [context.noisy for context in contexts] == [False, True, True]
+    assert [context.noisy for context in contexts] == [None, True, True]
+    second = load_reward(Round(run, 1).reward).provenance.cfg
+    assert second.answers_err is True
+    assert takes_to_err(second)
     asked = {context.first_asked for context in contexts}
     with Dataset.open(run / "dataset").answers() as store:
         assert asked == {len(store.pairs(round=0))}
@@ -121,7 +135,7 @@ def test_it_is_decided_once_told_and_kept(
     # What is written is what holds, not what a reward says.
     decided.write_text(json.dumps({**found, "noisy": False}))
     contexts = told_to_rounds(run, cfg, monkeypatch)
-    assert not any(context.noisy for context in contexts)
+    assert [context.noisy for context in contexts] == [None, False, False]
     assert json.loads(decided.read_text())["noisy"] is False
 
 
@@ -157,7 +171,7 @@ def test_where_answers_prefer_too_little_the_next_reward_decides(
     assert decided_before(second) == {}
     assert "decided" not in json.loads(first.report.read_text())
     context = context_of(cfg, second, dataset)
-    assert not context.noisy
+    assert context.noisy is None
     assert "look random" not in capsys.readouterr().err
 
     # From here on the rater prefers.

@@ -181,33 +181,13 @@ def until_it_is_fitted(run: Path, cfg: LoopCfg, patch: pytest.MonkeyPatch) -> No
             run_configured(run, cfg)
 
 
-def ask_first(run: Path, patch: pytest.MonkeyPatch, *, err: bool, agree: bool) -> int:
-    """Run a small loop until it has fitted its first reward, to answers said to err or
-    to agree; how many were asked for."""
-    patch.setattr("gaitpref.asking.takes_to_err", lambda _: err)
-    patch.setattr("gaitpref.asking.disagree", lambda _: not agree)
-    cfg = untrained_cfg()
-    never = replace(cfg.method.budget, first_agreement=1.1)
-    until_it_is_fitted(run, deciding(cfg, budget=never), patch)
-    with Dataset.open(run / "dataset").answers() as store:
-        return len(store.pairs(round=0))
-
-
 @pytest.fixture(scope="module")
 def asked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small loop that has fitted its first reward, and not trained on it."""
     run = tmp_path_factory.mktemp("loop") / "run"
     with pytest.MonkeyPatch.context() as patch:
-        assert ask_first(run, patch, err=True, agree=True) == 33
+        until_it_is_fitted(run, untrained_cfg(), patch)
     return run
-
-
-@pytest.mark.parametrize(("err", "agree"), [(True, False), (False, True)])
-def test_a_first_round_asks_on_where_answers_do_not_err_or_do_not_agree(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, err: bool, agree: bool
-) -> None:
-    """Otherwise, as in `asked`, what is left is asked about walks."""
-    assert ask_first(tmp_path / "run", monkeypatch, err=err, agree=agree) == 52
 
 
 def first_training(run: Path, folder: Path, cfg: LoopCfg, *, noisy: bool) -> Round:

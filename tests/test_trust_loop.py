@@ -150,7 +150,7 @@ def test_an_exploited_reward_is_noticed(tmp_path: Path) -> None:
     pairs = load_pairs([dataset])
     model = exploitable(fit_reward(pairs, FitCfg(), seed=0)[0], pairs)
     total = total_reward(model, robot, env, known=KnownTermsCfg())
-    hack = TrainCfg(steps=30 * 24 * 32, env=env, ppo=ppo)
+    hack = TrainCfg(steps=45 * 24 * 32, env=env, ppo=ppo)
     hacked = train(tmp_path / "hack", robot, hack, reward_fn=total, init=policy).policy
 
     def measured(file: Path) -> tuple[float, float, tuple[str, ...]]:
