@@ -167,8 +167,6 @@ def _plan(
         seen=rows_of(dataset, read_json(round.before.recorded)),
         start=load_policy(init),
         base=load_policy(Round(round.run, 0).policy) if cfg.keeps_task else None,
-        # The same in all rounds, so that they cannot each add to the last one's error.
-        limit_seed=seed_of(cfg, 0, 9),
     )
     standstill = standstill_before(cfg, round, context)
     if standstill and method.unstick:

@@ -157,7 +157,6 @@ def _retraining(command: options.Train, stage: Stage, setting: Setting) -> Retra
         seen=_newest_rows(Dataset.open(command.dataset)),
         start=load_policy(command.init),
         base=load_policy(base) if style else None,
-        limit_seed=command.seed,
     )
 
 

@@ -44,6 +44,12 @@ class Scorer(nn.Module):
         """[M, D] of a raw reward that is a weighted sum; None of any other."""
         return None
 
+    @property
+    def heights(self) -> Tensor | None:
+        """[G] how much each curve makes of a reward that is a sum of curves; None of
+        any other."""
+        return None
+
     def forward(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
         """Raw rewards [M, ..., T] of standardised sequences [..., T, D].
 

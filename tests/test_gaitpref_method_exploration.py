@@ -65,7 +65,6 @@ def trained(method: Method, number: int, model: RewardModel, start: Policy) -> T
         seen=torch.zeros(2, 1, FEATURE_DIM),
         start=start,
         base=None,
-        limit_seed=0,
     ).trained(PLAIN)
 
 

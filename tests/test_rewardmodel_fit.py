@@ -282,9 +282,8 @@ def test_rewards_of_earlier_versions_are_read(tmp_path: Path) -> None:
     save_reward(model, tmp_path)
     facts = json.loads((tmp_path / "reward.json").read_text())
     (own,) = facts["cfg"].pop("models")
-    older = {"gp": to_plain(GpCfg()), "mlp": own, "doubted_below": 0.1}
-    facts["cfg"] |= older
-    facts["cfg"]["sparse"]["shared"] = True
+    facts["cfg"] |= {"gp": to_plain(GpCfg()), "mlp": own, "doubted_below": 0.1}
+    facts["cfg"]["sparse"] = {"shared": True}
     (tmp_path / "reward.json").write_text(json.dumps(facts))
     loaded = load_reward(tmp_path)
     found = loaded.provenance.cfg

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,7 +34,7 @@ from rewardmodel.held_out_report import foresee
 from rewardmodel.kinds import prepare
 from rewardmodel.noise_level import FEW_ERRORS
 from rewardmodel.permutation_test import explained_by_chance
-from rewardmodel.reliability import HARDLY_LOOKS, judge
+from rewardmodel.reliability import HARDLY_LOOKS, Judged, judge
 from rewardmodel.rising import RisingReward, rises
 from rewardmodel.sparse import SparseScorer
 from rewardmodel.sparse_fit import curve_settings
@@ -284,8 +285,20 @@ def test_who_does_not_look_is_found_out_whatever_is_wanted(
     assert accuracy(alike, fresh) <= accuracy(model, fresh)
 
 
-def test_while_the_model_is_open_raters_are_judged_by_curves() -> None:
+def test_while_the_model_is_open_raters_are_judged_by_curves(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Weights cannot say that one height is best, and believe neither."""
+    by_curves: list[bool] = []
+
+    def judged_for_choice(*args: Any, **ways: bool) -> Judged:
+        by_curves.append(ways["by_curves"])
+        return judge(*args, **ways)
+
+    monkeypatch.setattr("rewardmodel.extensions.model_choice.judge", judged_for_choice)
+    auto = FitCfg(kind="auto")
+    few, _ = fit_reward(asked(best_height, 20, seed=1), auto, seed=0)
+    assert (few.provenance.cfg.kind, by_curves) == ("linear", [True])
     pairs = asked(best_height, 80, seed=1)
     chance = torch.rand(80, generator=torch.Generator().manual_seed(0)) < 0.5
     names = ("ada", "bob") * 40
