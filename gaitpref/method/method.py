@@ -60,6 +60,14 @@ class Method:
     """What following commands worse than the base costs; None: nothing, or there is no
     base."""
 
+    def __post_init__(self) -> None:
+        suited = self.paid.kind
+        if suited not in (None, self.reward.kind):
+            raise ValueError(
+                f"paid {type(self.paid).__name__} is of rewards of kind {suited}, got "
+                f"reward.kind {self.reward.kind}; AsFitted suits every kind"
+            )
+
     def fit_of(self, context: RoundContext) -> FitCfg:
         """What is fitted in the round of `context`."""
         fit = replace(self.reward, answers_err=context.noisy)

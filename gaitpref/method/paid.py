@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from rewardmodel.caution import CautiousReward
 from rewardmodel.model import RewardModel
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, kw_only=True)
 class SurelyLiked:
     """Of a linear reward, what the answers are sure of, weight by weight."""
+
+    kind: ClassVar = "linear"
 
     sure: float = 2.0
     """Where answers do not err, from the second retraining on: deviations over the
@@ -46,6 +48,8 @@ class SurelyLiked:
 class AgreedCurves:
     """Of a sum of curves, what members agree on, and more beyond what was judged."""
 
+    kind: ClassVar = "sparse"
+
     beyond: float = 0.5
     """Share of the judged range of a habit by which a curve that still rises at its end
     goes on, wherever somebody is asked about what is found there."""
@@ -61,6 +65,8 @@ class AgreedCurves:
 @dataclass(frozen=True, kw_only=True)
 class AsFitted:
     """The reward as it was fitted, for models of any kind."""
+
+    kind: ClassVar = None
 
     def of(
         self, model: RewardModel, context: RoundContext, *, judged: bool
