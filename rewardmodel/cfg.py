@@ -61,7 +61,7 @@ class SparseCfg:
     """Models fitted to resampled answers."""
     single_legs: bool | None = None
     """Whether one leg or one side may matter more than another; None: where the answers
-    speak for it (`rewardmodel.sparse_fit.find`)."""
+    speak for it (`rewardmodel.sparse_fit.curve_settings`)."""
     ends: bool | None = field(default=None, metadata=ADDED_LATER)
     """Whether front feet may matter more than rear ones; None as above. Where either is
     open, not both are tried: single legs can say what ends say."""

@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from rewardmodel.model import RewardModel
-from rewardmodel.sparse import SparseScorer
 
 from .context import RoundContext
 
@@ -90,7 +89,7 @@ class PutBack:
 
 def pays_for_rate(model: RewardModel) -> bool:
     """Whether the rate of steps is among the few things a sum of curves is about."""
-    if not isinstance(payer := model.payer, SparseScorer):
+    heights = model.payer.heights
+    if heights is None:
         return False
-    heights = payer.heights
     return bool(heights[-1] > 0 and heights[-1] >= _MUCH * heights.max())
