@@ -6,6 +6,7 @@ not installed.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol
@@ -50,12 +51,19 @@ class Stage:
         return self.method.fit_of(self.context)
 
 
-def stage_of(command: ByHand) -> Stage | None:
+def stage_of(
+    command: ByHand, *, own: Path | None = None, least: int = 0
+) -> Stage | None:
     """The method and the round that `command` names; None where it names none.
+
+    Args:
+        command: Its options.
+        own: The first reward of a run, where the command is about it anyway.
+        least: Round up to which nothing was decided before, or `own` decides.
 
     Raises:
         GaitprefError: the round is beyond the last, or what decided whether answers err
-            is no reward.
+            is missing or no reward.
     """
     if command.method is None:
         if command.first_reward is not None:
@@ -71,11 +79,34 @@ def stage_of(command: ByHand) -> Stage | None:
             f"rounds 0 to {rounds - 1} and trains in rounds 1 to {rounds}; give "
             "--rounds too where there are more"
         )
-    noisy = None
-    if command.first_reward is not None:
-        noisy = NoisyAnswers.of(load_reward(command.first_reward)).noisy
+    first, noisy = command.first_reward or own, None
+    if first is not None:
+        noisy = NoisyAnswers.of(load_reward(first)).noisy
+    elif command.round > least:
+        raise GaitprefError(
+            f"--round {command.round} needs --first-reward REWARD, the reward of round "
+            "0: it decided whether answers err"
+        )
     context = RoundContext(number=command.round, rounds=rounds, labels=0, noisy=noisy)
     return Stage(method=METHODS[command.method], context=context)
+
+
+def refuse_beside_method(command: ByHand, given: Mapping[str, bool]) -> None:
+    """Refuse options that say what the method says.
+
+    Args:
+        command: Its options.
+        given: By option, whether somebody gave it.
+
+    Raises:
+        GaitprefError: one was given beside a method.
+    """
+    names = [name for name, is_given in given.items() if is_given]
+    if command.method is not None and names:
+        raise GaitprefError(
+            f"{', '.join(names)} beside --method {command.method}: the method decides "
+            "that; leave one of the two out"
+        )
 
 
 def told_without_method(what: str) -> str:

@@ -26,7 +26,7 @@ from rewardmodel.reliability import HARDLY_LOOKS
 from rewardmodel.storage import load_reward, save_reward
 
 from . import options
-from .by_hand import stage_of, told_without_method
+from .by_hand import refuse_beside_method, stage_of, told_without_method
 from .extras import require
 from .findings import findings_of_fit
 from .fit_summary import fit_summary
@@ -58,6 +58,14 @@ def _fit_alone(command: options.Fit) -> None:
     answers = address(command.answers)
     datasets = [Dataset.open(path, answers=answers) for path in command.dataset]
     cfg = FitCfg(kind=command.model, label_filter=_label_filter(command.doubted_below))
+    refuse_beside_method(
+        command,
+        {
+            "--model": command.model != "linear",
+            "--doubted-below": command.doubted_below > 0,
+            "--semi-supervised": command.semi_supervised,
+        },
+    )
     stage = stage_of(command)
     if stage is not None:
         cfg = stage.fit

@@ -43,7 +43,7 @@ class Train:
     """With --method style: the walking policy whose commands must be followed as well;
     by default --init."""
     first_reward: Path | None = None
-    """With --method, in later rounds: the reward of the first, which decided whether
+    """With --method, from round 2 on: the reward of round 0, which decided whether
     answers err."""
     keep_task: bool = False
     """Keep the hand-written walking reward beside the given one, so that a style does

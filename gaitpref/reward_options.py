@@ -92,13 +92,13 @@ class Fit:
     """Directory of the reward."""
     method: Literal["scratch", "style"] | None = None
     """Fit what the loop fits, from scratch or for a style on top of a walk; `gaitpref
-    method` says what. It says nothing of --model."""
+    method` says what. The model is the method's then."""
     round: CountOrZero = 0
     """With --method: the round of the loop whose answers are the newest."""
     rounds: Count | None = None
     """With --method: rounds of the loop; by default as many as of its quick preset."""
     first_reward: Path | None = None
-    """With --method, in later rounds: the reward of the first, which decided whether
+    """With --method, from round 1 on: the reward of round 0, which decided whether
     answers err."""
     model: Literal[
         "auto", "linear", "sparse", "gp", "mlp", "history", "transformer"

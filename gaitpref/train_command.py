@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 from torch import Tensor
 
@@ -21,7 +22,7 @@ from policy.train import POLICY_NAME, RESUME_NAME, TrainCfg, train
 from rewardmodel.model import RewardModel
 
 from . import options
-from .by_hand import Stage, stage_of, told_without_method
+from .by_hand import Stage, refuse_beside_method, stage_of, told_without_method
 from .by_method import Retraining, rows_of
 from .progress import console, training_bar
 from .rewards import criterion_context, load_score, total_reward
@@ -44,7 +45,17 @@ def _train(command: options.Train) -> int:
         )
     setting = setting_of(command.init, command.robot)
     cfg = _plain_cfg(command, setting)
-    stage = stage_of(command)
+    refuse_beside_method(
+        command,
+        {
+            "--keep-task": command.keep_task,
+            "--mirror": command.mirror,
+            "--exploration": command.exploration != "none",
+            "--kl-penalty": command.kl_penalty != "none",
+        },
+    )
+    own = Path(command.reward) if command.round == 1 else None
+    stage = stage_of(command, own=own if own and own.is_dir() else None, least=1)
     if stage is None:
         reward_fn = _plain_reward(command, setting, cfg.env)
     else:

@@ -107,7 +107,7 @@ def test_a_policy_is_retrained_as_the_loop_does(
     words = ["train", "--out", str(tmp_path / "own"), "--reward", str(first.reward)]
     words += ["--init", str(first.policy), "--dataset", str(fitted / "dataset")]
     words += ["--method", method, "--round", "1", "--rounds", str(cfg.rounds)]
-    words += ["--first-reward", str(first.reward), "--steps", str(cfg.steps.round)]
+    words += ["--steps", str(cfg.steps.round)]
     words += ["--envs", "32", "--seed", str(seed_of(cfg, 1, 1))]
     assert main(words) == 0
     own, loops = (
@@ -123,6 +123,8 @@ def test_a_policy_is_retrained_as_the_loop_does(
     ("words", "told"),
     [
         (["--round", "9"], "--round 9 is beyond the last"),
+        (["--round", "2"], "--round 2 needs --first-reward REWARD"),
+        (["--mirror", "--keep-task"], "--keep-task, --mirror beside --method style"),
         ([], "--method style needs --init POLICY"),
         (["--init", "{policy}"], "--method style needs --dataset DIR"),
         (
@@ -150,3 +152,13 @@ def test_what_a_method_needs_is_told(
     out = ["--out", str(tmp_path / "own"), "--steps", "96", "--envs", "4"]
     assert main(["train", *out, "--method", "style", *asked]) == 2
     assert told in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_later_fit_is_told_what_the_first_decided(
+    looped: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nothing decides it by itself, and nothing is fitted without it."""
+    words = ["fit", "--dataset", str(looped[0] / "dataset"), "--method", "scratch"]
+    assert main([*words, "--round", "1", "--out", str(tmp_path / "own")]) == 2
+    assert "--round 1 needs --first-reward" in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "own").exists()
