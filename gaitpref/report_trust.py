@@ -50,8 +50,8 @@ def _capitalised(text: str) -> str:
 def decided_section(rounds: list[dict[str, Any]]) -> str:
     """Whether the run takes its answers to err, and why; nothing before a reward."""
     return "".join(
-        f"<p>{html.escape(_capitalised(of_round['decided']['told']))}. So it was "
-        f"decided once, in round {of_round['round']}, for the whole run.</p>"
+        f"<p>{html.escape(_capitalised(of_round['decided']['told']))}. This was "
+        f"decided once, after round {of_round['round']}, and holds for the whole run.</p>"
         for of_round in rounds
         if of_round.get("decided")
     )
