@@ -51,7 +51,7 @@ def decided_section(rounds: list[dict[str, Any]]) -> str:
     """Whether the run takes its answers to err, and why; nothing before a reward."""
     return "".join(
         f"<p>{html.escape(_capitalised(of_round['decided']['told']))}. This was "
-        f"decided once, after round {of_round['round']}, and holds for the whole run.</p>"
+        f"decided once, after round {of_round['round']}, for the whole run.</p>"
         for of_round in rounds
         if of_round.get("decided")
     )
