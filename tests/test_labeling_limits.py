@@ -63,7 +63,9 @@ def test_of_thirty_pages_at_once_one_stays_and_none_after_a_revocation(
         jar = aiohttp.CookieJar(unsafe=True)
         async with aiohttp.ClientSession(cookie_jar=jar) as browser:
             headers = {"Origin": url}
-            await browser.post(f"{url}/login", data={"token": token}, headers=headers)
+            form = {"token": token}
+            async with browser.post(f"{url}/login", data=form, headers=headers):
+                pass
             opening = [open_socket(browser, url) for _ in range(30)]
             sockets = await asyncio.gather(*opening)
             for socket in sockets:
