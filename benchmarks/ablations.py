@@ -30,29 +30,26 @@ Place = tuple[str, int, str]
 WALKS: tuple[Place, ...] = (("walk", 100, "perfect"), ("walk", 100, "mistakes20"))
 STYLES: tuple[Place, ...] = (("trot", 60, "perfect"), ("high_step", 60, "perfect"))
 ERRING: tuple[Place, ...] = (("high_step", 60, "mistakes20"),)
+POSTURE: tuple[Place, ...] = (("crouch", 60, "perfect"),)
 ABLATIONS: tuple[tuple[str, tuple[Place, ...]], ...] = (
     ("default", (*STYLES, *WALKS)),
     ("not-beyond", STYLES),
     ("unjudged", STYLES),
-    ("lean", WALKS),
-    ("from-last", STYLES),
-    ("no-calm", STYLES),
-    ("no-limit", STYLES),
+    # Many at once first; only where that loses are they taken apart.
+    ("default", POSTURE),
+    ("few-style", (*STYLES, *POSTURE)),
+    ("few-walk", WALKS),
     ("no-mirror", (*STYLES, *WALKS)),
-    ("unjudged", WALKS),
     ("no-hope", WALKS),
     ("no-caution", (("walk", 100, "mistakes20"), ("brisk_walk", 100, "mistakes20"))),
     ("not-told", (("walk", 100, "mistakes20"), ("brisk_walk", 100, "mistakes20"))),
-    ("no-posture", (*STYLES, *WALKS)),
-    ("no-earlier", (*STYLES, *WALKS)),
-    ("weight-1", STYLES),
-    ("no-rhythms", WALKS),
-    ("no-front", WALKS),
-    ("keep-noise", WALKS),
+    ("default", (("brisk_walk", 100, "mistakes20"),)),
     ("not-steady", WALKS),
+    ("no-limit", STYLES),
+    ("weight-1", STYLES),
+    ("keep-noise", WALKS),
     ("default", ERRING),
     ("unjudged", ERRING),
-    ("default", (("brisk_walk", 100, "mistakes20"),)),
 )
 """What is left out, and where; in the order of running."""
 SEEDS = 3

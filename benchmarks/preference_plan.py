@@ -102,6 +102,20 @@ METHODS: dict[str, Change] = {
     "no-earlier": lambda method: _showing(method, earlier_share=0.0),
     "no-front": lambda method: replace(method, budget=Shrinking(most_first_share=0.0)),
     "weight-1": lambda method: replace(method, weight=1.0),
+    # Many at once: what is worth nothing together is worth nothing alone.
+    "few-walk": lambda method: replace(
+        _showing(method, posture_share=0.0, earlier_share=0.0, rhythm_share=0.0),
+        budget=Shrinking(most_first_share=0.0),
+        once_it_walks=None,
+        accept=None,
+    ),
+    "few-style": lambda method: replace(
+        _showing(method, posture_share=0.0, earlier_share=0.0),
+        budget=Shrinking(most_first_share=0.0),
+        start=None,
+        exploration=PutBack(calm_from=0.999),
+        accept=None,
+    ),
 }
 """The methods by name: the one that ships, and it with a decision left out or another
 in its place."""
