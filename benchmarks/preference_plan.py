@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from gaitpref.loop_cfg import LoopCfg, StepsCfg
-from gaitpref.method.budget import Shrinking
+from gaitpref.method.budget import FrontLoaded
 from gaitpref.method.expectations import OnceItWalks
 from gaitpref.method.exploration import PutBack
 from gaitpref.method.method import Method
-from gaitpref.method.paid import AgreedCurves, AsFitted, SurelyLiked
+from gaitpref.method.paid import AsFitted, SurelyLiked
 from gaitpref.options import Loop
 from gaitpref.presets import resolve
 from gaitpref.rater_cfg import RaterCfg
@@ -70,7 +70,7 @@ METHODS: dict[str, Change] = {
             once_it_walks=None,
             paid=AsFitted(),
         )
-        for name in ("linear", "sparse", "gp", "mlp", "auto")
+        for name in ("linear", "posterior", "gp", "mlp", "auto")
     },
     "plain-linear": lambda method: replace(
         method,
@@ -78,7 +78,6 @@ METHODS: dict[str, Change] = {
         once_it_walks=None,
         paid=AsFitted(),
     ),
-    "not-beyond": lambda method: replace(method, paid=AgreedCurves(beyond=0.0)),
     "not-sure": lambda method: replace(method, paid=SurelyLiked(sure=0.0)),
     "no-caution": lambda method: replace(method, paid=SurelyLiked(caution=0.0)),
     "no-hurry": lambda method: replace(method, once_it_walks=OnceItWalks(hurry=0.0)),
@@ -100,18 +99,17 @@ METHODS: dict[str, Change] = {
     "no-posture": lambda method: _showing(method, posture_share=0.0),
     "no-rhythms": lambda method: _showing(method, rhythm_share=0.0),
     "no-earlier": lambda method: _showing(method, earlier_share=0.0),
-    "no-front": lambda method: replace(method, budget=Shrinking(most_first_share=0.0)),
+    "no-front": lambda method: replace(method, budget=FrontLoaded(first_share=0.4)),
     "weight-1": lambda method: replace(method, weight=1.0),
     # Many at once: what is worth nothing together is worth nothing alone.
     "few-walk": lambda method: replace(
         _showing(method, posture_share=0.0, earlier_share=0.0, rhythm_share=0.0),
-        budget=Shrinking(most_first_share=0.0),
+        budget=FrontLoaded(first_share=0.4),
         once_it_walks=None,
         accept=None,
     ),
     "few-style": lambda method: replace(
         _showing(method, posture_share=0.0, earlier_share=0.0),
-        budget=Shrinking(most_first_share=0.0),
         start=None,
         exploration=PutBack(calm_from=0.999),
         accept=None,

@@ -7,6 +7,7 @@ from typing import Literal
 StrategyName = Literal[
     "uniform",
     "disagreement",
+    "information",
     "entropy",
     "bald",
     "improvement",
@@ -15,7 +16,14 @@ StrategyName = Literal[
     "medoids",
     "dpp",
 ]
-NEEDS_MODEL = ("disagreement", "entropy", "bald", "improvement", "kcenter-entropy")
+NEEDS_MODEL = (
+    "disagreement",
+    "information",
+    "entropy",
+    "bald",
+    "improvement",
+    "kcenter-entropy",
+)
 """Names of strategies that ask an ensemble, and of it the hardest questions; kcenter
 and dpp use one where there is one."""
 ASKED_AGAIN = "again"

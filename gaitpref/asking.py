@@ -105,7 +105,8 @@ def _add_pairs(
     where that is to be judged."""
     with dataset.answers() as store:
         known = store.pairs()
-        enough = count_evidence(store, dataset) >= MIN_ANSWERS
+        informed_from = cfg.method.questions.informed_from
+        enough = count_evidence(store, dataset) >= informed_from
     # More pairs for the same round are others, even after a restart.
     before = [pair for pair in known if pair.round == round.number]
     asked_before = len(before)
@@ -124,7 +125,8 @@ def _add_pairs(
             seed = seed_of(cfg, round.number, 7, asked_before)
             fit = cfg.method.fit_of(context)
             # Only its doubt is asked for; the round's own fit is the one measured.
-            model, _ = fit_reward(load_pairs([dataset]), fit, seed=seed, measured=False)
+            pairs = load_pairs([dataset], at_least=informed_from)
+            model, _ = fit_reward(pairs, fit, seed=seed, measured=False)
         chosen += ask(
             dataset,
             entries,

@@ -163,7 +163,7 @@ def _cleared(trust: dict[str, Any]) -> str:
     """Why a low accuracy is no alarm, in words."""
     opinion, by_chance = _accuracy(trust, "opinion"), trust.get("by_chance")
     if by_chance is not None:
-        return f" ({by_chance:.0%} of random answers are explained as well)"
+        return f" (they are random with probability {by_chance:.2f})"
     return f" (counting answers by how sure it is, {opinion})" if opinion else ""
 
 

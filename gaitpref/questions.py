@@ -105,6 +105,7 @@ def ask(
                 strategy=chooser,
                 round=round_number,
                 known_pairs=[*known, *chosen],
+                least_candidates=1500 if chooser.name == "information" else 0,
                 rng=rng,
             )
     if len(chosen) < count:

@@ -172,8 +172,7 @@ def _plan(
     if standstill and method.unstick:
         learned = standstill.reward(model, method.unstick)
     else:
-        judged = not context.is_last or labels_kept(method, context) > 0
-        learned = method.paid.of(model, context, judged=judged)
+        learned = method.paid.of(model, context)
     return _Plan(
         cfg=retraining.trained(train_cfg),
         reward_fn=retraining.reward(learned, train_cfg),

@@ -60,8 +60,7 @@ def _train(command: options.Train) -> int:
         reward_fn = _plain_reward(command, setting, cfg.env)
     else:
         retraining = _retraining(command, stage, setting)
-        judged = not stage.context.is_last
-        paid = stage.method.paid.of(retraining.model, stage.context, judged=judged)
+        paid = stage.method.paid.of(retraining.model, stage.context)
         reward_fn = retraining.reward(paid, cfg)
         cfg = retraining.trained(cfg)
     with training_bar("training", command.steps) as bar:

@@ -115,8 +115,8 @@ def _lines(
     ]
     if foreseen.by_chance is not None:
         lines.append(
-            f"by chance       {foreseen.by_chance:.0%} of random answers are explained "
-            f"as well"
+            f"by chance       the answers are random with probability "
+            f"{foreseen.by_chance:.2f}"
         )
     lines += [f"  command {k:<15}{v}" for k, v in foreseen.by_command.items()]
     lines += [f"  round   {k:<15}{v}" for k, v in foreseen.by_round.items()]

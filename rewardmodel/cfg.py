@@ -51,32 +51,25 @@ class LinearCfg:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SparseCfg:
-    """A sum of curves of single descriptors, of which the answers pick few."""
+class PosteriorCfg:
+    """Particles over which one to three habits somebody wants, and how."""
 
-    REMOVED: ClassVar = ("sparsity", "num_updates", "lines_apart", "shared")
-    """Settings that older files have: of how curves were picked before."""
-
-    num_members: int = 8
-    """Models fitted to resampled answers."""
-    single_legs: bool | None = None
-    """Whether one leg or one side may matter more than another; None: where the answers
-    speak for it (`rewardmodel.sparse_fit.curve_settings`)."""
-    ends: bool | None = field(default=None, metadata=ADDED_LATER)
-    """Whether front feet may matter more than rear ones; None as above. Where either is
-    open, not both are tried: single legs can say what ends say."""
-    told: bool = field(default=True, metadata=ADDED_LATER)
-    """Whether doing what the robot is told may matter: how fast it goes and turns, and
-    by how much too fast or slow. Where a task pays for that, a policy cannot change it,
-    and what such a curve says is chance, or stands for a habit that goes with speed."""
+    num_particles: int = 1000
+    """Wishes the posterior is held by."""
+    num_members: int = 50
+    """Of these, those that stand for all where an ensemble is asked."""
+    told: bool = True
+    """Whether somebody may want something of how fast the robot goes and turns, and of
+    how well it follows commands. Where a task pays for that, a policy cannot change it,
+    and such an opinion is chance, or stands for a habit that goes with speed."""
 
     def __post_init__(self) -> None:
         require_members(self.num_members)
-
-    @property
-    def is_open(self) -> bool:
-        """Whether the answers are still to say something of these settings."""
-        return self.single_legs is None or self.ends is None
+        if self.num_particles < self.num_members:
+            raise ValueError(
+                f"num_particles must be at least num_members {self.num_members}, got "
+                f"{self.num_particles}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,7 +97,7 @@ class ReliabilityCfg:
 
 M = TypeVar("M", bound=ModelCfg)
 
-KindName = Literal["linear", "sparse", "gp", "mlp", "history", "transformer"]
+KindName = Literal["linear", "posterior", "gp", "mlp", "history", "transformer"]
 """The models there are, from the stiffest to the most flexible."""
 KIND_NAMES = (*get_args(KindName), "auto")
 """What may be asked for: a model, or how it is chosen."""
@@ -113,6 +106,9 @@ KIND_NAMES = (*get_args(KindName), "auto")
 @dataclass(frozen=True, kw_only=True)
 class FitCfg:
     """How a reward model is fitted to the answers collected so far."""
+
+    REMOVED: ClassVar = ("sparse",)
+    """Settings that older files have: of curves that were picked one by one."""
 
     kind: KindName | Literal["auto"] = "linear"
     """Model: `linear` in the gait descriptors, curves of few of them and of single legs
@@ -137,8 +133,8 @@ class FitCfg:
     """Groups of episodes left out in turn to measure accuracy."""
     linear: LinearCfg = LinearCfg()
     """Settings of the `linear` model."""
-    sparse: SparseCfg = field(default=SparseCfg(), metadata=ADDED_LATER)
-    """Settings of the `sparse` model."""
+    posterior: PosteriorCfg = field(default=PosteriorCfg(), metadata=ADDED_LATER)
+    """Settings of the `posterior` model."""
     reliability: ReliabilityCfg = ReliabilityCfg()
     """Where several raters answered."""
     models: tuple[ModelCfg, ...] = field(default=(), metadata=ADDED_LATER)

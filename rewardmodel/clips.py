@@ -86,6 +86,18 @@ class ClipBatch:
             checked=True,
         )
 
+    def joined(self, others: ClipBatch) -> ClipBatch:
+        """These, and `others`, padded to the same length, behind them."""
+        before = None
+        if self.lift_offs_before is not None and others.lift_offs_before is not None:
+            before = torch.cat([self.lift_offs_before, others.lift_offs_before])
+        return ClipBatch(
+            torch.cat([self.features, others.features]),
+            torch.cat([self.valid, others.valid]),
+            before,
+            checked=True,
+        )
+
     @property
     def fallen(self) -> Tensor:
         """[B, T] bool: steps at which the robot fell."""

@@ -27,7 +27,7 @@ def fit_ensemble(
         return normaliser, scorer
     leads = leads_of_pairs(scorer, others.pairs.standardised(normaliser))
     more = with_opinions(prepared.described, others.pairs, leads, cfg)
-    return _fit_once(Prepared.of(more), cfg, seed)
+    return _fit_once(Prepared.of(more, prepared.clips.pool), cfg, seed)
 
 
 def _fit_once(prepared: Prepared, cfg: FitCfg, seed: int) -> tuple[Normaliser, Scorer]:

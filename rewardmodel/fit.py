@@ -32,7 +32,6 @@ from .prepared import Prepared
 from .reliability import Judged, judge
 from .report import FitReport as FitReport
 from .report import wilson_interval
-from .sparse_fit import curve_settings
 from .stopping import enough, remaining
 from .training import ClipPairs
 
@@ -73,18 +72,21 @@ def fit_reward(
     if kind == "auto":
         kind, considered = choose(prepared, pairs, cfg, seed, measured)
     linear = members_for(cfg.linear, len(pairs))
-    judged = _judged(prepared, pairs.raters, replace(cfg, kind=kind, linear=linear))
+    cfg = replace(cfg, kind=kind, linear=linear)
+    judged, cfg = _settled(prepared, pairs.raters, cfg)
     answers, doubted = judged.prepared.seen_by(KINDS[kind].sight), 0
     if cfg.label_filter is not None:
-        answers, doubted = without_doubted(answers, judged.cfg, seed=seed)
-    others = _described(unanswered, judged.cfg)
-    normaliser, scorer = fit_ensemble(answers, judged.cfg, seed, others)
+        answers, doubted = without_doubted(answers, cfg, seed=seed)
+    others = _described(unanswered, cfg)
+    normaliser, scorer = fit_ensemble(answers, cfg, seed, others)
+    if (share := scorer.error_share_found) is not None:
+        cfg = replace(cfg, error_share=share)
     standardised = answers.by(normaliser)
     held_out = torch.zeros(len(pairs), dtype=torch.bool)
     foreseen = Prediction.none(0)
     if measured:
         held_out, foreseen = held_out_predictions(
-            answers, pairs.episodes, judged.cfg, seed, others
+            answers, pairs.episodes, cfg, seed, others
         )
         foreseen = foreseen.subset(judged.measuring[held_out])
         held_out &= judged.measuring
@@ -94,14 +96,14 @@ def fit_reward(
         leads_of_pairs(scorer.payer, standardised).mean(dim=0),
         held_out,
         foreseen,
-        judged.cfg,
+        cfg,
         time.perf_counter() - started_s,
     )
     report = replace(
         report, raters=judged.raters, doubted=doubted, considered=considered
     )
     seen = frozenset(sha256 for pair in pairs.episodes for sha256 in pair)
-    provenance = Provenance(judged.cfg, report, pairs.answers_sha256, seen)
+    provenance = Provenance(cfg, report, pairs.answers_sha256, seen)
     model = RewardModel(normaliser, scorer, provenance)
     model.calibrate(standardised)
     if measured:
@@ -145,28 +147,23 @@ def _with_remaining(model: RewardModel, pairs: AnsweredPairs) -> FitReport:
     return report
 
 
-def _judged(prepared: Prepared, raters: Sequence[str], cfg: FitCfg) -> Judged:
-    """Answers with the errors of their raters, and what of `cfg` the answers decide,
+def _settled(
+    prepared: Prepared, raters: Sequence[str], cfg: FitCfg
+) -> tuple[Judged, FitCfg]:
+    """Answers with the errors of their raters, and `cfg` with what they decide put in,
     where it leaves that to them."""
     kind = kind_called(cfg.kind)
-    if not cfg.adapt:
-        return judge(prepared, raters, cfg, by_curves=kind.by_curves)
-    if kind.by_curves:
-        judged = judge(prepared, raters, cfg, by_curves=True)
-        if judged.raters:
-            return judged
-        found = curve_settings(prepared, cfg)
-        errors = errors_alike(prepared, found, found.error_share)
-        return replace(judged, prepared=prepared.with_errors(errors), cfg=found)
-    found = settled(cfg, noise_level(prepared, cfg), tells_errors=kind.tells_errors)
+    if kind.pooled or not cfg.adapt:
+        return judge(prepared, raters, cfg), cfg
+    seen = prepared.seen_by(kind.sight)
+    found = settled(cfg, noise_level(seen, cfg), tells_errors=kind.tells_errors)
     errors = errors_alike(prepared, found, found.error_share)
-    judged = judge(prepared.with_errors(errors), raters, found, by_curves=False)
-    if judged.measuring.all():
-        return judged
-    # How strong opinions may be is for those to say who look.
-    level = noise_level(prepared.subset(judged.measuring), cfg)
-    found = settled(cfg, level, tells_errors=kind.tells_errors)
-    return replace(judged, cfg=found)
+    judged = judge(prepared.with_errors(errors), raters, found)
+    if not judged.measuring.all():
+        # How strong opinions may be is for those to say who look.
+        level = noise_level(seen.subset(judged.measuring), cfg)
+        found = settled(cfg, level, tells_errors=kind.tells_errors)
+    return judged, found
 
 
 def _described(pairs: AnsweredPairs | None, cfg: FitCfg) -> Unanswered | None:

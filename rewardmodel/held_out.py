@@ -6,7 +6,6 @@ Shapes: B pairs.
 from __future__ import annotations
 
 import hashlib
-from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -18,7 +17,6 @@ from .kinds import kind_called
 from .model import predict_pairs
 from .prediction import Prediction
 from .prepared import Prepared
-from .sparse_fit import curve_settings
 
 
 def fold_of(sha256: str, folds: int = 5) -> int:
@@ -70,14 +68,8 @@ def prediction_without(
 ) -> Prediction:
     """Prediction on the pairs in `tested` [B] by a model fitted to those in `fitted`
     [B] alone (bool), and to its opinions on `others`."""
-    kind = kind_called(cfg.kind)
-    seen = prepared.seen_by(kind.sight)
+    seen = prepared.seen_by(kind_called(cfg.kind).sight)
     own = seen.subset(fitted)
-    if kind.by_curves and cfg.sparse.is_open:
-        # Where it is open whether single legs matter, or front and rear feet apart, it
-        # decides much of what is foreseen and is asked anew. A fit that was measured
-        # has asked all answers, as it has how often they are wrong.
-        cfg = replace(cfg, sparse=curve_settings(own, cfg).sparse)
     normaliser, scorer = fit_ensemble(own, cfg, seed, others)
     asked = seen.described.subset(tested).standardised(normaliser)
     return predict_pairs(scorer, asked)

@@ -21,7 +21,7 @@ from .kinds import kind_called, prepare
 from .model import RewardModel
 from .noise_level import takes_to_err
 from .pairs import AnsweredPairs
-from .permutation_test import explained_by_chance
+from .posterior.fit import probably_chance
 from .prediction import Prediction
 from .reliability import Judged, judge
 from .report import wilson_interval
@@ -77,9 +77,8 @@ class Foreseen:
     """Of the questions drawn at random: how often the reward is right about any pair,
     not only about hard ones."""
     by_chance: float | None
-    """Share of random answers that the model explains as well as these, see
-    `explained_by_chance`; None unless it is a sum of curves with too low an
-    accuracy."""
+    """Probability that the answers are random, see `probably_chance`; None unless it is
+    a posterior with too low an accuracy."""
     erring: bool
     """Whether more answers are taken to be wrong than can be overlooked."""
     newest: Accuracy | None
@@ -129,7 +128,7 @@ def foresee(model: RewardModel, pairs: AnsweredPairs, *, seed: int) -> Foreseen:
     seen = model.provenance.episodes
     unseen = torch.tensor([not seen.intersection(pair) for pair in pairs.episodes])
     kind = kind_called(cfg.kind)
-    judged = judge(prepare(pairs, cfg), pairs.raters, cfg, by_curves=kind.by_curves)
+    judged = judge(prepare(pairs, cfg), pairs.raters, cfg)
     prepared = judged.prepared
     opinion = Prediction.none(len(pairs))
     asked = unseen.clone()
@@ -149,8 +148,8 @@ def foresee(model: RewardModel, pairs: AnsweredPairs, *, seed: int) -> Foreseen:
         cfg=cfg,
     )
     found = replace(found, left_out=int(asked.sum() - told.sum()))
-    if kind.by_curves and found.accuracy and found.accuracy.too_low:
-        return replace(found, by_chance=explained_by_chance(prepared, cfg, seed=seed))
+    if kind.pooled and found.accuracy and found.accuracy.too_low:
+        return replace(found, by_chance=probably_chance(prepared, cfg, seed=seed))
     return found
 
 

@@ -16,10 +16,11 @@ from .extensions.settings import GpCfg, HistoryCfg, MlpCfg, TransformerCfg
 from .extensions.transformer import TransformerScorer, fit_transformer
 from .linear import LinearScorer, fit_linear
 from .pairs import AnsweredPairs
+from .posterior.fit import fit_posterior
+from .posterior.pool import Pool
+from .posterior.scorer import PosteriorScorer
 from .prepared import Prepared
 from .scorer import Scorer
-from .sparse import SparseScorer
-from .sparse_fit import fit_sparse
 from .training import describe_pairs
 
 
@@ -33,9 +34,9 @@ class Kind:
     """Without any opinion, for so many descriptors: raw reward 0."""
     fit: Callable[[Prepared, FitCfg, torch.Generator], Scorer]
     """Each member to its own bootstrap of the answers."""
-    by_curves: bool = False
-    """Whether curves tell the raters' errors from their wishes, and find which of them
-    may matter; else weights do."""
+    pooled: bool = False
+    """Whether its opinions are about all that was recorded, judged or not, and it finds
+    by itself how often answers err."""
     tells_errors: bool = False
     """Whether more errors than can be overlooked are the raters', and not what the
     model cannot say."""
@@ -48,11 +49,13 @@ KINDS: dict[str, Kind] = {
         fit=fit_linear,
         tells_errors=True,
     ),
-    "sparse": Kind(
+    "posterior": Kind(
         sight="legs",
-        make=lambda cfg, count: SparseScorer(cfg.sparse.num_members, count),
-        fit=fit_sparse,
-        by_curves=True,
+        make=lambda cfg, count: PosteriorScorer(
+            cfg.posterior.num_particles, cfg.posterior.num_members
+        ),
+        fit=fit_posterior,
+        pooled=True,
     ),
     "gp": Kind(
         sight="habits",
@@ -79,7 +82,8 @@ KINDS: dict[str, Kind] = {
 }
 """From the stiffest to the most flexible."""
 EVERYTHING: Sight = "legs"
-"""What is described where the kind is still to be chosen: all that any of them sees."""
+"""All that any of them sees: described where the kind is still to be chosen, and for
+opinions."""
 
 
 def kind_called(name: str) -> Kind:
@@ -104,6 +108,13 @@ def make_scorer(cfg: FitCfg) -> Scorer:
 
 
 def prepare(pairs: AnsweredPairs, cfg: FitCfg) -> Prepared:
-    """Describe answered pairs, once for the fit, all its folds and kinds of model."""
+    """Describe answered pairs, once for the fit, all its folds and kinds of model.
+
+    Whoever answered, several raters are told apart by opinions about all there is.
+    """
     known = KINDS.get(cfg.kind)
-    return Prepared.of(describe_pairs(pairs, cfg, known.sight if known else EVERYTHING))
+    several = cfg.reliability.enabled and len(set(pairs.raters)) > 1
+    if known and not known.pooled and not several:
+        return Prepared.of(describe_pairs(pairs, cfg, known.sight))
+    pool = Pool.of(pairs, told=cfg.posterior.told)
+    return Prepared.of(describe_pairs(pairs, cfg, EVERYTHING), pool)

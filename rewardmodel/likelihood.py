@@ -34,24 +34,28 @@ class Errors:
     """[B] in [0, 1), of the answers that are random."""
     guess: Tensor
     """[3, B] how often a random answer is left, right, tie."""
+    rater: Tensor
+    """[B] number of who answered."""
 
     @staticmethod
     def alike(share: float, count: int, *, tie_threshold: float) -> Errors:
         """One share for all, and each answer on offer as likely as the others."""
         offered = [0.5, 0.5, 0.0] if tie_threshold == 0.0 else [1 / 3, 1 / 3, 1 / 3]
         guess = torch.tensor(offered)[:, None].expand(3, count)
-        return Errors(torch.full((count,), share), guess)
+        rater = torch.zeros(count, dtype=torch.long)
+        return Errors(torch.full((count,), share), guess, rater)
 
     def joined(self, others: Errors) -> Errors:
         """These, and those of other answers behind them."""
         return Errors(
             torch.cat([self.share, others.share]),
             torch.cat([self.guess, others.guess], dim=1),
+            torch.cat([self.rater, others.rater]),
         )
 
     def part(self, chosen: Tensor) -> Errors:
         """Those of the answers `chosen` [B] (bool or indices)."""
-        return Errors(self.share[chosen], self.guess[:, chosen])
+        return Errors(self.share[chosen], self.guess[:, chosen], self.rater[chosen])
 
 
 def answer_log_probabilities(

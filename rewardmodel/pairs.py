@@ -22,6 +22,7 @@ from data.strategy_names import ASKED_AGAIN, NEEDS_MODEL
 
 from .clips import ClipBatch, fill_clips, with_past
 from .errors import RewardError
+from .recorded import RecordedClips, recorded_clips
 from .used import UsedAnswers, answers_used, count_preferences
 from .used import count_evidence as count_evidence
 
@@ -62,6 +63,8 @@ class AnsweredPairs:
     """Of these, answers left out because an episode they are about is gone."""
     sides: tuple[Sides, ...] = ()
     """Which side of the screen each rater prefers, in all answers of the data sets."""
+    recorded: RecordedClips | None = None
+    """What else there is of the kind that was judged; None where nobody knows."""
 
     def __post_init__(self) -> None:
         sizes = {
@@ -160,6 +163,7 @@ def load_pairs(
         num_gone=used.gone,
         sides=used.sides,
         answers_sha256=_label_set(row.line for row in used.rows),
+        recorded=recorded_clips(datasets),
     )
 
 

@@ -3,8 +3,7 @@
 Noise level, raters, choice of a model and fit all look at the same clips. What they
 look at depends on the clips alone, and not on what is believed of the answers.
 
-Shapes: B pairs, D descriptors, G curves (D and the stride rate's), W weights of a
-curve, P = G W.
+Shapes: B pairs, D descriptors.
 """
 
 from __future__ import annotations
@@ -12,21 +11,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import torch
 from torch import Tensor
 
-from .clips import mean_over
 from .descriptors import Sight, names_seen
 from .likelihood import Errors
 from .normaliser import Normaliser
-from .sparse import CENTRES, WEIGHTS, SparseScorer, curves
+from .posterior.pool import Pool
 from .training import DescribedPairs, StandardisedPairs
 
 MIN_SPREAD = 0.02
 """Spread, in standard deviations of a step, below which two clips never really differed
 in a descriptor: its weight stays small instead of being divided by next to nothing."""
-_AT_ONCE = 64
-"""Pairs whose steps are looked at together, some 20 MB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,23 +34,12 @@ class ScaledDifferences:
     """[D] what they were divided by."""
 
 
-@dataclass(frozen=True, eq=False)
-class ScaledCurves:
-    """Differences of the clips' curves, as a sum of curves sees them."""
-
-    ranges: SparseScorer
-    """What was judged of each descriptor, without any opinion."""
-    inputs: Tensor
-    """[B, P] float64, scaled."""
-    units: Tensor
-    """[P] what they were divided by."""
-
-
 class PreparedClips:
     """What is made of described clips, each when it is asked for."""
 
-    def __init__(self, described: DescribedPairs) -> None:
+    def __init__(self, described: DescribedPairs, pool: Pool | None = None) -> None:
         self._described = described
+        self.pool = pool
         self._seen: dict[int, PreparedClips] = {described.steps.shape[-1]: self}
 
     def seen_by(self, sight: Sight) -> PreparedClips:
@@ -67,7 +51,9 @@ class PreparedClips:
 
     @cached_property
     def normaliser(self) -> Normaliser:
-        """Fitted to the steps that count."""
+        """Fitted to the steps that count, of all there is where that is known."""
+        if self.pool:
+            return self.pool.normaliser
         steps = self._described.scored_steps
         return Normaliser(steps.shape[-1]).fit(steps)
 
@@ -81,11 +67,6 @@ class PreparedClips:
         """For models of weights."""
         return scaled_differences(self.standardised)
 
-    @cached_property
-    def curves(self) -> ScaledCurves:
-        """For sums of curves, which see the legs."""
-        return scaled_curves(self.standardised)
-
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
@@ -95,9 +76,9 @@ class Prepared:
     clips: PreparedClips
 
     @classmethod
-    def of(cls, described: DescribedPairs) -> Prepared:
+    def of(cls, described: DescribedPairs, pool: Pool | None = None) -> Prepared:
         """Nothing is made yet."""
-        return cls(described, PreparedClips(described))
+        return cls(described, PreparedClips(described, pool))
 
     def __len__(self) -> int:
         return len(self.described)
@@ -112,7 +93,9 @@ class Prepared:
 
     def subset(self, chosen: Tensor) -> Prepared:
         """The pairs marked in `chosen` [B] (bool), standardised by their own steps."""
-        return self if chosen.all() else Prepared.of(self.described.subset(chosen))
+        if chosen.all():
+            return self
+        return Prepared.of(self.described.subset(chosen), self.clips.pool)
 
     @property
     def standardised(self) -> StandardisedPairs:
@@ -134,24 +117,3 @@ def scaled_differences(pairs: StandardisedPairs) -> ScaledDifferences:
     difference = pairs.difference.double()
     spread = difference.square().mean(dim=0).sqrt().clamp_min(MIN_SPREAD)
     return ScaledDifferences(difference / spread, spread)
-
-
-def scaled_curves(pairs: StandardisedPairs) -> ScaledCurves:
-    """A curve's straight line and its bumps, all together, shift a pair by the usual
-    amount for one unit of weight."""
-    ranges = SparseScorer(1, pairs.steps.shape[-1])
-    ranges.look_at(pairs)
-    parts = []
-    for chosen in torch.arange(len(pairs)).split(_AT_ONCE):
-        part = pairs.subset(chosen)
-        before = part.lift_offs_before
-        places = ranges.places(part.steps, scored=part.scored, before=before)
-        values = curves(places.clamp(0, 1)).mT
-        left, right = mean_over(values, part.scored[..., None, :])
-        parts.append((left - right).double())
-    difference = torch.cat(parts)
-    squares = difference.square().mean(dim=0).unflatten(0, (-1, WEIGHTS))
-    line, bumps = squares[:, :1], squares[:, 1:].sum(dim=1, keepdim=True)
-    units = torch.cat([line, bumps.expand(-1, len(CENTRES))], dim=1).sqrt()
-    units = units.clamp_min(MIN_SPREAD).flatten()
-    return ScaledCurves(ranges, difference / units, units)

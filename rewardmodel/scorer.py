@@ -45,6 +45,12 @@ class Scorer(nn.Module):
         return None
 
     @property
+    def error_share_found(self) -> float | None:
+        """Share of the answers that are random, as the fit found it; None of one that
+        was told."""
+        return None
+
+    @property
     def heights(self) -> Tensor | None:
         """[G] how much each curve makes of a reward that is a sum of curves; None of
         any other."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from data.strategy_names import StrategyName
 
-from .acquisition import Disagreement, Strategy, Uniform
+from .acquisition import Disagreement, Information, Strategy, Uniform
 from .clips import ClipRows
 from .errors import RewardError
 from .extensions.batches import Dpp, KCenter, Medoids
@@ -28,6 +28,7 @@ class Making:
 STRATEGIES: Mapping[StrategyName, Making] = {
     "uniform": Making(blind=lambda clip_rows: Uniform()),
     "disagreement": Making(asking=Disagreement),
+    "information": Making(asking=Information),
     "entropy": Making(asking=Entropy),
     "bald": Making(asking=Bald),
     "improvement": Making(asking=Improvement),

@@ -25,8 +25,8 @@ LEAST_OPINION = 0.68
 """The same share with each answer counted by how sure the model was of it: the closest
 questions are asked first, and those it gets wrong may not matter."""
 MOST_BY_CHANCE = 0.1
-"""Share of random answers explained as well as the given ones, up to which these are
-believed to mean something: a style keeps its walk even if they do not."""
+"""Probability that the answers are random, up to which they are believed to mean
+something: a style keeps its walk even if they do not."""
 ENOUGH_NEWEST = 10
 """As `ENOUGH`, for the answers of the newest round alone, where the share itself must
 not exceed one half."""
@@ -196,7 +196,7 @@ def _too_low(accuracy: Accuracy | None) -> str:
 def _as_well(foreseen: Foreseen) -> str:
     if foreseen.by_chance is None:
         return ""
-    return f"; {foreseen.by_chance:.0%} of random answers are explained as well"
+    return f"; they are random with probability {foreseen.by_chance:.2f}"
 
 
 def no_better(newest: Accuracy) -> bool:

@@ -94,7 +94,7 @@ def test_answers_on_a_server_are_fitted_and_trusted_as_those_of_a_file(
     assert told[1]["answers_are_those_fitted"]
 
 
-@pytest.mark.parametrize("kind", ["linear", "sparse"])
+@pytest.mark.parametrize("kind", ["linear", "posterior"])
 def test_every_step_gets_the_reward_of_the_model(
     kind: str, datasets: list[Path], tmp_path: Path
 ) -> None:

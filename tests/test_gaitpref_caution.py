@@ -13,7 +13,7 @@ import torch
 from data.features import FEATURE_DIM, column
 from gaitpref.method.context import RoundContext
 from gaitpref.method.method import FROM_SCRATCH, STYLE
-from gaitpref.method.paid import AgreedCurves, AsFitted, SurelyLiked
+from gaitpref.method.paid import AsFitted, SurelyLiked
 from gaitpref.method.tracking import TrackingPrice
 from gaitpref.rewards import total_reward
 from gaitpref.tracking_limit import TrackingLimit, limit_beside, tracking_error
@@ -32,8 +32,7 @@ from rewardmodel.habits import UNSTEADY
 from rewardmodel.linear import LinearScorer
 from rewardmodel.model import RewardModel
 from rewardmodel.normaliser import Normaliser
-from rewardmodel.rising import RisingReward
-from rewardmodel.sparse import SparseScorer
+from rewardmodel.posterior.scorer import PosteriorScorer
 from rewardmodel.storage import load_reward, save_reward
 
 from .test_rewardmodel_acquisition import model_of
@@ -127,7 +126,7 @@ def test_only_a_linear_reward_has_weights_to_be_careful_with() -> None:
     model = RewardModel(linear.normaliser, scorer, provenance)
     for noisy in (True, False):
         with pytest.raises(TypeError, match=r"only a linear reward .* of kind mlp"):
-            SurelyLiked().of(model, context(2, noisy=noisy), judged=True)
+            SurelyLiked().of(model, context(2, noisy=noisy))
 
 
 @pytest.mark.parametrize(
@@ -142,7 +141,7 @@ def test_caution_sets_in_where_answers_err(
     for number in (1, 2, 3):
         for share in (0.0, 0.4):
             model = finding(quarrel(), share)
-            reward = paid.of(model, context(number, noisy=noisy), judged=True)
+            reward = paid.of(model, context(number, noisy=noisy))
             assert isinstance(reward, CautiousReward)
             assert reward.caution == expected
             assert reward.pays_effort == (expected == 0.0)
@@ -157,11 +156,11 @@ def test_effort_is_not_paid_for_where_answers_err(noisy: bool, paid: float) -> N
     working[..., column("joint_torque").start] = 1.0
     working[..., column("joint_vel").start] = 3.0
     told = context(1, noisy=noisy)
-    reward = SurelyLiked().of(model, told, judged=True)
+    reward = SurelyLiked().of(model, told)
     assert reward(working, STARTS).item() == pytest.approx(paid, abs=1e-4)
     hurried = reward(row(speed=1.0, height=0.0), STARTS)
     assert hurried.item() == pytest.approx(1.0, abs=1e-4)
-    plain = SurelyLiked(caution=0.0).of(model, told, judged=True)(working, STARTS)
+    plain = SurelyLiked(caution=0.0).of(model, told)(working, STARTS)
     assert plain.item() == pytest.approx(4.0, abs=1e-4)
 
 
@@ -187,7 +186,7 @@ def test_only_what_is_surely_liked_is_paid_and_charges_stay(
 def test_who_errs_is_met_with_caution_and_who_does_not_pays_where_sure(
     noisy: bool, sure: float
 ) -> None:
-    reward = SurelyLiked().of(quarrel(), context(2, noisy=noisy), judged=True)
+    reward = SurelyLiked().of(quarrel(), context(2, noisy=noisy))
     assert isinstance(reward, CautiousReward)
     assert reward.sure == sure
     assert (reward.caution == 0.0) == (reward.sure > 0.0) == reward.pays_effort
@@ -200,49 +199,32 @@ def test_the_first_retraining_from_scratch_pays_all_and_styles_always_do() -> No
         (FROM_SCRATCH.paid, [0.0, 2.0, 2.0]),
         (SurelyLiked(sure=0.0), [0.0, 0.0, 0.0]),
     ):
-        found = [paid.of(model, context(n), judged=True) for n in rounds]
+        found = [paid.of(model, context(n)) for n in rounds]
         assert [r.sure for r in found if isinstance(r, CautiousReward)] == expected
-    curves = curves_of(model, FitCfg(kind="sparse"))
+    curves = curves_of(model, FitCfg(kind="posterior"))
     for number in rounds:
-        assert STYLE.paid.of(curves, context(number), judged=False) is curves
+        assert STYLE.paid.of(curves, context(number)) is curves
 
 
 def curves_of(model: RewardModel, cfg: FitCfg) -> RewardModel:
     """A sum of curves without an opinion, of the same provenance."""
     provenance = replace(model.provenance, cfg=cfg)
-    scorer = SparseScorer(2, len(names_seen("legs")))
+    scorer = PosteriorScorer(50, 50)
     return RewardModel(Normaliser(len(names_seen("legs"))), scorer, provenance)
 
 
-def test_curves_go_on_where_somebody_is_asked_afterwards() -> None:
-    """In any retraining of a style, and not where nobody is."""
-    model = curves_of(quarrel(), FitCfg(kind="sparse"))
-    assert isinstance(STYLE.paid, AgreedCurves)
-    for number in (1, 3):
-        rising, flat = (
-            STYLE.paid.of(model, context(number), judged=judged)
-            for judged in (True, False)
-        )
-        assert isinstance(rising, RisingReward)
-        assert rising.beyond == STYLE.paid.beyond > 0.0
-        assert flat is model
-    assert AgreedCurves(beyond=0.0).of(model, context(1), judged=True) is model
-
-
-def test_a_sum_of_few_curves_is_paid_in_full() -> None:
-    """However wrong the answers: its doubt is greatest about the habit wanted most."""
-    model = curves_of(quarrel(), FitCfg(kind="sparse", error_share=0.4))
+def test_a_posterior_is_paid_in_full() -> None:
+    """However wrong the answers: what is not sure weighs little in its mean."""
+    model = curves_of(quarrel(), FitCfg(kind="posterior", error_share=0.4))
     for noisy in (True, False):
-        assert STYLE.paid.of(model, context(2, noisy=noisy), judged=False) is model
+        assert STYLE.paid.of(model, context(2, noisy=noisy)) is model
 
 
 @pytest.mark.parametrize("noisy", [True, False])
 def test_as_it_was_fitted_a_reward_of_any_kind_is_paid(noisy: bool) -> None:
     linear = quarrel()
-    for model in (linear, curves_of(linear, FitCfg(kind="sparse"))):
-        for judged in (True, False):
-            paid = AsFitted().of(model, context(3, noisy=noisy), judged=judged)
-            assert paid is model
+    for model in (linear, curves_of(linear, FitCfg(kind="posterior"))):
+        assert AsFitted().of(model, context(3, noisy=noisy)) is model
 
 
 def asked_and_done(asked: float, done: float) -> torch.Tensor:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from gaitpref.method.budget import LEAST_LABELS, FrontLoaded, Shrinking
+from gaitpref.method.budget import LEAST_LABELS, FrontLoaded
 from gaitpref.method.context import RoundContext
 from gaitpref.method.expectations import OnceItWalks
 from gaitpref.method.method import FROM_SCRATCH, STYLE
@@ -16,7 +16,7 @@ from rewardmodel.pairs import MIN_ANSWERS
 BUDGETS = {
     "style": STYLE.budget,
     "scratch": FROM_SCRATCH.budget,
-    "own only": Shrinking(most_first_share=0.0),
+    "own only": FrontLoaded(first_share=0.4),
     "all at first": FrontLoaded(
         first_share=0.99, first_least=1000, most_first_share=0.99
     ),
@@ -57,8 +57,8 @@ def test_all_answers_are_asked_for_and_none_twice(
 
 def test_what_is_kept_is_what_the_others_can_spare() -> None:
     """Rounds between the first and the last need four answers each."""
-    budget = Shrinking()
-    for labels, kept in ((16, 0), (17, 1), (20, 4), (24, 6), (60, 7)):
+    budget = FrontLoaded(first_share=0.4)
+    for labels, kept in ((16, 0), (17, 1), (20, 4), (24, 7), (60, 7)):
         last = RoundContext(number=3, rounds=3, labels=labels)
         assert budget.most_kept(last, 7) == kept, labels
     assert budget.most_kept(RoundContext(number=1, rounds=1, labels=60), 7) == 0
@@ -74,16 +74,13 @@ def test_of_a_single_round_all_is_asked_at_once() -> None:
 
 def test_the_first_round_may_go_on_to_its_share_and_leaves_enough() -> None:
     first = RoundContext(number=0, rounds=4, labels=100)
-    assert Shrinking(most_first_share=0.75).most_first(first) == 75
-    assert Shrinking(most_first_share=0.999).most_first(first) == 88
-    assert Shrinking(most_first_share=0.01).most_first(first) == MIN_ANSWERS
-    assert Shrinking(most_first_share=0.0).most_first(first) == 0
+    for share, most in ((0.75, 75), (0.999, 88), (0.01, MIN_ANSWERS), (0.0, 0)):
+        budget = FrontLoaded(first_share=0.4, most_first_share=share)
+        assert budget.most_first(first) == most
 
 
 @pytest.mark.parametrize("share", [-0.1, 1.0, float("nan")])
 def test_shares_that_are_none_are_refused(share: float) -> None:
-    with pytest.raises(ValueError, match=r"most_first_share must lie in \[0, 1\)"):
-        Shrinking(most_first_share=share)
     with pytest.raises(ValueError, match=r"most_first_share must lie in \[0, 1\)"):
         FrontLoaded(first_share=0.5, first_least=0, most_first_share=share)
     with pytest.raises(ValueError, match=r"first_share must lie in \(0, 1\)"):

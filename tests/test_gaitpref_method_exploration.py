@@ -20,7 +20,7 @@ from policy.ppo import PpoCfg
 from policy.train import TrainCfg, train
 from rewardmodel import FitCfg, RewardModel, fit_reward
 
-from .test_rewardmodel_sparse import Taste, asked, best_height, best_rate
+from .test_rewardmodel_curves import Taste, asked, best_height, best_rate
 
 PPO = PpoCfg(num_envs=32, hidden_sizes=(16,))
 PLAIN = TrainCfg(steps=100, env=EnvCfg(), ppo=PPO)
@@ -34,7 +34,7 @@ def context(number: int, *, rounds: int = 3) -> RoundContext:
 @pytest.fixture(scope="module")
 def paying() -> Callable[[Taste], RewardModel]:
     def fitted(taste: Taste) -> RewardModel:
-        cfg = FitCfg(kind="sparse")
+        cfg = FitCfg(kind="posterior")
         model, _ = fit_reward(asked(taste, 120, seed=0), cfg, seed=0, measured=False)
         return model
 

@@ -258,17 +258,17 @@ def test_the_model_is_chosen_by_held_out_answers(tmp_path: Path) -> None:
     pairs = answered(150, seed=1)
     stiff, report = fit_reward(pairs, auto, seed=0)
     # Lines of few habits are what the planted taste is; fresh pairs say so too.
-    assert stiff.provenance.cfg.kind in ("linear", "sparse")
+    assert stiff.provenance.cfg.kind in ("linear", "posterior")
     fresh, linear = answered(400, seed=99), fit_reward(pairs, QUICK, seed=0)[0]
     assert accuracy(stiff, fresh) >= accuracy(linear, fresh)
     assert accuracy(stiff, fresh) > 0.9
     # A transformer is tried only where looking back was worth it.
     tried = [kind for kind, _ in report.considered]
-    assert tried == ["linear", "sparse", "gp", "mlp", "history"]
+    assert tried == ["linear", "posterior", "gp", "mlp", "history"]
     bending, report = fit_reward(likes_the_middle(pairs), auto, seed=0)
-    assert bending.provenance.cfg.kind == "sparse"
+    assert bending.provenance.cfg.kind == "posterior"
     found = dict(report.considered)
-    assert found["sparse"] > found["linear"]
+    assert found["posterior"] > found["linear"]
     save_reward(bending, tmp_path / "reward")
     assert load_reward(tmp_path / "reward").provenance == bending.provenance
 

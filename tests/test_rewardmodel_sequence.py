@@ -21,12 +21,13 @@ from rewardmodel import (
     load_reward,
     save_reward,
 )
-from rewardmodel.cfg import KindName, SparseCfg
+from rewardmodel.cfg import KindName, PosteriorCfg
 from rewardmodel.clips import pad_clips
 from rewardmodel.explain import explain
 from rewardmodel.extensions.settings import HistoryCfg, MlpCfg, TransformerCfg
-from rewardmodel.sparse import SparseScorer
+from rewardmodel.posterior.scorer import PosteriorScorer
 
+from .test_rewardmodel_curves import asked, best_rate
 from .test_rewardmodel_fit import answered, gait
 
 STEPS = 60
@@ -74,7 +75,7 @@ def test_a_rhythm_is_learned_by_looking_back_alone(
 
 
 LOOKING_BACK = [
-    FitCfg(kind="sparse", sparse=SparseCfg(num_members=2)),
+    FitCfg(kind="posterior", posterior=PosteriorCfg(num_particles=50)),
     FitCfg(kind="history", models=(HistoryCfg(num_updates=3),)),
     FitCfg(kind="transformer", models=(TransformerCfg(num_updates=3),)),
 ]
@@ -82,11 +83,13 @@ LOOKING_BACK = [
 
 @pytest.fixture(params=LOOKING_BACK, ids=lambda cfg: cfg.kind)
 def model(request: pytest.FixtureRequest) -> RewardModel:
-    pairs = by_rhythm(40, seed=1)
+    # A posterior looks back for the rate of steps alone.
+    curves = request.param.kind == "posterior"
+    pairs = asked(best_rate, 60, seed=1) if curves else by_rhythm(40, seed=1)
     model, _ = fit_reward(pairs, request.param, seed=0, measured=False)
-    if isinstance(model.scorer, SparseScorer):
-        # It looks back for the rate of steps, which no answer here is about.
-        model.scorer.weights[:, -6] += 5.0
+    if isinstance(model.scorer, PosteriorScorer):
+        # However often these feet go up and down, it is on the range of its curve.
+        model.scorer.ranges.ends[:, -1] = torch.tensor([-20.0, 20.0])
     return model
 
 

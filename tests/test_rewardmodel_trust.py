@@ -220,7 +220,7 @@ def test_answers_disagree_only_where_it_is_wrong_and_sure(sure_is_right: bool) -
 
 
 @pytest.mark.parametrize("by_chance", [None, 0.5, 0.025])
-def test_answers_better_explained_than_chance_do_agree(by_chance: float | None) -> None:
+def test_answers_that_are_hardly_random_do_agree(by_chance: float | None) -> None:
     """Though none of them is foreseen: the closest are asked."""
     coin = accuracy_of(torch.ones(50), (torch.arange(50) % 2).float())
     pairs = answered(60, seed=0)
@@ -230,15 +230,15 @@ def test_answers_better_explained_than_chance_do_agree(by_chance: float | None) 
     )
     reasons = alarms(foreseen, None)
     assert bool(reasons) == (by_chance != 0.025)
-    told = any("50% of random answers are explained" in reason for reason in reasons)
+    told = any("random with probability 0.50" in reason for reason in reasons)
     assert told == (by_chance == 0.5)
 
 
 @pytest.mark.parametrize("curved", [True, False])
-def test_only_curves_are_held_against_chance(curved: bool) -> None:
+def test_only_a_posterior_is_held_against_chance(curved: bool) -> None:
     """And only where held-out answers say too little of them."""
     random = answered(40, seed=0, flipped=0.5)
-    kind = "sparse" if curved else "linear"
+    kind = "posterior" if curved else "linear"
     model, _ = fit_reward(random, FitCfg(kind=kind), seed=0)
     foreseen = foresee(model, random, seed=0)
     assert foreseen.accuracy is not None

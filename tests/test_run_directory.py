@@ -22,7 +22,7 @@ from data.lock import LOCK_NAME
 from data.plain import from_plain, to_plain
 from gaitpref.cli import main
 from gaitpref.loop_cfg import LoopCfg, RunError
-from gaitpref.method.budget import FrontLoaded, Shrinking
+from gaitpref.method.budget import FrontLoaded
 from gaitpref.method.exploration import Descending, PutBack
 from gaitpref.method.method import FROM_SCRATCH, STYLE, Method
 from gaitpref.method.paid import AsFitted
@@ -135,7 +135,9 @@ METHODS = {
     "style, keeps its noise": replace(STYLE, exploration=None),
     "style, unjudged": replace(STYLE, accept=None),
     "style, no limit": replace(STYLE, tracking=None),
-    "scratch shrinks": replace(FROM_SCRATCH, budget=Shrinking()),
+    "as much in every round": replace(
+        FROM_SCRATCH, budget=FrontLoaded(first_share=0.3)
+    ),
     "front-loaded style": replace(
         STYLE, budget=FrontLoaded(first_share=0.5, first_least=0)
     ),
@@ -229,7 +231,7 @@ def other_than(value: object) -> object:
             r"method\.exploration\.calm_from 0\.85 -> 0\.75",
         ),
         ((), {"exploration": Descending()}, {}, "exploration PutBack -> Descending"),
-        ((), {"paid": AsFitted()}, {}, "method.paid AgreedCurves -> AsFitted"),
+        ((), {"budget": FrontLoaded(first_share=0.5)}, {}, "first_share 0.6 -> 0.5"),
         ((), {"start": None}, {}, "method.start BestLiked -> None"),
         ((), {"unstick": Optimism()}, {}, r"unstick None -> {'deviations': 2\.0"),
         ((), {"weight": 2.0}, {}, "method.weight 3.0 -> 2.0"),
@@ -357,18 +359,17 @@ def test_a_setting_of_the_wrong_kind_is_refused(
         ("mirror", "no", "mirror must be true or false, got 'no'"),
         ("weight", "much", "weight must be a number, got 'much'"),
         ("exploration", 0.5, "exploration must hold settings, got 0.5"),
-        ("budget", {"class": "Shrinking", "most_first_share": 1.0}, r"lie in \[0, 1\)"),
         (
             "budget",
-            {"class": "FrontLoaded", "first_share": 0.0, "first_least": 0},
+            {"first_share": 0.0},
             r"first_share must lie in \(0, 1\), got 0",
         ),
-        ("budget", {"class": "FrontLoaded"}, "FrontLoaded: .*'first_share'"),
+        ("budget", {}, "FrontLoaded: .*'first_share'"),
         ("budget", None, "must hold settings, got None"),
         (
             "paid",
             {"class": "Nothing"},
-            "paid must be one of AgreedCurves, SurelyLiked, AsFitted; got 'Nothing'",
+            "paid must be one of SurelyLiked, AsFitted; got 'Nothing'",
         ),
         ("paid", {"class": ["a"]}, "Method: unhashable"),
         ("paid", {"class": "AsFitted", "beyond": 0.5}, "AsFitted has no field beyond"),

@@ -14,17 +14,28 @@ LEAST_LABELS = 4
 
 
 @dataclass(frozen=True, kw_only=True)
-class Shrinking:
-    """Shares that shrink linearly; the first round goes on where much is open."""
+class FrontLoaded:
+    """Much in the first round, and then more from round to round.
 
-    most_first_share: float = 0.75
+    What a first policy is trained on decides where all others begin; the later a
+    policy, the more there is to say of it, and the longer its reward is trained on.
+    """
+
+    first_share: float
+    """Share of the answers asked for in the first round."""
+    most_first_share: float = 0.0
     """Share of the answers the first round may go on to, while they leave open what is
     wanted; 0: it asks for its own only."""
-    first_agreement: float = 0.8
+    first_least: int = 0
+    """Answers the first round asks for however few there are in all, as far as
+    `most_first_share` lets it."""
+    first_agreement: float = 0.94
     """Rank correlation, over the clips, of the members of a reward fitted to them from
     which on the first round's answers leave nothing open."""
 
     def __post_init__(self) -> None:
+        if not 0.0 < self.first_share < 1.0:
+            raise ValueError(f"first_share must lie in (0, 1), got {self.first_share}")
         if not 0.0 <= self.most_first_share < 1.0:
             raise ValueError(
                 f"most_first_share must lie in [0, 1), got {self.most_first_share}"
@@ -40,9 +51,8 @@ class Shrinking:
         own = self._first(context)
         if context.is_first:
             return own
-        return self._later(context.labels - own - kept, context.rounds - 1)[
-            context.number - 1
-        ]
+        left = context.labels - own - kept
+        return _growing(left, context.rounds - 1)[context.number - 1]
 
     def most_first(self, context: RoundContext) -> int:
         """Answers the first round may go on to."""
@@ -60,43 +70,10 @@ class Shrinking:
 
     def _first(self, context: RoundContext) -> int:
         """Answers of the first round, which may have asked for more by now."""
-        own = max(context.first_asked, self._own_of_first(context))
+        usual = _bounded(context, int(self.first_share * context.labels))
+        own = max(usual, min(self.first_least, self.most_first(context)))
+        own = max(context.first_asked, own)
         return min(own, _bounded(context, context.labels))
-
-    def _own_of_first(self, context: RoundContext) -> int:
-        own = _shrinking(context.labels, context.rounds)[0]
-        return own if own >= MIN_ANSWERS else _bounded(context, 0)
-
-    def _later(self, labels: int, rounds: int) -> list[int]:
-        return _shrinking(labels, rounds)
-
-
-@dataclass(frozen=True, kw_only=True)
-class FrontLoaded(Shrinking):
-    """Much in the first round, and then more from round to round.
-
-    Whether a walk is better than standing has to be clear at once; the later a walk,
-    the more there is to say of it, and the longer its reward is trained on.
-    """
-
-    first_share: float
-    """Share of the answers asked for in the first round."""
-    first_least: int
-    """Answers the first round asks for however few there are in all, as far as
-    `most_first_share` lets it."""
-    first_agreement: float = 0.94
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 0.0 < self.first_share < 1.0:
-            raise ValueError(f"first_share must lie in (0, 1), got {self.first_share}")
-
-    def _own_of_first(self, context: RoundContext) -> int:
-        own = _bounded(context, int(self.first_share * context.labels))
-        return max(own, min(self.first_least, self.most_first(context)))
-
-    def _later(self, labels: int, rounds: int) -> list[int]:
-        return _shrinking(labels, rounds)[::-1]
 
 
 def _bounded(context: RoundContext, wanted: int) -> int:
@@ -106,9 +83,9 @@ def _bounded(context: RoundContext, wanted: int) -> int:
     return min(max(MIN_ANSWERS, wanted), context.labels - others)
 
 
-def _shrinking(labels: int, rounds: int) -> list[int]:
-    """Answers of each round; the shares shrink linearly."""
+def _growing(labels: int, rounds: int) -> list[int]:
+    """Answers of each round; the shares grow linearly."""
     weights = range(rounds, 0, -1)
     spare = labels - LEAST_LABELS * rounds
     marks = [spare * sum(weights[:i]) // sum(weights) for i in range(rounds + 1)]
-    return [LEAST_LABELS + b - a for a, b in pairwise(marks)]
+    return [LEAST_LABELS + b - a for a, b in pairwise(marks)][::-1]

@@ -9,15 +9,15 @@ from dataclasses import dataclass, field, replace
 
 from data.plain import ONE_OF
 from policy.known_terms import KnownTermsCfg
-from rewardmodel.cfg import FitCfg, LinearCfg, SparseCfg
+from rewardmodel.cfg import FitCfg, LinearCfg, PosteriorCfg
 
 from .acceptance import Compared
-from .budget import FrontLoaded, Shrinking
+from .budget import FrontLoaded
 from .clips import ClipSources
 from .context import RoundContext
 from .expectations import OnceItWalks
 from .exploration import Descending, PutBack
-from .paid import AgreedCurves, AsFitted, SurelyLiked
+from .paid import AsFitted, SurelyLiked
 from .questions import Questions
 from .start import BestLiked
 from .tracking import TrackingPrice
@@ -30,7 +30,7 @@ class Method:
 
     clips: ClipSources
     """What the questions can be about."""
-    budget: Shrinking | FrontLoaded = field(metadata=ONE_OF)
+    budget: FrontLoaded
     """How many answers a round asks for."""
     questions: Questions = field(default_factory=Questions)
     """Which pairs it asks about."""
@@ -38,7 +38,7 @@ class Method:
     """What is fitted to the answers."""
     once_it_walks: OnceItWalks | None = None
     """What the last rewards expect besides; None: nothing."""
-    paid: AgreedCurves | SurelyLiked | AsFitted = field(metadata=ONE_OF)
+    paid: SurelyLiked | AsFitted = field(metadata=ONE_OF)
     """What of the reward a training is paid."""
     weight: float
     """Weight of that, which has unit standard deviation per second."""
@@ -94,15 +94,20 @@ FROM_SCRATCH = Method(
 
 STYLE = Method(
     clips=ClipSources(),
-    budget=Shrinking(),
+    budget=FrontLoaded(first_share=0.6),
+    questions=Questions(
+        strategy="information", uniform_share=0.0, batch=1, informed_from=1
+    ),
     # A wish about a walk that is there is about few things, and not about following
     # commands, which the task pays for.
-    reward=FitCfg(kind="sparse", sparse=SparseCfg(told=False)),
-    paid=AgreedCurves(),
+    reward=FitCfg(
+        kind="posterior", tie_threshold=0.3, posterior=PosteriorCfg(told=False)
+    ),
+    paid=AsFitted(),
     weight=3.0,
     start=BestLiked(),
     exploration=PutBack(),
-    accept=Compared(first=1, last_labels=5),
+    accept=Compared(first=1),
     tracking=TrackingPrice(),
 )
 """Another way of walking, on top of a policy that walks."""

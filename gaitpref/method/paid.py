@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, ClassVar
 
 from rewardmodel.caution import CautiousReward
 from rewardmodel.model import RewardModel
-from rewardmodel.rising import RisingReward
 
 from .context import RoundContext
 
@@ -31,11 +30,8 @@ class SurelyLiked:
     """Where answers err: deviations over the ensemble within which a habit is paid only
     as was expected of it before any answer."""
 
-    def of(
-        self, model: RewardModel, context: RoundContext, *, judged: bool
-    ) -> RewardFn:
-        """The reward of the retraining of `context`; `judged`: somebody is asked about
-        what becomes of it."""
+    def of(self, model: RewardModel, context: RoundContext) -> RewardFn:
+        """The reward of the retraining of `context`."""
         if context.noisy:
             # What moves well takes more effort than what stands, and answers that err
             # cannot tell the two apart.
@@ -45,31 +41,11 @@ class SurelyLiked:
 
 
 @dataclass(frozen=True, kw_only=True)
-class AgreedCurves:
-    """Of a sum of curves, what members agree on, and more beyond what was judged."""
-
-    kind: ClassVar = "sparse"
-
-    beyond: float = 0.5
-    """Share of the judged range of a habit by which a curve that still rises at its end
-    goes on, wherever somebody is asked about what is found there."""
-
-    def of(
-        self, model: RewardModel, context: RoundContext, *, judged: bool
-    ) -> RewardFn:
-        """The reward of the retraining of `context`; `judged`: somebody is asked about
-        what becomes of it."""
-        return RisingReward(model, self.beyond) if self.beyond and judged else model
-
-
-@dataclass(frozen=True, kw_only=True)
 class AsFitted:
     """The reward as it was fitted, for models of any kind."""
 
     kind: ClassVar = None
 
-    def of(
-        self, model: RewardModel, context: RoundContext, *, judged: bool
-    ) -> RewardFn:
+    def of(self, model: RewardModel, context: RoundContext) -> RewardFn:
         """`model`, whatever the round."""
         return model

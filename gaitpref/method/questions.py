@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from data.strategy_names import StrategyName
+from rewardmodel.pairs import MIN_ANSWERS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,6 +21,9 @@ class Questions:
     """Share of the pairs chosen at random: they measure the reward."""
     batch: int = 10
     """Questions chosen at a time; a reward is fitted to all answers before the next."""
+
+    informed_from: int = MIN_ANSWERS
+    """Answers from which on a reward fitted to them chooses."""
 
     def __post_init__(self) -> None:
         if self.batch < 1:

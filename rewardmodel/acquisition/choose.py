@@ -39,6 +39,7 @@ def choose_pairs(
     round: int,
     known_pairs: Iterable[Pair] = (),
     folds: int = 5,
+    least_candidates: int = 0,
     rng: np.random.Generator,
 ) -> list[Pair]:
     """Choose up to `count` pairs worth asking about, best first.
@@ -58,6 +59,7 @@ def choose_pairs(
         round: Round of the loop, stored with the pairs.
         known_pairs: Pairs asked already, in either order.
         folds: Groups of episodes, as in `FitCfg.folds`.
+        least_candidates: Pairs `strategy` is asked about, however few are wanted.
         rng: Every random draw.
 
     Raises:
@@ -66,7 +68,8 @@ def choose_pairs(
     entries, known_pairs = list(entries), list(known_pairs)
     drawn = [clips[index] for index in rng.permutation(len(clips))[:MAX_CLIPS]]
     pool = _pool(drawn, entries, folds)
-    candidates = _candidates(pool, known_pairs, CANDIDATES_PER_PAIR * count, rng)
+    wanted = max(least_candidates, CANDIDATES_PER_PAIR * count)
+    candidates = _candidates(pool, known_pairs, wanted, rng)
     if len(candidates) == 0:
         return []
     worth = strategy(drawn, candidates, rng)
