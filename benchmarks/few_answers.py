@@ -1,16 +1,17 @@
-"""What few answers say of a wish, without any training: in minutes, not hours.
+"""What few answers say of a wish, without any training: minutes instead of hours.
 
 `python -m benchmarks.few_answers --base POLICY` records a walking policy twice, asks
-about the first recording and lets the fitted reward choose among the second. A figure
-is the true score of the twentieth of those clips it likes best, from 0 of the mean clip
-to 1 of the truly best twentieth, in the mean over the commands.
+about the first recording and lets the fitted reward choose among clips of the second.
+A figure is the true worth of the twentieth of those that it likes best, from 0 of the
+mean clip to 1 of the truly best twentieth, in the mean over the commands.
 """
 
 from __future__ import annotations
 
 import json
-import time
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -19,25 +20,29 @@ import tyro
 
 from data.answers import Pair
 from data.clips import Clip
-from data.dataset import Dataset, EpisodeEntry
+from data.dataset import Dataset
+from data.strategy_names import StrategyName
 from gaitpref.by_method import recorded_by
-from gaitpref.criteria import load_criterion
+from gaitpref.criteria import CriterionContext, load_criterion
 from gaitpref.method.method import STYLE
 from gaitpref.questions import ClipCfg, ask, clips_of
 from gaitpref.rewards import criterion_context, score_of_criterion
 from policy.checkpoint import load_policy
+from policy.ppo import ScoreFn
 from policy.record import RecordCfg, record
 from rewardmodel.acquisition import asked_for
-from rewardmodel.cfg import FitCfg
-from rewardmodel.clips import read_clips
+from rewardmodel.cfg import FitCfg, KindName
+from rewardmodel.clips import ClipBatch, read_clips
 from rewardmodel.fit import fit_reward
 from rewardmodel.model import RewardModel
 from rewardmodel.pairs import gather_pairs
-from rewardmodel.recorded import recorded_clips
+from rewardmodel.recorded import RecordedClips, recorded_clips
 
 from .preference_plan import TASKS
 
-_BEST = 0.05
+BEST = 0.05
+"""Share of the clips that are chosen."""
+CUT = ClipCfg()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,162 +52,155 @@ class FewAnswers:
     base: Path
     """Walking policy."""
     work: Path = Path("runs/few-answers")
-    """Directory of the recordings and results."""
-    kind: str = "posterior"
+    """Directory of the recordings."""
+    kind: KindName = "posterior"
     """Reward that is fitted."""
-    strategy: str = "information"
+    strategy: StrategyName = "information"
     """How questions are chosen."""
     batch: int = 1
     """Questions chosen at a time."""
-    tasks: tuple[str, ...] = (
-        "high_step",
-        "crouch",
-        "low_energy",
-        "smooth",
-        "trot",
-        "lean",
-    )
+    tasks: tuple[str, ...] = ("high_step", "crouch", "low_energy", "smooth", "trot")
+    """Wishes, by their names in `benchmarks.preference_plan`."""
     counts: tuple[int, ...] = (5, 10, 20, 40)
     """Answers after which it is measured."""
-    seeds: int = 1
+    seeds: tuple[int, ...] = (100, 101)
+    """Of the questions; the table of `benchmarks.preferences` has 0 to 4."""
     mistakes: float = 0.0
     """Share of the answers that are the wrong way round."""
-    name: str = "results"
+
+    @property
+    def fit(self) -> FitCfg:
+        """The style's, of another kind."""
+        return replace(STYLE.reward, kind=self.kind)
 
 
-class Recorded:
-    """One recording, in memory."""
+class Recording:
+    """Episodes of a policy, and what a criterion makes of them."""
 
     def __init__(self, dataset: Dataset) -> None:
         self.dataset = dataset
-        self.entries: tuple[EpisodeEntry, ...] = dataset.entries()
-        self.rows = {
-            e.sha256: np.array(dataset.features(e.sha256)) for e in self.entries
-        }
+        self.entries = {entry.sha256: entry for entry in dataset.entries()}
+        self.rows = {name: np.array(dataset.features(name)) for name in self.entries}
+
+    @cached_property
+    def clips(self) -> list[Clip]:
+        """All there are."""
+        return clips_of(list(self.entries.values()), CUT)
+
+    @cached_property
+    def batch(self) -> ClipBatch:
+        """The same, padded."""
+        return read_clips(self.clips, self.clip_rows)
+
+    @cached_property
+    def command(self) -> np.ndarray:
+        """[C] number of what the robot was told in each."""
+        told: dict[object, int] = {}
+        facts = (asked_for(self.entries[c.rollout], c) for c in self.clips)
+        return np.array([told.setdefault(fact, len(told)) for fact in facts])
+
+    @cached_property
+    def pool(self) -> RecordedClips | None:
+        """What opinions are about."""
+        return recorded_clips([self.dataset])
 
     def clip_rows(self, clip: Clip) -> np.ndarray:
+        """[T, F] of a clip."""
         return self.rows[clip.rollout][clip.rows]
 
+    def worth(self, score: ScoreFn) -> dict[str, np.ndarray]:
+        """[T] of every episode, by name."""
+        found = {}
+        for name, rows in self.rows.items():
+            starts = torch.arange(len(rows))[:, None] == 0
+            found[name] = score(torch.from_numpy(rows)[:, None], starts)[:, 0].numpy()
+        return found
 
-def recordings(cfg: FewAnswers) -> list[Recorded]:
+
+def recordings(cfg: FewAnswers) -> tuple[Recording, Recording]:
+    """What is asked about, and what is chosen from; made once."""
     found = []
-    for name, seed in (("ask", 11), ("fresh", 12)):
+    for name, seed in (("asked", 11), ("fresh", 12)):
         root = cfg.work / name
         if not (root / "done").exists():
-            dataset = Dataset.create(root)
             how = recorded_by(STYLE.clips, RecordCfg())
-            dataset.add_episodes(record(cfg.base, how, seed=seed))
+            Dataset.create(root).add_episodes(record(cfg.base, how, seed=seed))
             (root / "done").touch()
-        found.append(Recorded(Dataset.open(root)))
-    return found
+        found.append(Recording(Dataset.open(root)))
+    return found[0], found[1]
 
 
 def share_of_best(worth: np.ndarray, truth: np.ndarray, command: np.ndarray) -> float:
+    """How good the best by `worth` [C] truly are [C], in the mean over commands [C]."""
     shares = []
     for told in np.unique(command):
         own, true = worth[command == told], truth[command == told]
-        count = max(1, round(_BEST * len(own)))
+        count = max(1, round(BEST * len(own)))
         liked, best = true[np.argsort(-own)][:count], np.sort(true)[-count:]
         shares.append((liked.mean() - true.mean()) / (best.mean() - true.mean()))
     return float(np.mean(shares))
 
 
+def learned(
+    cfg: FewAnswers, asked_of: Recording, truth: dict[str, np.ndarray], seed: int
+) -> Iterator[tuple[int, RewardModel]]:
+    """Number of answers, and the reward fitted to them, of every count."""
+    rng = np.random.default_rng([seed, 5])
+    pairs: list[Pair] = []
+    targets: list[float] = []
+    model = None
+    while len(pairs) < max(cfg.counts):
+        new = ask(
+            asked_of.dataset,
+            list(asked_of.entries.values()),
+            CUT,
+            cfg.batch,
+            known=pairs,
+            model=model,
+            round_number=0,
+            uniform_share=0.0,
+            strategy=cfg.strategy,
+            rng=rng,
+        )
+        for pair in new:
+            left, right = (truth[c.rollout][c.rows].mean() for c in (pair.a, pair.b))
+            wrong = rng.random() < cfg.mistakes
+            targets.append(float((left > right) != wrong))
+            pairs.append(pair)
+        answered = replace(
+            gather_pairs([asked_of.dataset], pairs),
+            target=torch.tensor(targets),
+            recorded=asked_of.pool,
+        )
+        model, _ = fit_reward(answered, cfg.fit, seed=len(pairs), measured=False)
+        if len(pairs) in cfg.counts:
+            yield len(pairs), model
+
+
 def main(cfg: FewAnswers) -> None:
+    """Print a line of JSON for every wish and seed."""
     torch.set_num_threads(1)
     asked_of, fresh = recordings(cfg)
     policy = load_policy(cfg.base)
-    context = criterion_context(policy.robot(), policy.info.env)
-    pool = recorded_clips([asked_of.dataset])
-    cut = ClipCfg()
-    clips = clips_of(fresh.entries, cut)
-    by_sha = {e.sha256: e for e in fresh.entries}
-    batch = read_clips(clips, fresh.clip_rows)
-    told: dict[object, int] = {}
-    command = np.array(
-        [told.setdefault(asked_for(by_sha[c.rollout], c), len(told)) for c in clips]
-    )
-    asked_of.dataset.clip_features = asked_of.clip_rows  # type: ignore[method-assign]
-    out = cfg.work / f"{cfg.name}.jsonl"
+    context: CriterionContext = criterion_context(policy.robot(), policy.info.env)
     for task in cfg.tasks:
         score = score_of_criterion(load_criterion(TASKS[task], context))
+        true = fresh.worth(score)
+        truth = np.array([true[c.rollout][c.rows].mean() for c in fresh.clips])
+        for seed in cfg.seeds:
+            shares = {}
+            for count, model in learned(cfg, asked_of, asked_of.worth(score), seed):
+                found = share_of_best(_liked(model, fresh), truth, fresh.command)
+                shares[count] = round(found, 3)
+            row = {"task": task, "seed": seed, "kind": cfg.kind, "shares": shares}
+            print(json.dumps(row), flush=True)
 
-        def scores(of: Recorded) -> dict[str, np.ndarray]:
-            found = {}
-            for sha, rows in of.rows.items():
-                starts = torch.zeros(len(rows), 1, dtype=torch.bool)
-                starts[0] = True
-                found[sha] = score(torch.from_numpy(rows)[:, None], starts)[
-                    :, 0
-                ].numpy()
-            return found
 
-        true_asked, true_fresh = scores(asked_of), scores(fresh)
-        truth = np.array([true_fresh[c.rollout][c.rows].mean() for c in clips])
-        for seed in range(cfg.seeds):
-            rng = np.random.default_rng([seed, 5])
-            pairs: list[Pair] = []
-            targets: list[float] = []
-            model: RewardModel | None = None
-            shares: dict[int, float] = {}
-            spent = [0.0, 0.0]
-            fit_cfg = (
-                replace(STYLE.reward, kind=cfg.kind)
-                if cfg.kind == "sparse"
-                else FitCfg(kind=cfg.kind, tie_threshold=0.3)
-            )
-            while len(pairs) < max(cfg.counts):
-                start = time.perf_counter()
-                new = ask(
-                    asked_of.dataset,
-                    asked_of.entries,
-                    cut,
-                    cfg.batch,
-                    known=pairs,
-                    model=model,
-                    round_number=0,
-                    uniform_share=0.0 if cfg.kind == "posterior" else 0.2,
-                    strategy=cfg.strategy,
-                    rng=rng,
-                )
-                spent[0] += time.perf_counter() - start
-                for pair in new:
-                    a, b = (
-                        true_asked[c.rollout][c.rows].mean() for c in (pair.a, pair.b)
-                    )
-                    left = float(a > b)
-                    targets.append(1 - left if rng.random() < cfg.mistakes else left)
-                    pairs.append(pair)
-                start = time.perf_counter()
-                gathered = replace(
-                    gather_pairs([asked_of.dataset], pairs),
-                    target=torch.tensor(targets),
-                    raters=("simulated",) * len(pairs),
-                    recorded=pool,
-                )
-                if cfg.kind == "posterior" or len(pairs) >= 8:
-                    model, _ = fit_reward(
-                        gathered, fit_cfg, seed=seed * 1000 + len(pairs), measured=False
-                    )
-                spent[1] += time.perf_counter() - start
-                if len(pairs) in cfg.counts and model is not None:
-                    worth = model._returns(model.payer, batch).mean(dim=0).numpy()
-                    shares[len(pairs)] = share_of_best(worth, truth, command)
-            row = {
-                "task": task,
-                "seed": seed,
-                "shares": shares,
-                "ask_s": spent[0] / len(pairs),
-                "fit_s": spent[1] / len(pairs),
-            }
-            print(
-                task,
-                seed,
-                {k: round(v, 2) for k, v in shares.items()},
-                f"{row['ask_s']:.2f} {row['fit_s']:.2f} s",
-                flush=True,
-            )
-            with out.open("a") as file:
-                file.write(json.dumps(row) + "\n")
+def _liked(model: RewardModel, of: Recording) -> np.ndarray:
+    """[C] mean reward of every clip."""
+    reward, _ = model.clip_rewards(of.batch)
+    scored = of.batch.scored
+    return ((reward * scored).sum(dim=1) / scored.sum(dim=1).clamp_min(1)).numpy()
 
 
 if __name__ == "__main__":

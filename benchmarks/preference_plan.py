@@ -14,7 +14,7 @@ from gaitpref.loop_cfg import LoopCfg, StepsCfg
 from gaitpref.method.budget import FrontLoaded
 from gaitpref.method.expectations import OnceItWalks
 from gaitpref.method.exploration import PutBack
-from gaitpref.method.method import Method
+from gaitpref.method.method import STYLE, Method
 from gaitpref.method.paid import AsFitted, SurelyLiked
 from gaitpref.options import Loop
 from gaitpref.presets import resolve
@@ -22,7 +22,7 @@ from gaitpref.rater_cfg import RaterCfg
 from policy.config import getup_env
 from policy.ppo import PpoCfg
 from policy.record import RecordCfg
-from rewardmodel.cfg import FitCfg
+from rewardmodel.cfg import FitCfg, PosteriorCfg
 
 TASKS = {
     "walk": "task",
@@ -72,6 +72,14 @@ METHODS: dict[str, Change] = {
         )
         for name in ("linear", "posterior", "gp", "mlp", "auto")
     },
+    "posterior-walk": lambda method: replace(
+        method,
+        reward=replace(STYLE.reward, posterior=PosteriorCfg()),
+        questions=STYLE.questions,
+        paid=AsFitted(),
+        once_it_walks=None,
+        unstick=None,
+    ),
     "plain-linear": lambda method: replace(
         method,
         reward=FitCfg(kind="linear", error_share=0.0, tie_threshold=0.0, adapt=False),

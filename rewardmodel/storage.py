@@ -26,7 +26,7 @@ from data.weights import misfits, not_finite
 from .cfg import FitCfg
 from .descriptors import names_seen
 from .errors import RewardError
-from .kinds import kind_called, make_scorer
+from .kinds import KINDS, kind_called, make_scorer
 from .model import Provenance, RewardModel
 from .normaliser import Normaliser
 from .report import FitReport
@@ -136,6 +136,11 @@ def _check_readable(facts: dict[str, Any], directory: Path) -> None:
         raise RewardError(
             f"{directory} has format version {facts['format_version']}, this version "
             f"reads {FORMAT_VERSION}; fit the reward again"
+        )
+    if facts["kind"] not in KINDS:
+        raise RewardError(
+            f"{directory} holds a reward of kind {facts['kind']!r}, this version reads "
+            f"{', '.join(KINDS)}; fit the reward again"
         )
     _check_names("feature", facts["features"], _FEATURE_NAMES, directory)
     seen = names_seen(kind_called(str(facts["kind"])).sight)

@@ -293,6 +293,17 @@ def test_rewards_of_earlier_versions_are_read(tmp_path: Path) -> None:
     )
 
 
+def test_a_kind_that_is_gone_is_named(tmp_path: Path) -> None:
+    """Earlier versions picked curves one by one."""
+    model, _ = fit_reward(answered(12, seed=1), QUICK, seed=0, measured=False)
+    save_reward(model, tmp_path / "reward")
+    facts = tmp_path / "reward" / "reward.json"
+    facts.write_text(facts.read_text().replace('"kind": "linear"', '"kind": "sparse"'))
+    told = "reward of kind 'sparse', this version reads linear, posterior.*fit .* again"
+    with pytest.raises(RewardError, match=told):
+        load_reward(tmp_path / "reward")
+
+
 def test_a_model_has_settings_once() -> None:
     with pytest.raises(ValueError, match="settings of MlpCfg are given twice"):
         FitCfg(models=(MlpCfg(), MlpCfg(num_updates=3)))

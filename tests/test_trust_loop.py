@@ -54,7 +54,8 @@ def test_answers_that_do_not_agree_train_nothing(
     cfg = replace(
         small,
         method=replace(
-            small.method, budget=FrontLoaded(first_share=0.74, first_least=30)
+            small.method,
+            budget=FrontLoaded(first_share=0.74, first_least=30, most_first_share=0.75),
         ),
         steps=replace(small.steps, base=0),
         labels=200,
