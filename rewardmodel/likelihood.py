@@ -95,7 +95,7 @@ def log_likelihood(
     log_p = answer_log_probabilities(
         logit, tie_threshold=tie_threshold, error_share=error_share
     )
-    return _weighted(log_p, target, tie_threshold)
+    return weighted(log_p, target, tie_threshold)
 
 
 def log_likelihood_derivatives(
@@ -121,8 +121,8 @@ def log_likelihood_derivatives(
         bend = real * bend + real * (1 - real) * slope.square()
         slope = real * slope
     return (
-        _weighted(slope, target, tie_threshold),
-        _weighted(bend, target, tie_threshold),
+        weighted(slope, target, tie_threshold),
+        weighted(bend, target, tie_threshold),
     )
 
 
@@ -145,7 +145,7 @@ def _log_sigmoid(values: Tensor) -> Tensor:
 def answer_weights(target: Tensor, *, tie_threshold: float) -> Tensor:
     """How much of a left, a right and a tied answer [3, B] each target [B] is."""
     one = torch.eye(3, dtype=target.dtype)[:, :, None]
-    return torch.stack([_weighted(row, target, tie_threshold) for row in one])
+    return torch.stack([weighted(row, target, tie_threshold) for row in one])
 
 
 def _log_meant(log_p: Tensor, error_share: float | Errors) -> Tensor:
@@ -168,7 +168,7 @@ def _log_guess(
     return torch.full_like(like, math.log(error_share / num_answers))
 
 
-def _weighted(values: Tensor, target: Tensor, tie_threshold: float) -> Tensor:
+def weighted(values: Tensor, target: Tensor, tie_threshold: float) -> Tensor:
     """Sum of values [3, ...] of the answers, weighted as `target` says."""
     left, right, tie = values
     if tie_threshold == 0.0:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from rewardmodel.likelihood import Errors, answer_weights, log_likelihood
+from rewardmodel.likelihood import Errors, answer_weights, weighted
 
 from .hypotheses import (
     ANOTHER,
@@ -32,6 +32,8 @@ _MOVES = 12
 """Of every particle after a resampling."""
 _LEAST_EFFECTIVE = 0.6
 """Share of the particles below which the effective number leads to a resampling."""
+_TINY = 1e-12
+"""Of an answer that is not on offer, and never given."""
 _ALONE_SHARPNESS, _ALONE_ERRORS = 5.0, 0.15
 """By which opinions are judged alone, to propose those that explain the answers."""
 
@@ -78,17 +80,18 @@ class Answers:
     def log_likelihood(self, leads: Tensor, error_share: Tensor) -> Tensor:
         """[N] of all answers, from what opinions say of the lead [N, B] and shares of
         random answers [N, R]."""
-        errors = replace(
-            self.errors,
-            share=error_share[:, self.errors.rater],
-            guess=self.errors.guess[:, None],
+        leads, error = leads + self.fall_lead, error_share[:, self.errors.rater]
+        left = (leads - self.tie_threshold).sigmoid()
+        right = (-leads - self.tie_threshold).sigmoid()
+        meant = (left, right, 1 - left - right)
+        # Errors keep every probability far from 0.
+        log_p = torch.stack(
+            [
+                ((1 - error) * p + error * guess + _TINY).log()
+                for p, guess in zip(meant, self.errors.guess, strict=True)
+            ]
         )
-        return log_likelihood(
-            leads + self.fall_lead,
-            self.target,
-            tie_threshold=self.tie_threshold,
-            error_share=errors,
-        ).sum(dim=1)
+        return weighted(log_p, self.target, self.tie_threshold).sum(dim=1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -124,7 +124,7 @@ class PosteriorScorer(CurvesScorer):
     @property
     def error_share_found(self) -> float:
         """Half of the particles think of more."""
-        return float(self.error_share.median())
+        return round(float(self.error_share.median()), 3)
 
     @property
     def num_particles(self) -> int:
