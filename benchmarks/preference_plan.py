@@ -74,7 +74,7 @@ METHODS: dict[str, Change] = {
     },
     "posterior-walk": lambda method: replace(
         method,
-        reward=replace(STYLE.reward, posterior=PosteriorCfg()),
+        reward=replace(STYLE.reward, posterior=PosteriorCfg(told=30.0)),
         questions=STYLE.questions,
         paid=AsFitted(),
         once_it_walks=None,

@@ -25,14 +25,13 @@ _PROBABLE = {"line": 0.4, "hinge": 0.2, "bump": 0.4}
 _LONE = 0.1
 """How probable an opinion about one leg or one side is, beside one about all."""
 _LONE_HABITS = {item.name for item in (*CONTACTS, *SINGLE)}
-_TOLD = {
-    *TOLD,
+_WITH_SPEED = {
     "forward_speed",
     "leftward_speed",
     "yaw_rate",
     *(name for name in HABITS if name.startswith("foot_speed")),
 }
-"""What a command says: over a stride feet go as fast as the robot."""
+"""What goes with what the robot is told: over a stride feet go as fast as it does."""
 _SAID_BY_OTHERS = {"height_sq", "planar_error_sq", "yaw_rate_error_sq"}
 """With curves, a square says what the habit itself does."""
 LEAST_DEVIATION = 0.01
@@ -72,9 +71,10 @@ class Opinions:
     """[A] before any answer; 0 for those the clips do not differ in."""
 
     @classmethod
-    def of(cls, occupied: Tensor, command: Tensor, *, told: bool) -> Opinions:
+    def of(cls, occupied: Tensor, command: Tensor, *, told: float) -> Opinions:
         """Opinions about clips like `occupied` [C, G, K], whose commands are numbered
-        in `command` [C]; `told`: also about doing what the robot is told."""
+        in `command` [C]; one about doing what the robot is told is `told` times as
+        probable as another."""
         worth = worth_of(occupied)
         within = worth - _mean_of_each(worth, command)
         deviation = within.square().mean(dim=1).sqrt()
@@ -103,14 +103,17 @@ def _mean_of_each(worth: Tensor, group: Tensor) -> Tensor:
     return (worth @ one / one.sum(dim=0).clamp_min(1)) @ one.mT
 
 
-def _asked(told: bool) -> Tensor:
+def _asked(told: float) -> Tensor:
     """[A] relative probability of every opinion."""
-    left_out = _SAID_BY_OTHERS if told else _SAID_BY_OTHERS | _TOLD
-    of_habit = [
-        0.0 if name in left_out else _LONE if name in _LONE_HABITS else 1.0
-        for name in HABITS
-    ]
-    return (torch.tensor(of_habit)[:, None] * SHAPE_PROBABLE).flatten()
+    of_habit = torch.ones(len(HABITS))
+    for names, times in (
+        (_LONE_HABITS, _LONE),
+        (TOLD, told),
+        (_WITH_SPEED, min(told, 1.0)),
+        (_SAID_BY_OTHERS, 0.0),
+    ):
+        of_habit[[name in names for name in HABITS]] = times
+    return (of_habit[:, None] * SHAPE_PROBABLE).flatten()
 
 
 def habit_of(opinion: Tensor) -> Tensor:

@@ -33,11 +33,11 @@ class Pool:
     """[C, L] lift-offs."""
     command: Tensor
     """[C] equal where the robot was told the same."""
-    told: bool
-    """Whether opinions may be about doing what the robot is told."""
+    told: float
+    """As of `PosteriorCfg`."""
 
     @classmethod
-    def of(cls, pairs: AnsweredPairs, *, told: bool) -> Pool:
+    def of(cls, pairs: AnsweredPairs, *, told: float) -> Pool:
         """What was recorded, or, where nobody knows, the judged clips."""
         recorded = pairs.recorded or _judged(pairs)
         clips = recorded.clips

@@ -18,6 +18,8 @@ _RATES = (0.5, 1.75)
 times the rate of a walk, and on a range up to there all walks are alike."""
 _RANGE_QUANTILE = 0.01
 """Steps left out at either end of the range of a habit."""
+_PLENTY = 8000
+"""Steps from which on every second, third, ... is looked at."""
 _ROOT_FROM = 0.01
 """Added to a share of the range before its root is taken."""
 _QUADRATIC = torch.tensor([*(c.quadratic for c in columns_seen("legs")), False])
@@ -45,7 +47,9 @@ class Ranges(nn.Module):
         self.rate_std.copy_(std if std > 1e-6 else torch.ones(()))
         low, high = (share * rate.median() for share in _RATES)
         rate = (rate.clamp(low, high) - self.rate_mean) / self.rate_std
-        seen = torch.cat([steps[scored], rate[:, None]], dim=-1).sort(dim=0).values
+        every = max(1, len(rate) // _PLENTY)
+        seen = torch.cat([steps[scored], rate[:, None]], dim=-1)[::every]
+        seen = seen.sort(dim=0).values
         last = len(seen) - 1
         ends = [round(share * last) for share in (_RANGE_QUANTILE, 1 - _RANGE_QUANTILE)]
         self.ends.copy_(seen[ends])
