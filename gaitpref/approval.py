@@ -12,7 +12,7 @@ from data.files import read_file, replace_directory, write_atomically
 from data.limits import POLICY_BYTES
 from policy.train import POLICY_NAME
 
-from .asking import Patience, answered
+from .collecting import Collector
 from .criteria import Criterion
 from .loop_cfg import LoopCfg
 from .method.context import RoundContext
@@ -59,8 +59,10 @@ def approval_stage(
         if both and not asked:
             pairs = pairs_of_both(cfg, round, dataset, both, known=known)
             asked = store.add_pairs(pairs[: labels_kept(cfg.method, context)])
-    patience = Patience(people)
-    answered(cfg, round, context, dataset, criterion, patience, asked, last=True)
+    collector = Collector(
+        cfg=cfg, round=round, dataset=dataset, criterion=criterion, people=people
+    )
+    collector.answered(asked, last=True)
     # A policy no clip shows, as one whose simulations diverge, is not approved either.
     needed = accept.odds_needed(context)
     if _judge(round, dataset, file, needed, otherwise="what stays is"):

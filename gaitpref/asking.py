@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
-from data.answers import AnswerStore, Pair
+from data.answers import Pair
 from data.dataset import Dataset, EpisodeEntry
 from data.files import read_json
 from policy.babble import BABBLE_SHA256
@@ -16,22 +16,19 @@ from rewardmodel.fit import fit_reward
 from rewardmodel.pairs import MIN_ANSWERS, count_evidence, load_pairs
 from rewardmodel.stopping import remaining
 
+from .collecting import Collector, asked_and_left
 from .criteria import Criterion
 from .fit_summary import what_remains
 from .loop_cfg import LoopCfg
 from .method.context import RoundContext
 from .people import People
-from .progress import console, counting_bar
+from .progress import console
 from .questions import ask, with_known_answer
-from .rater import answer_pairs
-from .rounds import Round, place_of, seed_of
+from .rounds import Round, seed_of
 from .side_by_side import STRATEGY, both_policies, labels_kept, pairs_of_both
 
-RATER_ID = "simulated"
 GOLD_SHARE = 0.05
 """Pairs with a known answer to every pair that people are asked."""
-_POLL_S = 0.5
-_OPEN_PAIRS = 2
 
 
 def questions_stage(
@@ -48,17 +45,22 @@ def questions_stage(
     """
     if round.reward.exists():
         return
-    patience = Patience(people)
+    collector = Collector(
+        cfg=cfg,
+        round=round,
+        dataset=dataset,
+        criterion=criterion,
+        people=people,
+        ask_more=partial(_add_pairs, cfg, round, context, dataset),
+    )
     budget = cfg.method.budget
     kept = 0 if context.is_first else labels_kept(cfg.method, context)
     count = budget.labels_of(context, kept=kept)
     with dataset.answers() as store:
         while True:
-            asked, _ = _asked_and_left(store, round.number)
+            asked, _ = asked_and_left(store, round.number)
             last = asked >= count
-            if asked and not answered(
-                cfg, round, context, dataset, criterion, patience, count, last=last
-            ):
+            if asked and not collector.answered(count, last=last):
                 return
             if asked and _enough(cfg, context, dataset):
                 return
@@ -194,115 +196,7 @@ def _enough(cfg: LoopCfg, context: RoundContext, dataset: Dataset) -> bool:
     return report.enough
 
 
-def answered(
-    cfg: LoopCfg,
-    round: Round,
-    context: RoundContext,
-    dataset: Dataset,
-    criterion: Criterion,
-    patience: Patience,
-    count: int,
-    *,
-    last: bool,
-) -> bool:
-    """Have the pairs of the round, `count` in all, answered; False where patience is
-    over."""
-    if cfg.rater == "human":
-        # A few open pairs keep people busy while the next batch is chosen.
-        open_pairs = 0 if last else _OPEN_PAIRS
-        return wait_for_people(
-            cfg, round, context, dataset, patience, count, open_pairs=open_pairs
-        )
-    answer_pairs(
-        dataset,
-        criterion,
-        rater_id=RATER_ID,
-        seed=seed_of(cfg, round.number, 4),
-        cfg=cfg.simulated,
-        round=round.number,
-    )
-    return True
-
-
 def _gold_wanted(before: Sequence[Pair], count: int) -> int:
     """Pairs with a known answer that go with `count` more pairs of a round."""
     gold = sum(pair.gold is not None for pair in before)
     return max(0, math.ceil(GOLD_SHARE * (len(before) - gold + count)) - gold)
-
-
-class Patience:
-    """How long people have been waited for in a round."""
-
-    def __init__(self, people: People) -> None:
-        self.people = people
-        self._since = time.monotonic()
-
-    @property
-    def waited_s(self) -> float:
-        """Since the round's first question."""
-        return time.monotonic() - self._since
-
-    @property
-    def over(self) -> bool:
-        """Whether the round goes on with what it has."""
-        return self.waited_s >= self.people.patience_s
-
-
-def wait_for_people(
-    cfg: LoopCfg,
-    round: Round,
-    context: RoundContext,
-    dataset: Dataset,
-    patience: Patience,
-    count: int,
-    *,
-    open_pairs: int,
-) -> bool:
-    """Wait until at most `open_pairs` of the round, `count` in all, are open, or
-    patience is over.
-
-    Either way enough answers prefer a clip when the round's last pairs were waited for:
-    where too many are "equally good", "can't tell" or "bad clip", more pairs are asked.
-
-    Returns whether patience lasted.
-
-    Raises:
-        GaitprefError: the page is gone.
-    """
-    people = patience.people
-    title = f"round {round.number}: answers"
-    with dataset.answers() as store, counting_bar(title, count) as bar:
-        while True:
-            people.require_page()
-            asked, left = _asked_and_left(store, round.number)
-            bar.update(bar.task_ids[0], completed=asked - left)
-            done = left <= open_pairs
-            wanted = count - (asked - left)
-            if done and open_pairs:
-                return True
-            if done or patience.over:
-                wanted = MIN_ANSWERS - count_evidence(store, dataset)
-                if wanted <= 0:
-                    break
-                if wanted > left:
-                    _add_pairs(cfg, round, context, dataset, wanted - left)
-            people.tell(
-                f"{place_of(cfg, round)}: waiting for {wanted} more "
-                f"answer{'s' * (wanted != 1)}",
-                min(1.0, (asked - left) / count),
-            )
-            time.sleep(_POLL_S)
-    if left:
-        console.print(
-            f"round {round.number}: going on after {patience.waited_s / 60:.1f} "
-            f"minutes, {left} of {asked} pairs are still open; their answers count "
-            f"later"
-        )
-    return done
-
-
-def _asked_and_left(store: AnswerStore, round: int) -> tuple[int, int]:
-    """Pairs of a round, and those nobody answered; a known answer is not waited for."""
-    asked = [pair for pair in store.pairs(round=round) if pair.gold is None]
-    left = [pair for pair in store.unanswered(round=round) if pair.gold is None]
-    return len(asked), len(left)

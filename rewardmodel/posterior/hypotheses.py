@@ -26,10 +26,10 @@ LEAST_WEIGHT = 0.3
 """Beside the largest possible, 1; weights are uniform in the logarithm."""
 SHARPNESS = torch.tensor([2.0, 4.0, 8.0, 16.0, 32.0])
 """Logits by which a clip leads that is better by one deviation."""
-ERROR_SHARES = torch.tensor([0.02, 0.1, 0.2, 0.4])
-"""Shares of answers that are random, of raters who look."""
-ERROR_PROBABLE = torch.tensor([0.4, 0.3, 0.2, 0.1])
-RATER_SHARES = torch.cat([ERROR_SHARES, torch.tensor([0.7, 0.95])])
+ERROR_SHARES = torch.tensor([0.02, 0.1, 0.2, 0.4, 0.7])
+"""Shares of answers that are random."""
+ERROR_PROBABLE = torch.tensor([0.4, 0.3, 0.2, 0.07, 0.03])
+RATER_SHARES = torch.cat([ERROR_SHARES, torch.tensor([0.95])])
 """Of one rater who errs as often as nobody else does. Who answers at random says now
 and then what would be meant."""
 _LEAST_VARIANCE = 1e-3
