@@ -20,7 +20,7 @@ def resolve(options: Loop) -> LoopCfg:
     quick, scratch = options.preset == "quick", options.base == "none"
     clips = ClipCfg.of(options.clip_s)
     rounds = 4 if scratch else 3 if quick else 5
-    labels = 100 if scratch else 60
+    labels = 100 if scratch else 30
     return LoopCfg(
         method=FROM_SCRATCH if scratch else STYLE,
         rounds=rounds if options.rounds is None else options.rounds,

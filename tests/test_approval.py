@@ -130,6 +130,28 @@ def test_the_better_of_the_two_stays(
     assert len(counts) == 1
 
 
+@pytest.mark.parametrize("stands", ["old", "new"])
+def test_a_style_is_judged_at_its_end_though_no_answer_errs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stands: str
+) -> None:
+    """Nobody is asked after the longest training; rounds before it ask as ever."""
+    cfg = judging(replace(small_cfg(), labels=40), Compared(first=1, last_labels=5))
+    run = tmp_path / "run"
+    with monkeypatch.context() as patch:
+        patch.setattr("gaitpref.loop.show_stage", _killed_at_the_end)
+        with pytest.raises(_Killed):
+            run_configured(run, cfg)
+    assert not json.loads((run / "rounds/00/decided.json").read_text())["noisy"]
+    assert (sum(asked(run)), asked(run)[2]) == (35, 0)
+    expected = with_one_that_stands(run, stands)
+    run_configured(run, cfg)
+    assert (run / "rounds/02/policy/policy.pt").read_bytes() == expected
+    with Dataset.open(run / "dataset").answers() as store:
+        pairs = store.pairs()
+    judged = {pair.round for pair in pairs if pair.strategy == STRATEGY}
+    assert judged == {2}
+
+
 def test_a_policy_that_no_clip_shows_is_not_approved(
     before_approval: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -196,19 +218,19 @@ def test_the_odds_are_those_of_erring_answers(
 @pytest.mark.parametrize(
     ("number", "noisy", "labels", "judges", "needed"),
     [
-        (1, False, 0, False, 0.1),
+        (1, False, 5, False, 0.1),
         (1, True, 7, False, 0.1),
-        (2, False, 0, False, 0.1),
+        (2, False, 5, False, 0.1),
         (2, True, 7, True, 0.1),
-        (3, False, 0, False, 0.1),
+        (3, False, 5, True, 0.1),
         (3, True, 7, True, 0.3),
     ],
 )
-def test_policies_are_judged_where_answers_err(
+def test_the_last_is_judged_and_where_answers_err_those_before(
     number: int, noisy: bool, labels: int, judges: bool, needed: float
 ) -> None:
     """The last more strictly where they err: nothing trains away what is wrong."""
-    compared = Compared(first=2)
+    compared = Compared(first=2, last_labels=5)
     context = RoundContext(number=number, rounds=3, labels=60, noisy=noisy)
     assert compared.labels(context) == labels
     assert compared.judges(context) == judges

@@ -25,6 +25,9 @@ class Compared:
     noisy_labels: int = 7
     """Answers that judge each new policy where answers err, and are kept for the last;
     0 judges none."""
+    last_labels: int = 0
+    """Answers that judge the last policy alone where answers do not err: the longest
+    training ends where nobody is asked any more."""
     odds_to_go_on: float = 1 / ODDS_BEFORE
     """How much likelier than not answers alone must make it that a new policy is better
     for the next training to begin from it."""
@@ -33,11 +36,11 @@ class Compared:
 
     def labels(self, context: RoundContext) -> int:
         """Answers that are kept for judging the last policy, if there are so many."""
-        return self.noisy_labels if context.noisy else 0
+        return self.noisy_labels if context.noisy else self.last_labels
 
     def judges(self, context: RoundContext) -> bool:
-        """Whether the policy of a round is judged."""
-        return context.number >= self.first and bool(context.noisy)
+        """Whether the policy of a round is judged, where answers are kept for it."""
+        return context.number >= self.first and (context.is_last or bool(context.noisy))
 
     def odds_needed(self, context: RoundContext) -> float:
         """Odds, by the answers alone, from which on the new policy is approved."""

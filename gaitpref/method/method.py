@@ -107,7 +107,7 @@ STYLE = Method(
     weight=3.0,
     start=BestLiked(),
     exploration=PutBack(),
-    accept=Compared(first=1),
+    accept=Compared(first=1, last_labels=5),
     tracking=TrackingPrice(),
 )
 """Another way of walking, on top of a policy that walks."""
