@@ -28,16 +28,25 @@ Place = tuple[str, int, str]
 """Task, answers, rater."""
 
 WALKS: tuple[Place, ...] = (("walk", 100, "perfect"), ("walk", 100, "mistakes20"))
-STYLES: tuple[Place, ...] = (("trot", 60, "perfect"), ("high_step", 60, "perfect"))
-ERRING: tuple[Place, ...] = (("high_step", 60, "mistakes20"),)
-POSTURE: tuple[Place, ...] = (("crouch", 60, "perfect"),)
+STYLES: tuple[Place, ...] = (("trot", 20, "perfect"), ("high_step", 20, "perfect"))
+ERRING: tuple[Place, ...] = (
+    ("trot", 60, "mistakes20"),
+    ("high_step", 60, "mistakes20"),
+)
+POSTURE: tuple[Place, ...] = (("crouch", 20, "perfect"), ("lean", 20, "perfect"))
 ABLATIONS: tuple[tuple[str, tuple[Place, ...]], ...] = (
     ("default", (*STYLES, *WALKS)),
-    ("not-beyond", STYLES),
-    ("unjudged", STYLES),
+    ("disagreeing", STYLES),
+    ("linear", STYLES),
+    ("from-last", STYLES),
+    ("no-calm", STYLES),
+    ("no-limit", STYLES),
+    ("default", (*POSTURE, *ERRING)),
+    ("no-posture", POSTURE),
+    ("no-earlier", STYLES),
+    ("unjudged", ERRING),
+    ("weight-1", STYLES),
     # Many at once first; only where that loses are they taken apart.
-    ("default", POSTURE),
-    ("few-style", (*STYLES, *POSTURE)),
     ("few-walk", WALKS),
     ("no-mirror", (*STYLES, *WALKS)),
     ("no-hope", WALKS),
@@ -45,11 +54,7 @@ ABLATIONS: tuple[tuple[str, tuple[Place, ...]], ...] = (
     ("not-told", (("walk", 100, "mistakes20"), ("brisk_walk", 100, "mistakes20"))),
     ("default", (("brisk_walk", 100, "mistakes20"),)),
     ("not-steady", WALKS),
-    ("no-limit", STYLES),
-    ("weight-1", STYLES),
     ("keep-noise", WALKS),
-    ("default", ERRING),
-    ("unjudged", ERRING),
 )
 """What is left out, and where; in the order of running."""
 SEEDS = 3
@@ -149,6 +154,8 @@ def _place_of(row: Row) -> str:
 
 def markdown(found: Sequence[Worth]) -> str:
     """The table of what decisions are worth."""
+    if not found:
+        return "No decision of the present method has rows yet."
     lines = [
         "| left out | on | pairs | difference of shares | of errors | verdict |",
         "|---|---|---|---|---|---|",

@@ -16,6 +16,7 @@ from gaitpref.method.expectations import OnceItWalks
 from gaitpref.method.exploration import PutBack
 from gaitpref.method.method import STYLE, Method
 from gaitpref.method.paid import AsFitted, SurelyLiked
+from gaitpref.method.questions import Questions
 from gaitpref.options import Loop
 from gaitpref.presets import resolve
 from gaitpref.rater_cfg import RaterCfg
@@ -58,6 +59,7 @@ Change = Callable[[Method], Method]
 
 METHODS: dict[str, Change] = {
     "default": lambda method: method,
+    "disagreeing": lambda method: replace(method, questions=Questions()),
     "uniform": lambda method: _asking(method, uniform_share=1.0),
     **{
         name: lambda method, name=name: _asking(method, strategy=name)
@@ -116,12 +118,6 @@ METHODS: dict[str, Change] = {
         once_it_walks=None,
         accept=None,
     ),
-    "few-style": lambda method: replace(
-        _showing(method, posture_share=0.0, earlier_share=0.0),
-        start=None,
-        exploration=PutBack(calm_from=0.999),
-        accept=None,
-    ),
 }
 """The methods by name: the one that ships, and it with a decision left out or another
 in its place."""
@@ -174,6 +170,8 @@ _BUDGETS = (
     ("walk", 100, "mistakes20", 3),
     ("walk", 150, "stochastic30", 3),
     ("walk", 200, "mistakes40", 3),
+    *((task, 20, "perfect", 3) for task in ("high_step", "crouch", "low_energy")),
+    *((task, 20, "perfect", 3) for task in ("trot", "lean")),
     *((task, 60, "perfect", 3) for task in ("high_step", "crouch", "low_energy")),
     *((task, 60, "perfect", 3) for task in ("smooth", "trot", "pace")),
     *((task, 150, "perfect", 3) for task in ("carried_foot", "nose_up")),

@@ -137,8 +137,8 @@ def test_preferences_of_another_robot(tmp_path: Path) -> None:
     ours = {**row, "robot": None}
     publish_rows([row, ours], tmp_path, None)
     page = (tmp_path / "benchmarks.md").read_text()
-    assert "| crouch, tall | 60 | perfect | default | 1 |" in page
-    assert "| crouch | 60 | perfect | default | 1 |" in page
+    assert "| crouch, tall | 20 | perfect | default | 1 |" in page
+    assert "| crouch | 20 | perfect | default | 1 |" in page
 
 
 def test_a_table_of_several_seeds(tmp_path: Path) -> None:
