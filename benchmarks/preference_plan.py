@@ -76,7 +76,7 @@ METHODS: dict[str, Change] = {
     },
     "posterior-walk": lambda method: replace(
         method,
-        reward=replace(STYLE.reward, posterior=PosteriorCfg(told=30.0)),
+        reward=replace(STYLE.reward, posterior=PosteriorCfg()),
         questions=STYLE.questions,
         paid=AsFitted(),
         once_it_walks=None,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, TypeVar, get_args
@@ -59,11 +58,10 @@ class PosteriorCfg:
     """Wishes the posterior is held by."""
     num_members: int = 50
     """Of these, those that stand for all where an ensemble is asked."""
-    told: float = 1.0
-    """How probable an opinion about how well commands are followed is beside one about
-    another habit. 0: none, nor any about how fast the robot goes and turns. Where a
-    task pays for that, a policy cannot change it, and such an opinion is chance, or
-    stands for a habit that goes with speed."""
+    told: bool = True
+    """Whether somebody may want something of how fast the robot goes and turns, and of
+    how well it follows commands. Where a task pays for that, a policy cannot change it,
+    and such an opinion is chance, or stands for a habit that goes with speed."""
 
     def __post_init__(self) -> None:
         require_members(self.num_members)
@@ -72,8 +70,6 @@ class PosteriorCfg:
                 f"num_particles must be at least num_members {self.num_members}, got "
                 f"{self.num_particles}"
             )
-        if not 0.0 <= self.told < math.inf:
-            raise ValueError(f"told must not be negative, got {self.told}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -374,7 +374,7 @@ def test_what_the_task_pays_for_can_be_left_to_it() -> None:
     def told(rows: Tensor) -> Tensor:
         return -mean_of("yaw_rate_error", rows)
 
-    style = replace(POSTERIOR, posterior=PosteriorCfg(told=0.0))
+    style = replace(POSTERIOR, posterior=PosteriorCfg(told=False))
     pairs = asked(told, 60, seed=0)
     minded, _ = fit_reward(pairs, POSTERIOR, seed=0, measured=False)
     left, _ = fit_reward(pairs, style, seed=0, measured=False)

@@ -101,7 +101,7 @@ STYLE = Method(
     # A wish about a walk that is there is about few things, and not about following
     # commands, which the task pays for.
     reward=FitCfg(
-        kind="posterior", tie_threshold=0.3, posterior=PosteriorCfg(told=0.0)
+        kind="posterior", tie_threshold=0.3, posterior=PosteriorCfg(told=False)
     ),
     paid=AsFitted(),
     weight=3.0,

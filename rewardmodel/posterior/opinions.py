@@ -25,13 +25,14 @@ _PROBABLE = {"line": 0.4, "hinge": 0.2, "bump": 0.4}
 _LONE = 0.1
 """How probable an opinion about one leg or one side is, beside one about all."""
 _LONE_HABITS = {item.name for item in (*CONTACTS, *SINGLE)}
-_WITH_SPEED = {
+_TOLD = {
+    *TOLD,
     "forward_speed",
     "leftward_speed",
     "yaw_rate",
     *(name for name in HABITS if name.startswith("foot_speed")),
 }
-"""What goes with what the robot is told: over a stride feet go as fast as it does."""
+"""What a command says: over a stride feet go as fast as the robot."""
 _SAID_BY_OTHERS = {"height_sq", "planar_error_sq", "yaw_rate_error_sq"}
 """With curves, a square says what the habit itself does."""
 LEAST_DEVIATION = 0.01
@@ -71,10 +72,9 @@ class Opinions:
     """[A] before any answer; 0 for those the clips do not differ in."""
 
     @classmethod
-    def of(cls, occupied: Tensor, command: Tensor, *, told: float) -> Opinions:
+    def of(cls, occupied: Tensor, command: Tensor, *, told: bool) -> Opinions:
         """Opinions about clips like `occupied` [C, G, K], whose commands are numbered
-        in `command` [C]; one about doing what the robot is told is `told` times as
-        probable as another."""
+        in `command` [C]; `told`: also about doing what the robot is told."""
         worth = worth_of(occupied)
         within = worth - _mean_of_each(worth, command)
         deviation = within.square().mean(dim=1).sqrt()
@@ -103,13 +103,12 @@ def _mean_of_each(worth: Tensor, group: Tensor) -> Tensor:
     return (worth @ one / one.sum(dim=0).clamp_min(1)) @ one.mT
 
 
-def _asked(told: float) -> Tensor:
+def _asked(told: bool) -> Tensor:
     """[A] relative probability of every opinion."""
     of_habit = torch.ones(len(HABITS))
     for names, times in (
         (_LONE_HABITS, _LONE),
-        (TOLD, told),
-        (_WITH_SPEED, min(told, 1.0)),
+        (_TOLD, float(told)),
         (_SAID_BY_OTHERS, 0.0),
     ):
         of_habit[[name in names for name in HABITS]] = times

@@ -33,11 +33,11 @@ class Pool:
     """[C, L] lift-offs."""
     command: Tensor
     """[C] equal where the robot was told the same."""
-    told: float
+    told: bool
     """As of `PosteriorCfg`."""
 
     @classmethod
-    def of(cls, pairs: AnsweredPairs, *, told: float) -> Pool:
+    def of(cls, pairs: AnsweredPairs, *, told: bool) -> Pool:
         """What was recorded, or, where nobody knows, the judged clips."""
         recorded = pairs.recorded or _judged(pairs)
         clips = recorded.clips
