@@ -45,7 +45,7 @@ def test_an_unknown_kind_of_model_is_not_fitted_as_linear(tmp_path: Path) -> Non
     save_reward(model, tmp_path)
     facts = tmp_path / "reward.json"
     facts.write_text(facts.read_text().replace('"linear"', '"lineal"'))
-    with pytest.raises(RewardError, match="no model is called 'lineal'"):
+    with pytest.raises(RewardError, match="a reward of kind 'lineal'"):
         load_reward(tmp_path)
 
 
