@@ -16,7 +16,6 @@ from rewardmodel.held_out_report import Foreseen, foresee
 from rewardmodel.pairs import AnsweredPairs, load_pairs
 from rewardmodel.storage import load_reward
 from rewardmodel.trust import (
-    ENOUGH_NEWEST,
     alarms,
     disagree,
     prefers,
@@ -26,8 +25,13 @@ from rewardmodel.trust import (
 
 from .findings import about_raters
 from .loop_cfg import LoopCfg
+from .method.budget import LEAST_LABELS
 from .rounds import Round, seed_of
 from .trust_command import alarm_json, as_json
+
+SURELY_BETTER = 20.0
+"""Odds, by the answers alone, that a policy is better than the one before it, from
+which on it was judged and is liked, wherever it went."""
 
 
 def deserves_training(round: Round) -> bool:
@@ -79,6 +83,8 @@ def trust_of_round(
         found["raters"] = about_raters(model.provenance.report, pairs.sides)
         if before is not None and was_judged(foreseen):
             found["confirmed"] = prefers(model, features, lengths, before)
+    if round.approval.exists():
+        found["confirmed"] |= read_json(round.approval)["odds"] >= SURELY_BETTER
     distrusted = foreseen is not None and (
         disagree(foreseen) or bool(unforeseen_sides(foreseen, pairs.sides))
     )
@@ -99,7 +105,7 @@ def trust_of_round(
 def was_judged(foreseen: Foreseen) -> bool:
     """Whether enough answers about the newest round's clips say what they are worth."""
     newest = foreseen.newest
-    return newest is not None and newest.answers >= ENOUGH_NEWEST
+    return newest is not None and newest.answers >= LEAST_LABELS
 
 
 def judged_before(pairs: AnsweredPairs, round: Round) -> AnsweredPairs | None:

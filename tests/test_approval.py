@@ -21,6 +21,7 @@ from gaitpref.rater_cfg import RaterCfg
 from gaitpref.rounds import Round, seed_of
 from gaitpref.side_by_side import STRATEGY, verdict_of
 from gaitpref.stages import began_with
+from gaitpref.watch import SURELY_BETTER
 from policy.checkpoint import holding_home, load_policy, read_plain
 from policy.evaluate import evaluate
 from rewardmodel.noise_level import ERROR_SHARES
@@ -112,7 +113,10 @@ def test_the_better_of_the_two_stays(
         # One that falls at once leaves few clips to show.
         counts.add(asked(run)[2])
         assert 0 < max(counts) <= KEPT
-        found = json.loads((run / "rounds/02/report.json").read_text())["approval"]
+        report = json.loads((run / "rounds/02/report.json").read_text())
+        found = report["approval"]
+        liked = report["trust"]["confirmed"]
+        assert liked or stands == "old" or found["odds"] < SURELY_BETTER
         assert found["approved"] == (stands == "new")
         assert found["for_new"] + found["for_old"] in counts
         page = (run / "report/index.html").read_text()
