@@ -27,10 +27,8 @@ def posterior_modes(
     counts: Tensor,
     cfg: FitCfg,
     *,
-    precision: Tensor | float,
+    precision: float,
     mean: Tensor | float = 0.0,
-    start: Tensor | None = None,
-    max_updates: int = _MAX_UPDATES,
 ) -> Tensor:
     """Weights theta [M, D] at a mode of the posterior, by damped Newton steps from mu.
 
@@ -40,37 +38,31 @@ def posterior_modes(
     one.
 
     Args:
-        inputs: [B, D] float64 scaled differences of the clips, or [M, B, D], where
-            members look at other things.
+        inputs: [B, D] float64 scaled differences of the clips.
         pairs: Their answers and falls.
         counts: [M, B] float64, how often a member sees an answer.
         cfg: The likelihood of an answer.
-        precision: Of the Gaussian prior on each weight, [M, D] or one for all.
+        precision: Of the Gaussian prior on each weight.
         mean: Of the same, [D] or one for all.
-        start: [M, D] where to start instead.
-        max_updates: Newton steps at most.
     """
     target, offset = pairs.target.double(), pairs.fall_lead.double()
     sizes = torch.tensor(_STEP_SIZES, dtype=inputs.dtype)[:, None, None]
     theta = inputs.new_zeros(len(counts), inputs.shape[-1]) + mean
-    if start is not None:
-        theta = start
-
-    for _ in range(max_updates):
+    for _ in range(_MAX_UPDATES):
         slope, curvature = log_likelihood_derivatives(
-            weighed(inputs, theta) + offset,
+            theta @ inputs.mT + offset,
             target,
             tie_threshold=cfg.tie_threshold,
             error_share=pairs.errors,
         )
-        pull = weighed(inputs.mT, counts * slope)
+        pull = (counts * slope) @ inputs
         uphill = pull - precision * (theta - mean)
         if uphill.abs().max() < _TOLERANCE:
             break
         factor = hessian_factor(inputs, -counts * curvature, precision)
         step = torch.cholesky_solve(uphill[..., None], factor)[..., 0]
         tried = theta + sizes * step  # [S, M, D]
-        likelihood = pairs.log_likelihood(weighed(inputs, tried) + offset, cfg)
+        likelihood = pairs.log_likelihood(tried @ inputs.mT + offset, cfg)
         off = (precision * (tried - mean).square()).sum(-1)
         height = (counts * likelihood).sum(-1) - off / 2
         best = height.argmax(dim=0)
@@ -80,21 +72,14 @@ def posterior_modes(
     return theta
 
 
-def weighed(inputs: Tensor, theta: Tensor) -> Tensor:
-    """Sums [..., M, B] of inputs, [B, D] or [M, B, D], by weights [..., M, D]."""
-    if inputs.ndim == 2:
-        return theta @ inputs.mT
-    return torch.einsum("...md,mbd->...mb", theta, inputs)
-
-
-def hessian_factor(inputs: Tensor, bends: Tensor, precision: Tensor | float) -> Tensor:
+def hessian_factor(inputs: Tensor, bends: Tensor, precision: float) -> Tensor:
     """Cholesky factor [M, D, D] of the Hessian of the negated objective, made positive
     where it is not.
 
     Args:
-        inputs: [B, D] or [M, B, D] scaled differences of the clips.
+        inputs: [B, D] scaled differences of the clips.
         bends: [M, B] second derivatives of the negated log-likelihood.
-        precision: Of the prior, [M, D] or one for all.
+        precision: Of the prior.
     """
     prior = torch.diag_embed(precision + inputs.new_zeros(inputs.shape[-1]))
     exact = (bends[..., None] * inputs).mT @ inputs + prior
@@ -111,10 +96,9 @@ def evidence(
     inputs: Tensor,
     pairs: ClipPairs,
     cfg: FitCfg,
-    precision: Tensor | float,
+    precision: float,
     *,
     mean: Tensor | float = 0.0,
-    start: Tensor | None = None,
 ) -> float:
     """Log of the probability of the answers, all weights averaged over.
 
@@ -122,30 +106,12 @@ def evidence(
         inputs: [B, D] float64 scaled differences of the clips.
         pairs: Their answers and falls.
         cfg: The likelihood of an answer.
-        precision: Of the Gaussian prior on each weight, [D] or one for all.
+        precision: Of the Gaussian prior on each weight.
         mean: Of the same, [D] or one for all.
-        start: [1, D] where to start looking for the mode, if not at the mean.
     """
     counts = inputs.new_ones(1, len(pairs))
-    theta = posterior_modes(
-        inputs, pairs, counts, cfg, precision=precision, mean=mean, start=start
-    )
-    return float(log_evidence(inputs, pairs, counts, cfg, precision, theta, mean=mean))
-
-
-def log_evidence(
-    inputs: Tensor,
-    pairs: ClipPairs,
-    counts: Tensor,
-    cfg: FitCfg,
-    precision: Tensor | float,
-    theta: Tensor,
-    *,
-    mean: Tensor | float = 0.0,
-) -> Tensor:
-    """The same [M], of the answers every member sees, around modes `theta` [M, D]; the
-    arguments are those of `posterior_modes`."""
-    leads = weighed(inputs, theta) + pairs.fall_lead.double()
+    theta = posterior_modes(inputs, pairs, counts, cfg, precision=precision, mean=mean)
+    leads = theta @ inputs.mT + pairs.fall_lead.double()
     _, curvature = log_likelihood_derivatives(
         leads,
         pairs.target.double(),
@@ -157,4 +123,4 @@ def log_evidence(
     prior = precision + torch.zeros_like(theta)
     held_back = (prior * (theta - mean).square()).sum(dim=-1) / 2
     free = 2 * factor.diagonal(dim1=-2, dim2=-1).log().sum(dim=-1)
-    return fitted - held_back - (free - prior.log().sum(dim=-1)) / 2
+    return float(fitted - held_back - (free - prior.log().sum(dim=-1)) / 2)

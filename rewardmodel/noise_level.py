@@ -52,13 +52,6 @@ def takes_to_err(cfg: FitCfg) -> bool:
     return cfg.error_share > FEW_ERRORS
 
 
-def error_shares(cfg: FitCfg) -> tuple[float, ...]:
-    """Shares of random answers that are tried: all, or those of what was decided."""
-    if cfg.answers_err is None:
-        return ERROR_SHARES
-    return tuple(s for s in ERROR_SHARES if (s > FEW_ERRORS) == cfg.answers_err)
-
-
 @dataclass(frozen=True)
 class Found:
     """What the answers speak for, as far as a linear reward can tell."""

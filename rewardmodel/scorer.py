@@ -56,6 +56,12 @@ class Scorer(nn.Module):
         any other."""
         return None
 
+    def require_sound(self) -> None:
+        """
+        Raises:
+            ValueError: what was read from a file is no such model.
+        """
+
     def forward(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
         """Raw rewards [M, ..., T] of standardised sequences [..., T, D].
 

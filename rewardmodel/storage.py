@@ -91,6 +91,7 @@ def load_reward(directory: Path) -> RewardModel:
         if bad := not_finite(tensors | scales):
             raise ValueError(f"weights that are no finite numbers: {bad}")
         model.load_state_dict(tensors)
+        model.scorer.require_sound()
     except (ValueError, KeyError, TypeError, RuntimeError, SafetensorError) as error:
         found = " ".join(f"{error}".split())[:400]
         told = (

@@ -10,14 +10,15 @@ import torch
 
 from rewardmodel import FitCfg, fit_reward, load_reward, save_reward
 from rewardmodel.acquisition.information import information
+from rewardmodel.errors import RewardError
 from rewardmodel.kinds import prepare
 from rewardmodel.noise_level import FEW_ERRORS
 from rewardmodel.posterior.fit import answers_seen, probably_chance
 from rewardmodel.posterior.hypotheses import Hypotheses, Prior, drawn
 from rewardmodel.posterior.occupancy import NODES, along, occupancy
-from rewardmodel.posterior.opinions import habit_of
+from rewardmodel.posterior.opinions import SHAPES, Opinions, habit_of
 from rewardmodel.posterior.ranges import HABITS
-from rewardmodel.posterior.sampler import sampled
+from rewardmodel.posterior.sampler import Answers, sampled
 from rewardmodel.posterior.scorer import PosteriorScorer
 from rewardmodel.trust import MOST_BY_CHANCE
 
@@ -46,6 +47,21 @@ def habits_of(scorer: PosteriorScorer) -> dict[str, float]:
         name: float(((habit == i) & (scorer.weight != 0)).any(dim=1).float().mean())
         for i, name in enumerate(HABITS)
     }
+
+
+def likelihood_of(
+    wishes: Hypotheses, opinions: Opinions, answers: Answers
+) -> torch.Tensor:
+    """Logarithm [N] of how probable the answers are, some wishes at a time."""
+    parts = (wishes[rows] for rows in torch.arange(len(wishes)).split(5000))
+    return torch.cat(
+        [
+            answers.log_likelihood(
+                part.leads(opinions, answers.difference), part.error_share
+            )
+            for part in parts
+        ]
+    )
 
 
 @pytest.mark.parametrize(
@@ -117,15 +133,7 @@ def test_particles_agree_with_the_prior_reweighted_by_brute_force() -> None:
     assert pool
     answers = answers_seen(prepared.standardised, pool, POSTERIOR)
     prior = drawn(pool.opinions, Prior(), 100_000, generator(1))
-    log_weight = torch.cat(
-        [
-            answers.log_likelihood(
-                part.leads(pool.opinions, answers.difference), part.error_share
-            )
-            for rows in torch.arange(100_000).split(5000)
-            for part in (prior[rows],)
-        ]
-    )
+    log_weight = likelihood_of(prior, pool.opinions, answers)
     weight = log_weight.softmax(dim=0)
     assert float(1 / weight.square().sum()) > 500
     found = sampled(pool.opinions, 0.1, answers, 4000, generator(2)).found
@@ -150,15 +158,7 @@ def test_the_evidence_is_that_of_the_prior_by_brute_force() -> None:
     assert pool
     answers = answers_seen(prepared.standardised, pool, POSTERIOR)
     prior = drawn(pool.opinions, Prior(), 50_000, generator(1))
-    likely = torch.cat(
-        [
-            answers.log_likelihood(
-                part.leads(pool.opinions, answers.difference), part.error_share
-            )
-            for rows in torch.arange(50_000).split(5000)
-            for part in (prior[rows],)
-        ]
-    )
+    likely = likelihood_of(prior, pool.opinions, answers)
     exact = float(likely.logsumexp(dim=0)) - np.log(len(likely))
     found = [
         sampled(pool.opinions, 0.1, answers, 2000, generator(seed)).log_evidence
@@ -190,3 +190,15 @@ def test_a_stored_posterior_pays_the_same(tmp_path: Path) -> None:
     rows, starts = pairs.left.features.transpose(0, 1), torch.zeros(60, 40)
     assert torch.equal(model(rows, starts), again(rows, starts))
     assert torch.equal(model.spread(rows, starts), again.spread(rows, starts))
+
+
+@pytest.mark.parametrize("opinion", [-1, len(HABITS) * len(SHAPES)])
+def test_an_opinion_that_is_none_is_refused(tmp_path: Path, opinion: int) -> None:
+    """A file may say anything."""
+    pairs = asked(best_rate, 10, seed=0)
+    model, _ = fit_reward(pairs, POSTERIOR, seed=0, measured=False)
+    assert isinstance(model.scorer, PosteriorScorer)
+    model.scorer.opinion[3, 1] = opinion
+    save_reward(model, tmp_path / "reward")
+    with pytest.raises(RewardError, match=r"damaged.*opinions must lie in"):
+        load_reward(tmp_path / "reward")

@@ -121,6 +121,11 @@ class PosteriorScorer(CurvesScorer):
         self.error_share.copy_(found.error_share.mean(dim=1))
         self._tables = None
 
+    def require_sound(self) -> None:
+        count = len(HABITS) * len(SHAPES)
+        if not ((self.opinion >= 0) & (self.opinion < count)).all():
+            raise ValueError(f"opinions must lie in [0, {count})")
+
     @property
     def error_share_found(self) -> float:
         """Half of the particles think of more."""
