@@ -1,45 +1,54 @@
-"""Which policy stays: the new one, or the one it was to better."""
+"""What answers say of new policies, and which one a run ends with."""
 
 from __future__ import annotations
 
 import json
 import shutil
-from dataclasses import asdict
-from pathlib import Path
+from dataclasses import asdict, dataclass
 
 from data.dataset import Dataset
-from data.files import read_file, replace_directory, write_atomically
+from data.files import read_file, read_json, replace_directory, write_atomically
 from data.limits import POLICY_BYTES
+from policy.checkpoint import load_policy
 from policy.train import POLICY_NAME
 
 from .collecting import Collector
 from .criteria import Criterion
 from .loop_cfg import LoopCfg
+from .method.acceptance import LEAST_LAST, SURE, Compared, Duel
 from .method.context import RoundContext
 from .method.method import Method
 from .people import People
 from .progress import console
 from .rounds import Round, began_from
-from .side_by_side import (
-    both_policies,
-    labels_kept,
-    pairs_of_both,
-    verdict_of,
-)
+from .side_by_side import duel_of, labels_kept, pairs_of_both, to_compare
+from .verdict import Verdict
 
 
-def verdict_stage(
+def approval_stage(
     method: Method, round: Round, context: RoundContext, dataset: Dataset
 ) -> None:
     """What the round's answers say of its policy, where they were asked about it."""
     if round.approval.exists() or method.accept is None:
         return
-    needed = method.accept.odds_needed(context)
-    otherwise = "training goes on from"
-    _judge(round, dataset, round.policy, needed, otherwise=otherwise)
+    compared = to_compare(method, round, context)
+    if not compared:
+        return
+    new, old = compared
+    duel = duel_of(round, dataset, new.sha256, old.sha256)
+    if not duel.for_new + duel.for_old:
+        return
+    approved = method.accept.goes_on(duel)
+    console.print(
+        f"round {round.number}: the new policy is preferred to the one before in "
+        f"{duel.for_new} of {duel.for_new + duel.for_old} answers"
+        + ("" if approved else "; training goes on from the one before")
+    )
+    found = {**asdict(duel), "approved": approved}
+    write_atomically(round.approval, json.dumps(found, indent=1).encode())
 
 
-def approval_stage(
+def verdict_stage(
     cfg: LoopCfg,
     round: Round,
     context: RoundContext,
@@ -47,47 +56,106 @@ def approval_stage(
     criterion: Criterion,
     people: People,
 ) -> None:
-    """Have the policy that waits for approval judged; it or the one before it stays."""
-    file = round.candidate / POLICY_NAME
+    """Ask about the policy of the last round, which waits for it; it, the one it began
+    from or the first of all stays."""
     accept = cfg.method.accept
-    if round.policy.exists() or not file.exists() or accept is None:
+    if accept is None:
         return
-    both = both_policies(cfg.method, round, context)
-    with dataset.answers() as store:
-        known = store.pairs()
-        asked = sum(pair.round == round.number for pair in known)
-        if both and not asked:
-            pairs = pairs_of_both(cfg, round, dataset, both, known=known)
-            asked = store.add_pairs(pairs[: labels_kept(cfg.method, context)])
-    collector = Collector(
-        cfg=cfg, round=round, dataset=dataset, criterion=criterion, people=people
-    )
-    collector.answered(asked, last=True)
-    # A policy no clip shows, as one whose simulations diverge, is not approved either.
-    needed = accept.odds_needed(context)
-    if _judge(round, dataset, file, needed, otherwise="what stays is"):
+    if not round.verdict.exists():
+        found = Verdict(stays=round.number, rounds=round.number)
+        if round.candidate.exists():
+            collector = Collector(
+                cfg=cfg,
+                round=round,
+                dataset=dataset,
+                criterion=criterion,
+                people=people,
+            )
+            contest = _Contest(collector, labels_kept(cfg.method, context))
+            found = contest.verdict(accept)
+        text = json.dumps(found.as_json(), indent=1)
+        write_atomically(round.verdict, text.encode())
+    if round.policy.exists():
+        return
+    stays = read_json(round.verdict)["stays"]
+    if stays == round.number:
         replace_directory(round.candidate, round.policy.parent)
         return
     partial = round.root / "policy.partial"
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir()
-    write_atomically(partial / POLICY_NAME, read_file(began_from(round), POLICY_BYTES))
+    kept = read_file(Round(round.run, stays).policy, POLICY_BYTES)
+    write_atomically(partial / POLICY_NAME, kept)
     replace_directory(partial, round.policy.parent)
 
 
-def _judge(
-    round: Round, dataset: Dataset, new: Path, needed: float, *, otherwise: str
-) -> bool:
-    """Write down what the answers say of the policy file `new`, if asked; whether they
-    approve it."""
-    verdict = verdict_of(round, dataset, new, needed=needed)
-    if verdict is None:
-        return False
-    console.print(
-        f"round {round.number}: the new policy is preferred to the one before in "
-        f"{verdict.for_new} of {verdict.for_new + verdict.for_old} answers"
-        + ("" if verdict.approved else f"; {otherwise} the one before")
-    )
-    found = {**asdict(verdict), "odds": verdict.odds, "approved": verdict.approved}
-    write_atomically(round.approval, json.dumps(found, indent=1).encode())
-    return verdict.approved
+@dataclass(eq=False)
+class _Contest:
+    """Duels of a run's policies, as long as answers are left for them."""
+
+    collector: Collector
+    left: int
+    """Answers."""
+
+    def verdict(self, accept: Compared) -> Verdict:
+        """The last policy beside the one it began from, and who wins beside the first.
+
+        The newer one stays unless more answers prefer the other, or no clip shows it,
+        as where every simulation of it diverges.
+        """
+        round = self.collector.round
+        new, before, first = (
+            load_policy(file).sha256
+            for file in (
+                round.candidate / POLICY_NAME,
+                began_from(round),
+                Round(round.run, 0).policy,
+            )
+        )
+        stays, beside_before, beside_first = new, None, None
+        most = self.left - LEAST_LAST
+        if before not in (new, first) and most > 0:
+            beside_before = self._duel(new, before, most=most, sure=accept.before_sure)
+            stays = new if _stays(beside_before) else before
+        if stays != first:
+            beside_first = self._duel(stays, first, most=self.left, sure=SURE)
+            stays = stays if _stays(beside_first) else first
+        return Verdict(
+            stays=round.number if stays == new else self._round_of(stays),
+            rounds=round.number,
+            beside_first=beside_first,
+            beside_before=beside_before,
+        )
+
+    def _duel(self, new: str, old: str, *, most: int, sure: float) -> Duel | None:
+        """Ask about two policies until it is `sure` which is better, `most` times at
+        most; None where no clip shows one of them."""
+        collector = self.collector
+        cfg, round, dataset = collector.cfg, collector.round, collector.dataset
+        pairs = pairs_of_both(cfg, round, dataset, new, old)[:most]
+        if not pairs:
+            return None
+        while True:
+            with dataset.answers() as store:
+                known = {pair.pair_id for pair in store.pairs(round=round.number)}
+            asked = [pair for pair in pairs if pair.pair_id in known]
+            lasted = not asked or collector.answered(len(known), last=True)
+            duel = duel_of(round, dataset, new, old)
+            more = pairs[len(asked) :][: duel.least_more(sure)]
+            if not lasted or not more:
+                self.left -= len(asked)
+                return duel
+            with dataset.answers() as store:
+                store.add_pairs(more)
+
+    def _round_of(self, policy: str) -> int:
+        """The first whose policy it is."""
+        run = self.collector.round.run
+        rounds = range(self.collector.round.number)
+        return next(
+            n for n in rounds if load_policy(Round(run, n).policy).sha256 == policy
+        )
+
+
+def _stays(duel: Duel | None) -> bool:
+    return duel is not None and duel.for_new >= duel.for_old

@@ -25,7 +25,7 @@ from .people import People
 from .progress import console
 from .questions import ask, with_known_answer
 from .rounds import Round, seed_of
-from .side_by_side import STRATEGY, both_policies, labels_kept, pairs_of_both
+from .side_by_side import STRATEGY, labels_kept, pairs_of_both, to_compare
 
 GOLD_SHARE = 0.05
 """Pairs with a known answer to every pair that people are asked."""
@@ -54,7 +54,7 @@ def questions_stage(
         ask_more=partial(_add_pairs, cfg, round, context, dataset),
     )
     budget = cfg.method.budget
-    kept = 0 if context.is_first else labels_kept(cfg.method, context)
+    kept = labels_kept(cfg.method, context)
     count = budget.labels_of(context, kept=kept)
     with dataset.answers() as store:
         while True:
@@ -81,7 +81,7 @@ def _count_going_on(
     What it does not know of a first walk no later answer tells: there is no walk then.
     """
     budget, batch = cfg.method.budget, cfg.method.questions.batch
-    most = budget.most_first(context)
+    most = budget.most_first(context, kept=labels_kept(cfg.method, context))
     if not context.is_first or asked >= most:
         return asked
     pairs = load_pairs([dataset], at_least=0)
@@ -115,12 +115,13 @@ def _add_pairs(
     entries = _episodes_asked_about(cfg, round, dataset)
     rng = np.random.default_rng([seed_of(cfg, round.number, 3), asked_before])
     chosen: list[Pair] = []
-    if (accept := cfg.method.accept) and (
-        both := both_policies(cfg.method, round, context)
-    ):
+    both = to_compare(cfg.method, round, context)
+    if both and cfg.method.accept:
         judged = sum(pair.strategy == STRATEGY for pair in before)
-        most = min(count, accept.noisy_labels - judged)
-        chosen = pairs_of_both(cfg, round, dataset, both, known=known)[: max(0, most)]
+        most = min(count, cfg.method.accept.noisy_labels - judged)
+        shas = (policy.sha256 for policy in both)
+        beside = pairs_of_both(cfg, round, dataset, *shas, known=known)
+        chosen = beside[: max(0, most)]
     if len(chosen) < count:
         model = None
         if enough:

@@ -95,11 +95,11 @@ def _run(run: Path, cfg: LoopCfg, open_page: OpenPage, answers: Address | None) 
                 record_stage(cfg, round, dataset, people)
                 show_stage(cfg, round, context, dataset, people)
                 questions_stage(cfg, round, context, dataset, criterion, people)
-                verdict_stage(cfg.method, round, context, dataset)
+                approval_stage(cfg.method, round, context, dataset)
                 fit_stage(cfg, round, context, dataset, people)
             else:
                 show_stage(cfg, round, context, dataset, people)
-                approval_stage(cfg, round, context, dataset, criterion, people)
+                verdict_stage(cfg, round, context, dataset, criterion, people)
             report_stage(cfg, round, dataset, criterion)
             write_report(run)
 

@@ -11,7 +11,6 @@ from policy.ppo import PpoCfg
 from policy.record import RecordCfg
 from rewardmodel.pairs import MIN_ANSWERS
 
-from .method.budget import LEAST_LABELS
 from .method.method import Method
 from .questions import ClipCfg
 from .rater_cfg import RaterCfg
@@ -74,11 +73,12 @@ class LoopCfg:
     def __post_init__(self) -> None:
         if self.rounds < 1:
             raise RunError(f"--rounds must be at least 1, got {self.rounds}")
-        least = MIN_ANSWERS + LEAST_LABELS * (self.rounds - 1)
+        each = self.method.budget.least
+        least = MIN_ANSWERS + each * (self.rounds - 1)
         if self.labels < least:
             raise RunError(
                 f"--labels {self.labels} is too few for {self.rounds} rounds: the "
-                f"first needs {MIN_ANSWERS} answers and each other {LEAST_LABELS}, so "
+                f"first needs {MIN_ANSWERS} answers and each other {each}, so "
                 f"give at least {least}, or fewer --rounds"
             )
 

@@ -94,11 +94,13 @@ def _decided_in(run: Path, rounds: int) -> Iterator[str]:
             yield f"round {number}: {read_json(round.decided)['told']}"
         if round.approval.exists():
             found = read_json(round.approval)
-            stays = "the new policy" if found["approved"] else "the one before"
+            begins = "the new policy" if found["approved"] else "the one before"
             yield (
                 f"round {number}: {found['for_new']} answers for the new policy, "
-                f"{found['for_old']} against: {stays} stays"
+                f"{found['for_old']} against: training went on from {begins}"
             )
+        if round.verdict.exists():
+            yield f"the run: {read_json(round.verdict)['sentence']}"
 
 
 def settings_of(method: Method) -> Iterator[Setting]:

@@ -49,8 +49,8 @@ def _scratch_steps(quick: bool) -> StepsCfg:
 
 def _style_steps(quick: bool) -> StepsCfg:
     if quick:
-        return StepsCfg(base=800_000, round=300_000, last=600_000)
-    return StepsCfg(base=1_500_000, round=600_000, last=1_200_000)
+        return StepsCfg(base=800_000, round=400_000, last=400_000)
+    return StepsCfg(base=1_500_000, round=700_000, last=700_000)
 
 
 def _check(options: Loop) -> None:

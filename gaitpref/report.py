@@ -22,6 +22,7 @@ from .report_trust import (
     decided_section,
     standstill_section,
     trust_cells,
+    verdict_section,
 )
 from .run_config import read_config
 
@@ -93,7 +94,7 @@ def render(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
     # A round whose answers do not agree is not trained on.
     trained = sum("training" in round for round in rounds[1:])
     done = f"{len(rounds) - 1} of {cfg.rounds} rounds answered, {trained} trained on"
-    verdict = (
+    measured = (
         f"Return under <code>{criterion}</code>: {_interval(first)} with the first "
         f"policy, {_interval(last)} with the last. Tracking error "
         f"{first['tracking_error_m_s']:.2f} to {last['tracking_error_m_s']:.2f} m/s, "
@@ -108,7 +109,8 @@ def render(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
         f'<!doctype html><html lang="en"><meta charset="utf-8">'
         f'<meta name="viewport" content="width=device-width"><title>{title}</title>'
         f"<style>{_STYLE}</style><h1>{title}</h1>"
-        f'<p class="lead">{settings}; {done}.</p><p>{verdict}</p>'
+        f'<p class="lead">{settings}; {done}.</p>{verdict_section(run, rounds)}'
+        f"<p>{measured}</p>"
         f"{decided_section(rounds)}{standstill_section(rounds)}"
         f"{approval_section(rounds)}"
         f"{alarm_section(rounds, cfg.wish)}"

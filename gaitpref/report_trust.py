@@ -17,6 +17,7 @@ from .explain_command import extremes
 from .findings import NO_ALARM, findings_of_run
 from .pictures import svg_of
 from .strips import clip_picture, curves_picture
+from .verdict import Verdict
 
 COUNT = 2
 """Best, and worst clips on the page."""
@@ -63,7 +64,7 @@ def approval_section(rounds: list[dict[str, Any]]) -> str:
     for of_round in rounds:
         if found := of_round.get("approval"):
             judged = found["for_new"] + found["for_old"]
-            dropped = "" if found["approved"] else ", so the one before was kept"
+            dropped = "" if found["approved"] else ", so training went on from that"
             told.append(
                 f"<li>Round {of_round['round']}: preferred to the policy before in "
                 f"{found['for_new']} of {judged} answers{dropped}.</li>"
@@ -71,6 +72,18 @@ def approval_section(rounds: list[dict[str, Any]]) -> str:
     if not told:
         return ""
     return f"<p>New policies were judged by answers:</p><ul>{''.join(told)}</ul>"
+
+
+def verdict_section(run: Path, rounds: list[dict[str, Any]]) -> str:
+    """Whether the run ended better than it began, and what to do next; nothing where it
+    has not ended."""
+    if not (found := rounds[-1].get("verdict")):
+        return ""
+    verdict = Verdict.from_json(found)
+    return (
+        f"<p><strong>The run: {html.escape(verdict.sentence)}.</strong> Next: "
+        f"{html.escape(verdict.advice(run))}.</p>"
+    )
 
 
 def standstill_section(rounds: list[dict[str, Any]]) -> str:

@@ -57,12 +57,14 @@ def policy_stage(
     """
     if round.policy.exists() or round.candidate.exists():
         return
+    judged = context.is_last and labels_kept(cfg.method, context)
+    done = round.candidate if judged else round.policy.parent
     partial = round.root / "policy.partial"
     untrained = _untrained(cfg, round)
     if untrained is not None:
         partial.mkdir(parents=True, exist_ok=True)
         write_atomically(partial / POLICY_NAME, untrained)
-        replace_directory(partial, round.policy.parent)
+        replace_directory(partial, done)
         return
     plan = _plan(cfg, round, context, robot, dataset)
     if plan.standstill:
@@ -73,8 +75,7 @@ def policy_stage(
     _train(cfg, round, robot, plan, people, out=partial)
     if plan.standstill:
         plan.standstill.save(partial)
-    judged = context.is_last and labels_kept(cfg.method, context)
-    replace_directory(partial, round.candidate if judged else round.policy.parent)
+    replace_directory(partial, done)
 
 
 def _train(

@@ -55,6 +55,11 @@ class Round:
         return self.root / "approval.json"
 
     @property
+    def verdict(self) -> Path:
+        """What they said of the last policy, and those before it."""
+        return self.root / "verdict.json"
+
+    @property
     def reward(self) -> Path:
         """The reward fitted to all answers up to this round."""
         return self.root / "reward"

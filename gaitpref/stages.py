@@ -34,6 +34,7 @@ from .people import People
 from .progress import console, counting_bar
 from .rewards import score_of_criterion
 from .rounds import Round, began_from, decided_before, place_of, seed_of
+from .verdict import Verdict
 from .watch import trust_of_round
 
 
@@ -140,6 +141,8 @@ def report_stage(
         result["training"] = read_json(summary)
     if round.approval.exists():
         result["approval"] = read_json(round.approval)
+    if round.verdict.exists():
+        result["verdict"] = read_json(round.verdict)
     if round.decided.exists():
         result["decided"] = read_json(round.decided)
     if round.standstill.exists():
@@ -172,3 +175,7 @@ def report_stage(
     )
     for besides in findings.besides:
         console.print(f"round {round.number}: {besides}")
+    if "verdict" in result:
+        verdict = Verdict.from_json(result["verdict"])
+        console.print(f"the run: {verdict.sentence}")
+        console.print(f"next: {verdict.advice(round.run)}")

@@ -25,13 +25,11 @@ from rewardmodel.trust import (
 
 from .findings import about_raters
 from .loop_cfg import LoopCfg
-from .method.budget import LEAST_LABELS
 from .rounds import Round, seed_of
 from .trust_command import alarm_json, as_json
 
-SURELY_BETTER = 20.0
-"""Odds, by the answers alone, that a policy is better than the one before it, from
-which on it was judged and is liked, wherever it went."""
+_JUDGED = 4
+"""Answers about the clips of a policy from which on it was judged."""
 
 
 def deserves_training(round: Round) -> bool:
@@ -83,8 +81,9 @@ def trust_of_round(
         found["raters"] = about_raters(model.provenance.report, pairs.sides)
         if before is not None and was_judged(foreseen):
             found["confirmed"] = prefers(model, features, lengths, before)
-    if round.approval.exists():
-        found["confirmed"] |= read_json(round.approval)["odds"] >= SURELY_BETTER
+    if round.verdict.exists():
+        # Surely better by the answers alone is liked, wherever it went.
+        found["confirmed"] |= read_json(round.verdict)["word"] == "better"
     distrusted = foreseen is not None and (
         disagree(foreseen) or bool(unforeseen_sides(foreseen, pairs.sides))
     )
@@ -105,7 +104,7 @@ def trust_of_round(
 def was_judged(foreseen: Foreseen) -> bool:
     """Whether enough answers about the newest round's clips say what they are worth."""
     newest = foreseen.newest
-    return newest is not None and newest.answers >= LEAST_LABELS
+    return newest is not None and newest.answers >= _JUDGED
 
 
 def judged_before(pairs: AnsweredPairs, round: Round) -> AnsweredPairs | None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from gaitpref.method.budget import LEAST_LABELS, FrontLoaded
+from gaitpref.method.budget import FrontLoaded
 from gaitpref.method.context import RoundContext
 from gaitpref.method.expectations import OnceItWalks
 from gaitpref.method.method import FROM_SCRATCH, STYLE
@@ -23,7 +23,7 @@ BUDGETS = {
     "little at first": FrontLoaded(first_share=0.01, first_least=0),
 }
 GRID = [
-    (rounds, MIN_ANSWERS + LEAST_LABELS * (rounds - 1) + spare)
+    (rounds, MIN_ANSWERS + FrontLoaded.least * (rounds - 1) + spare)
     for rounds in (1, 2, 3, 5, 9)
     for spare in (0, 1, 2, 7, 30, 101, 1000)
 ]
@@ -34,34 +34,37 @@ GRID = [
 def test_all_answers_are_asked_for_and_none_twice(
     name: str, rounds: int, labels: int
 ) -> None:
-    """Whatever the first round went on to, and of what can be spared for the last."""
+    """Whatever the first round went on to, and whatever is kept for the last."""
     budget = BUDGETS[name]
     first = RoundContext(number=0, rounds=rounds, labels=labels)
-    own = budget.labels_of(first)
-    most = max(own, budget.most_first(first))
-    for asked in {own, (own + most) // 2, most}:
-        later = [
-            replace(first, number=number, first_asked=asked)
-            for number in range(1, rounds + 1)
-        ]
-        assert budget.labels_of(replace(first, first_asked=asked)) == asked
-        for wanted in (0, 1, 7, labels):
-            kept = budget.most_kept(later[-1], wanted)
-            assert 0 <= kept <= wanted
+    for wanted in (0, 1, 7, labels):
+        kept = budget.most_kept(first, wanted)
+        assert 0 <= kept <= wanted
+        own = budget.labels_of(first, kept=kept)
+        most = max(own, budget.most_first(first, kept=kept))
+        for asked in {own, (own + most) // 2, most}:
+            later = [
+                replace(first, number=number, first_asked=asked)
+                for number in range(1, rounds + 1)
+            ]
+            begun = replace(first, first_asked=asked)
+            assert budget.labels_of(begun, kept=kept) == asked
+            assert budget.most_kept(later[-1], wanted) >= kept
             found = [budget.labels_of(each, kept=kept) for each in later]
             assert found[-1] == kept
             assert asked + sum(found) == labels
-            assert min([asked, *found[:-1]]) >= min(LEAST_LABELS, labels)
+            assert min([asked, *found[:-1]]) >= min(budget.least, labels)
             assert asked >= MIN_ANSWERS
 
 
 def test_what_is_kept_is_what_the_others_can_spare() -> None:
-    """Rounds between the first and the last need four answers each."""
-    budget = FrontLoaded(first_share=0.4)
-    for labels, kept in ((16, 0), (17, 1), (20, 4), (24, 7), (60, 7)):
+    """The first needs eight answers, those between it and the last so many each."""
+    budget = FrontLoaded(first_share=0.4, least=2)
+    for labels, kept in ((12, 0), (13, 1), (16, 4), (20, 7), (60, 7)):
         last = RoundContext(number=3, rounds=3, labels=labels)
         assert budget.most_kept(last, 7) == kept, labels
-    assert budget.most_kept(RoundContext(number=1, rounds=1, labels=60), 7) == 0
+    asked = RoundContext(number=3, rounds=3, labels=60, first_asked=52)
+    assert budget.most_kept(asked, 7) == 4
 
 
 def test_of_a_single_round_all_is_asked_at_once() -> None:
@@ -70,6 +73,7 @@ def test_of_a_single_round_all_is_asked_at_once() -> None:
         assert budget.labels_of(only) == 12
         assert budget.most_first(only) == 0
         assert budget.labels_of(replace(only, number=1)) == 0
+        assert budget.labels_of(only, kept=4) == 8
 
 
 def test_the_first_round_may_go_on_to_its_share_and_leaves_enough() -> None:

@@ -1,76 +1,115 @@
-"""Which policy stays: the new one, or the one it was to better.
+"""Which policy stays, and whether a run ended better than it began.
 
-Where answers err, a reward may be right about most pairs and still ruin what is trained
-on it. So the first questions of a round are about its new policy beside the one it was
-to better.
+A reward may be right about most pairs and still ruin what is trained on it. What says
+so are answers that no reward was fitted to, about clips of two policies under the same
+commands: how often one is preferred (`Duel`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import comb
 
 from .context import RoundContext
 
-ODDS_BEFORE = 10.0
-"""That a new policy is better before anybody is asked: 22 of 24 were."""
+SURE = 0.95
+"""Probability from which on one policy is said to be better than another."""
+LEAST_LAST = 4
+"""Answers that can make it so probable, where they all agree."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Duel:
+    """How often the clips of one of two policies were preferred.
+
+    Of the share of such answers nothing is known before: it is uniform in [0, 1], and
+    after them it has a beta distribution.
+    """
+
+    for_new: int
+    """Answers that prefer the new one."""
+    for_old: int
+    """Answers that prefer the other."""
+
+    @property
+    def probably(self) -> float:
+        """Probability that the new one is preferred more often than not."""
+        return self._above(0.5)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Of the share of answers for the new one, with 5 % below and 5 % above."""
+        return self._quantile(1 - SURE), self._quantile(SURE)
+
+    def sure(self, probability: float) -> bool:
+        """Whether one or the other is better so probably."""
+        return max(self.probably, 1 - self.probably) >= probability
+
+    def least_more(self, probability: float) -> int:
+        """Answers after which, if they all say the same, it is."""
+        more = 0
+        while not any(
+            Duel(for_new=self.for_new + a, for_old=self.for_old + b).sure(probability)
+            for a, b in ((more, 0), (0, more))
+        ):
+            more += 1
+        return more
+
+    def _above(self, share: float) -> float:
+        """Probability that the share is larger: with n answers of which k are for the
+        new one, that of at most k successes among n + 1 (DLMF 8.17.5)."""
+        tries = self.for_new + self.for_old + 1
+        return sum(
+            comb(tries, k) * share**k * (1 - share) ** (tries - k)
+            for k in range(self.for_new + 1)
+        )
+
+    def _quantile(self, probability: float) -> float:
+        low, high = 0.0, 1.0
+        for _ in range(50):
+            middle = (low + high) / 2
+            if 1 - self._above(middle) < probability:
+                low = middle
+            else:
+                high = middle
+        return low
 
 
 @dataclass(frozen=True, kw_only=True)
 class Compared:
-    """A new policy is judged beside the one before it."""
+    """New policies are judged beside those before them."""
 
     first: int
-    """Round of the first policy that is judged: a first walk from scratch need not
-    please yet."""
+    """Round of the first policy that is judged before the last: a first walk from
+    scratch need not please yet."""
     noisy_labels: int = 7
-    """Answers that judge each new policy where answers err, and are kept for the last;
-    0 judges none."""
-    last_labels: int = 0
-    """Answers that judge the last policy alone where answers do not err: the longest
-    training ends where nobody is asked any more."""
-    odds_to_go_on: float = 1 / ODDS_BEFORE
-    """How much likelier than not answers alone must make it that a new policy is better
-    for the next training to begin from it."""
-    odds_to_stay: float = 3 / ODDS_BEFORE
-    """The odds for it to be the last one, where answers err."""
+    """Answers that judge each new policy before the last where answers err; 0 judges
+    none."""
+    noisy_margin: int = 2
+    """Answers more for the old one from which on the next training begins from it."""
+    last_share: float = 0.2
+    """Share of all answers that is kept for the last policy: after it nobody is asked,
+    and it is the one that is used."""
+    last_most: int = 8
+    """The most that are kept."""
+    last_most_noisy: int = 14
+    """The most where answers err: so many of five that are right to one that is wrong
+    are nearly always sure."""
+    before_sure: float = 0.85
+    """Probability from which on no more is asked about the last policy and the one it
+    began from."""
 
-    def labels(self, context: RoundContext) -> int:
-        """Answers that are kept for judging the last policy, if there are so many."""
-        return self.noisy_labels if context.noisy else self.last_labels
+    def last_labels(self, context: RoundContext) -> int:
+        """Answers to keep for the last policy, if there are so many."""
+        most = self.last_most_noisy if context.noisy else self.last_most
+        return min(most, max(LEAST_LAST, int(self.last_share * context.labels)))
 
     def judges(self, context: RoundContext) -> bool:
-        """Whether the policy of a round is judged, where answers are kept for it."""
-        return context.number >= self.first and (context.is_last or bool(context.noisy))
+        """Whether the policy of a round before the last is judged."""
+        if context.is_last or not context.noisy or not self.noisy_labels:
+            return False
+        return context.number >= self.first
 
-    def odds_needed(self, context: RoundContext) -> float:
-        """Odds, by the answers alone, from which on the new policy is approved."""
-        strict = context.is_last and bool(context.noisy)
-        return self.odds_to_stay if strict else self.odds_to_go_on
-
-
-@dataclass(frozen=True, kw_only=True)
-class Verdict:
-    """What the answers say of a new policy beside the one it was to better."""
-
-    for_new: int
-    """Answers that prefer it."""
-    for_old: int
-    """Answers that prefer the other."""
-    error_share: float
-    """Share of answers that are random, as the newest reward found it, in (0, 1)."""
-    needed: float
-    """Odds from which on the new policy is approved."""
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.error_share < 1.0:
-            raise ValueError(f"error_share must lie in (0, 1), got {self.error_share}")
-
-    @property
-    def odds(self) -> float:
-        """That the new policy is better, if either was as likely before."""
-        wrong = self.error_share / 2
-        return ((1 - wrong) / wrong) ** (self.for_new - self.for_old)
-
-    @property
-    def approved(self) -> bool:
-        return self.odds >= self.needed
+    def goes_on(self, duel: Duel) -> bool:
+        """Whether the next training may begin from the new one."""
+        return duel.for_old - duel.for_new < self.noisy_margin

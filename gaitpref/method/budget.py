@@ -9,9 +9,6 @@ from rewardmodel.pairs import MIN_ANSWERS
 
 from .context import RoundContext
 
-LEAST_LABELS = 4
-"""Answers a round asks for at least; the first has to do for a fit."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class FrontLoaded:
@@ -22,13 +19,16 @@ class FrontLoaded:
     """
 
     first_share: float
-    """Share of the answers asked for in the first round."""
+    """Share of the answers asked for in the first round, of those not kept for judging
+    the last policy."""
     most_first_share: float = 0.0
     """Share of the answers the first round may go on to, while they leave open what is
     wanted; 0: it asks for its own only."""
     first_least: int = 0
     """Answers the first round asks for however few there are in all, as far as
     `most_first_share` lets it."""
+    least: int = 4
+    """Answers every other round asks for at least."""
     first_agreement: float = 0.94
     """Rank correlation, over the clips, of the members of a reward fitted to them from
     which on the first round's answers leave nothing open."""
@@ -36,6 +36,8 @@ class FrontLoaded:
     def __post_init__(self) -> None:
         if not 0.0 < self.first_share < 1.0:
             raise ValueError(f"first_share must lie in (0, 1), got {self.first_share}")
+        if self.least < 1:
+            raise ValueError(f"least must be at least 1, got {self.least}")
         if not 0.0 <= self.most_first_share < 1.0:
             raise ValueError(
                 f"most_first_share must lie in [0, 1), got {self.most_first_share}"
@@ -46,46 +48,45 @@ class FrontLoaded:
         policy: those alone in the last."""
         if context.is_last:
             return kept
-        if context.rounds == 1:
-            return context.labels
-        own = self._first(context)
+        own = self._first(context, kept)
         if context.is_first:
             return own
         left = context.labels - own - kept
-        return _growing(left, context.rounds - 1)[context.number - 1]
+        return _growing(left, context.rounds - 1, self.least)[context.number - 1]
 
-    def most_first(self, context: RoundContext) -> int:
+    def most_first(self, context: RoundContext, *, kept: int = 0) -> int:
         """Answers the first round may go on to."""
         if not self.most_first_share or context.rounds == 1:
             return 0
-        return _bounded(context, int(self.most_first_share * context.labels))
+        most = int(self.most_first_share * context.labels)
+        return self._bounded(context, most, kept)
 
     def most_kept(self, context: RoundContext, wanted: int) -> int:
         """Answers, `wanted` or fewer, that can be kept for judging the last policy:
-        every round between the first and it needs some."""
-        if context.rounds == 1:
-            return 0
-        others = LEAST_LABELS * (context.rounds - 1)
-        return max(0, min(wanted, context.labels - self._first(context) - others))
+        every round before it needs some."""
+        first = max(context.first_asked, MIN_ANSWERS)
+        others = self.least * (context.rounds - 1)
+        return max(0, min(wanted, context.labels - first - others))
 
-    def _first(self, context: RoundContext) -> int:
+    def _first(self, context: RoundContext, kept: int) -> int:
         """Answers of the first round, which may have asked for more by now."""
-        usual = _bounded(context, int(self.first_share * context.labels))
-        own = max(usual, min(self.first_least, self.most_first(context)))
-        own = max(context.first_asked, own)
-        return min(own, _bounded(context, context.labels))
+        if context.rounds == 1:
+            return context.labels - kept
+        share = int(self.first_share * (context.labels - kept))
+        least = min(self.first_least, self.most_first(context, kept=kept))
+        wanted = max(share, least, context.first_asked)
+        return self._bounded(context, wanted, kept)
+
+    def _bounded(self, context: RoundContext, wanted: int, kept: int) -> int:
+        """`wanted` answers of the first round, enough for a fit, and no more than the
+        others can spare."""
+        others = self.least * (context.rounds - 1)
+        return min(max(MIN_ANSWERS, wanted), context.labels - kept - others)
 
 
-def _bounded(context: RoundContext, wanted: int) -> int:
-    """`wanted` answers of the first round, enough for a fit, and no more than the
-    others can spare."""
-    others = LEAST_LABELS * (context.rounds - 1)
-    return min(max(MIN_ANSWERS, wanted), context.labels - others)
-
-
-def _growing(labels: int, rounds: int) -> list[int]:
+def _growing(labels: int, rounds: int, least: int) -> list[int]:
     """Answers of each round; the shares grow linearly."""
     weights = range(rounds, 0, -1)
-    spare = labels - LEAST_LABELS * rounds
+    spare = labels - least * rounds
     marks = [spare * sum(weights[:i]) // sum(weights) for i in range(rounds + 1)]
-    return [LEAST_LABELS + b - a for a, b in pairwise(marks)][::-1]
+    return [least + b - a for a, b in pairwise(marks)][::-1]

@@ -88,13 +88,13 @@ FROM_SCRATCH = Method(
     weight=1.0,
     exploration=Descending(),
     unstick=Optimism(),
-    accept=Compared(first=2),
+    accept=Compared(first=2, last_share=0.1),
 )
 """A walk from nothing but answers and the known safety terms."""
 
 STYLE = Method(
     clips=ClipSources(),
-    budget=FrontLoaded(first_share=0.6),
+    budget=FrontLoaded(first_share=0.65, least=2),
     questions=Questions(
         strategy="information", uniform_share=0.0, batch=1, informed_from=1
     ),
@@ -107,7 +107,7 @@ STYLE = Method(
     weight=3.0,
     start=BestLiked(),
     exploration=PutBack(),
-    accept=Compared(first=1, last_labels=5),
+    accept=Compared(first=1, noisy_labels=0),
     tracking=TrackingPrice(),
 )
 """Another way of walking, on top of a policy that walks."""

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from rewardmodel.habits import TOLD
-from rewardmodel.legs import CONTACTS, SINGLE
+from data.features import LEGS
 
 from .occupancy import NODES
 from .ranges import HABITS
@@ -22,20 +21,57 @@ _WIDTHS = (0.12, 0.25)
 _EDGES = (0.25, 0.5, 0.75)
 """Where on the range a habit starts to matter."""
 _PROBABLE = {"line": 0.4, "hinge": 0.2, "bump": 0.4}
-_LONE = 0.1
-"""How probable an opinion about one leg or one side is, beside one about all."""
-_LONE_HABITS = {item.name for item in (*CONTACTS, *SINGLE)}
-_TOLD = {
-    *TOLD,
-    "forward_speed",
-    "leftward_speed",
-    "yaw_rate",
-    *(name for name in HABITS if name.startswith("foot_speed")),
-}
-"""What a command says: over a stride feet go as fast as the robot."""
-_SAID_BY_OTHERS = {"height_sq", "planar_error_sq", "yaw_rate_error_sq"}
-"""With curves, a square says what the habit itself does."""
-LEAST_DEVIATION = 0.01
+_CONCEPTS = (
+    ("stride_rate", "lift_offs"),
+    ("air_time_mean", "air_time_max", "air_time_front", "air_time_rear"),
+    ("contacts", "contacts_front", "contacts_rear"),
+    ("diagonal_support",),
+    ("side_support",),
+    ("end_support",),
+    (
+        "foot_height_mean",
+        "foot_height_max",
+        "clearance",
+        "foot_height_front",
+        "foot_height_rear",
+    ),
+    ("slip",),
+    ("height",),
+    ("left_down",),
+    ("nose_down",),
+    ("tilt_sq", "joint_offset_sq"),
+    ("vertical_speed_sq", "roll_rate_sq", "pitch_rate_sq"),
+    ("joint_speed_sq", "torque_sq", "power"),
+    ("action_sq", "action_rate_sq"),
+    tuple(
+        f"{name}_{leg}"
+        for name in ("contact", "foot_height", "air_time")
+        for leg in LEGS
+    ),
+)
+"""What people have a word for, of any one leg the last; each as probable as the others,
+and so is each of its habits. With curves, a square says what the habit itself does."""
+_TOLD_CONCEPTS = (
+    ("planar_error",),
+    ("yaw_rate_error",),
+    ("forward_speed", "leftward_speed", "yaw_rate"),
+    ("foot_speed_mean", *(f"foot_speed_{leg}" for leg in LEGS)),
+)
+"""The same of what a command says: over a stride feet go as fast as the robot."""
+_SWINGING = (
+    "air_time",
+    "clearance",
+    "contact",
+    "foot_",
+    "lift_offs",
+    "slip",
+    "diagonal_support",
+    "side_support",
+    "end_support",
+)
+"""Beginnings of habits that go to and fro with every step: that a foot be neither high
+nor low is no wish, so that there are no bumps."""
+LEAST_DEVIATION = 0.05
 """Of a curve over the clips, below which they do not differ in the habit."""
 
 
@@ -58,6 +94,7 @@ def _shapes() -> tuple[Tensor, Tensor]:
 
 SHAPES, SHAPE_PROBABLE = _shapes()
 """[S, K] values at the nodes, and [S] how probable each is."""
+_IS_BUMP = torch.arange(len(SHAPES)) >= len(SHAPES) - len(_WIDTHS) * len(_CENTRES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,14 +142,14 @@ def _mean_of_each(worth: Tensor, group: Tensor) -> Tensor:
 
 def _asked(told: bool) -> Tensor:
     """[A] relative probability of every opinion."""
-    of_habit = torch.ones(len(HABITS))
-    for names, times in (
-        (_LONE_HABITS, _LONE),
-        (_TOLD, float(told)),
-        (_SAID_BY_OTHERS, 0.0),
-    ):
-        of_habit[[name in names for name in HABITS]] = times
-    return (of_habit[:, None] * SHAPE_PROBABLE).flatten()
+    of_habit = torch.zeros(len(HABITS))
+    for names in (*_CONCEPTS, *(_TOLD_CONCEPTS if told else ())):
+        for name in names:
+            of_habit[HABITS.index(name)] = 1 / len(names)
+    swings = torch.tensor([name.startswith(_SWINGING) for name in HABITS])
+    shapes = SHAPE_PROBABLE.expand(len(HABITS), -1)
+    shapes = shapes.masked_fill(swings[:, None] & _IS_BUMP, 0.0)
+    return (of_habit[:, None] * shapes / shapes.sum(dim=1, keepdim=True)).flatten()
 
 
 def habit_of(opinion: Tensor) -> Tensor:
