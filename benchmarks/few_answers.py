@@ -18,14 +18,16 @@ import numpy as np
 import torch
 import tyro
 
-from data.answers import Pair
+from data.answers import Aspect, Pair
 from data.clips import Clip
 from data.dataset import Dataset
 from data.strategy_names import StrategyName
 from gaitpref.by_method import recorded_by
 from gaitpref.criteria import CriterionContext, load_criterion
+from gaitpref.judging import said_why
 from gaitpref.method.method import STYLE
 from gaitpref.questions import ClipCfg, ask, clips_of
+from gaitpref.rater_cfg import RaterCfg
 from gaitpref.rewards import criterion_context, score_of_criterion
 from policy.checkpoint import load_policy
 from policy.ppo import ScoreFn
@@ -38,7 +40,7 @@ from rewardmodel.model import RewardModel
 from rewardmodel.pairs import gather_pairs
 from rewardmodel.recorded import RecordedClips, recorded_clips
 
-from .preference_plan import TASKS
+from .preference_plan import ABOUT, TASKS
 
 BEST = 0.05
 """Share of the clips that are chosen."""
@@ -65,6 +67,8 @@ class FewAnswers:
     """Answers after which it is measured."""
     seeds: tuple[int, ...] = (100, 101)
     """Of the questions; the table of `benchmarks.preferences` has 0 to 4."""
+    why: bool = False
+    """Answers name a reason, the right one in four of five."""
     mistakes: float = 0.0
     """Share of the answers that are the wrong way round."""
 
@@ -142,12 +146,19 @@ def share_of_best(worth: np.ndarray, truth: np.ndarray, command: np.ndarray) -> 
 
 
 def learned(
-    cfg: FewAnswers, asked_of: Recording, truth: dict[str, np.ndarray], seed: int
+    cfg: FewAnswers,
+    asked_of: Recording,
+    truth: dict[str, np.ndarray],
+    seed: int,
+    *,
+    about: Aspect,
 ) -> Iterator[tuple[int, RewardModel]]:
     """Number of answers, and the reward fitted to them, of every count."""
     rng = np.random.default_rng([seed, 5])
     pairs: list[Pair] = []
     targets: list[float] = []
+    whys: list[str] = []
+    rater = RaterCfg(why=about if cfg.why else None)
     model = None
     while len(pairs) < max(cfg.counts):
         new = ask(
@@ -167,9 +178,11 @@ def learned(
             wrong = rng.random() < cfg.mistakes
             targets.append(float((left > right) != wrong))
             pairs.append(pair)
+            whys.append(said_why(rater, rng))
         answered = replace(
             gather_pairs([asked_of.dataset], pairs),
             target=torch.tensor(targets),
+            whys=tuple(whys),
             recorded=asked_of.pool,
         )
         model, _ = fit_reward(answered, cfg.fit, seed=len(pairs), measured=False)
@@ -189,7 +202,10 @@ def main(cfg: FewAnswers) -> None:
         truth = np.array([true[c.rollout][c.rows].mean() for c in fresh.clips])
         for seed in cfg.seeds:
             shares = {}
-            for count, model in learned(cfg, asked_of, asked_of.worth(score), seed):
+            asked = learned(
+                cfg, asked_of, asked_of.worth(score), seed, about=ABOUT[task]
+            )
+            for count, model in asked:
                 found = share_of_best(_liked(model, fresh), truth, fresh.command)
                 shares[count] = round(found, 3)
             row = {"task": task, "seed": seed, "kind": cfg.kind, "shares": shares}

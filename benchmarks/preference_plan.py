@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from data.answers import Aspect
 from gaitpref.loop_cfg import LoopCfg, StepsCfg
 from gaitpref.method.budget import FrontLoaded
 from gaitpref.method.expectations import OnceItWalks
@@ -48,11 +49,26 @@ FROM_SCRATCH = ("walk", "get_up", "published_walk", "brisk_walk")
 walking base."""
 HELD_BACK = ("pace",)
 """Tasks nobody looks at until everything is chosen; run where they are named."""
+ABOUT: dict[str, Aspect] = {
+    "high_step": "feet",
+    "crouch": "posture",
+    "low_energy": "effort",
+    "smooth": "steadiness",
+    "trot": "rhythm",
+    "carried_foot": "feet",
+    "nose_up": "posture",
+    "pace": "rhythm",
+    "lean": "posture",
+    "bound": "rhythm",
+    "front_feet": "feet",
+}
+"""What a rater who names a reason names in four of five answers about a style."""
 RATERS = {
     "perfect": RaterCfg(),
     "mistakes20": RaterCfg(mistakes=0.2),
     "stochastic30": RaterCfg(beta=1.0),
     "mistakes40": RaterCfg(mistakes=0.4),
+    "why80": RaterCfg(why="posture"),
 }
 Change = Callable[[Method], Method]
 """What is changed of a method."""
@@ -241,7 +257,10 @@ def loop_cfg(
         preset="quick",
         seed=cell.seed,
     )
-    cfg = replace(resolve(options), simulated=RATERS[cell.rater])
+    rater = RATERS[cell.rater]
+    if rater.why:
+        rater = replace(rater, why=ABOUT[cell.task])
+    cfg = replace(resolve(options), simulated=rater)
     if cell.task == "get_up":
         cfg = replace(cfg, env=getup_env(cfg.env))
     cfg = replace(cfg, method=METHODS[cell.method](cfg.method))

@@ -18,7 +18,7 @@ from data.answer_rows import row_crc32
 from data.errors import AnswerError
 from data.files import fsync_directory, require_regular
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 APPLICATION_ID = 0x50524546
 """"PREF" in ASCII."""
 _OLDEST_SQLITE = (3, 37, 0)

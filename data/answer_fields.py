@@ -52,6 +52,8 @@ def answer_of(values: Mapping[str, Any]) -> Answer:
     Raises:
         ValueError, TypeError, KeyError, OverflowError: as for `rater_of`.
     """
+    # Answers of before it could be said.
+    values = {"why": "", **values}
     _require_fields(values, _hints(Answer))
     # Turns the time into that of Greenwich, which not every time has.
     utc_text(values["created_utc"])

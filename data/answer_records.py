@@ -21,12 +21,16 @@ Role = Literal["first", "repeat", "undo"]
 """`repeat`: the rater was asked again, to see whether the answer holds. `undo`: takes
 back the answer it supersedes, and is none itself."""
 RaterKind = Literal["human", "scripted", "model"]
+Aspect = Literal["posture", "feet", "rhythm", "steadiness", "effort"]
+"""What of a gait an answer is about."""
+ASPECTS: tuple[Aspect, ...] = get_args(Aspect)
 
 _PREFERENCES = {"a": 1.0, "b": 0.0, "equal": 0.5}
 _ALLOWED = {
     "choice": get_args(Choice),
     "shown_left": get_args(Side),
     "role": get_args(Role),
+    "why": ("", *ASPECTS),
 }
 
 
@@ -123,6 +127,8 @@ class Answer:
     """Anything JSON about how it was shown."""
     created_utc: str
     """ISO 8601 with an offset."""
+    why: Aspect | Literal[""] = ""
+    """What of the gait decided it; empty where that was not said."""
 
     def __post_init__(self) -> None:
         for name in ("answer_id", "pair_id", "rater_id"):
@@ -147,6 +153,8 @@ class Answer:
                 raise ValueError(f"{name} must be whole milliseconds, got {value!r}")
         if self.p_a is not None and not _agrees(self.choice, self.p_a):
             raise ValueError(f"choice {self.choice!r} contradicts p_a {self.p_a}")
+        if self.why and self.choice not in ("a", "b"):
+            raise ValueError(f"why {self.why!r} without a preference: {self.choice!r}")
         if self.supersedes == self.answer_id:
             raise ValueError(f"answer {self.answer_id} cannot correct itself")
         if self.role == "undo" and (self.supersedes is None or self.choice != "skip"):

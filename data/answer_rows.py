@@ -20,7 +20,7 @@ PAIR_COLUMNS = (
 ANSWER_COLUMNS = (
     "answer_id, pair_id, rater_id, choice, p_a, shown_left, shown_ms, watched_ms, "
     "response_ms, confidence, note, reason, supersedes, client_json, created_utc, "
-    "role, crc32"
+    "role, why, crc32"
 )
 SELECT_CURRENT = (
     f"SELECT {', '.join('p.' + name for name in PAIR_COLUMNS.split(', '))}, "
@@ -56,7 +56,13 @@ def _named(columns: str, values: Sequence[Any]) -> dict[str, Any]:
 
 
 def row_crc32(*values: Any) -> int:
-    """Checksum of a row's values; the last column of every table."""
+    """Checksum of a row's values; the last column of every table.
+
+    A last value that is empty is left out, so that a column that older rows lack
+    leaves their checksums as they are.
+    """
+    if values[-1] == "":
+        values = values[:-1]
     return zlib.crc32("\x1f".join(map(str, values)).encode())
 
 

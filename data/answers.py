@@ -13,8 +13,10 @@ from types import TracebackType
 from typing import Any, get_args
 
 from data.answer_backend import Address, Backend, copy_backend, open_backend
+from data.answer_records import ASPECTS as ASPECTS
 from data.answer_records import QUESTION as QUESTION
 from data.answer_records import Answer as Answer
+from data.answer_records import Aspect as Aspect
 from data.answer_records import Choice as Choice
 from data.answer_records import Pair as Pair
 from data.answer_records import RaterKind as RaterKind

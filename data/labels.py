@@ -41,6 +41,7 @@ LABEL_TYPES: dict[str, type] = {
     "confidence": float,
     "note": str,
     "reason": str,
+    "why": str,
     "supersedes": str,
     "superseded_by": str,
     "created_utc": str,

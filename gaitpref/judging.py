@@ -8,10 +8,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
-from data.answers import Choice
+from data.answers import ASPECTS, Aspect, Choice
 
 from .rater_cfg import RaterCfg
 
@@ -89,6 +90,16 @@ def judge(
     if choice != "equal" and rng.random() < cfg.mistakes:
         choice = "b" if choice == "a" else "a"
     return "equal" if close else choice
+
+
+def said_why(cfg: RaterCfg, rng: np.random.Generator) -> Aspect | Literal[""]:
+    """What a rater says to be the reason of a preference."""
+    if cfg.why is None:
+        return ""
+    if rng.random() < cfg.why_right:
+        return cfg.why
+    others: list[Aspect] = [aspect for aspect in ASPECTS if aspect != cfg.why]
+    return others[int(rng.integers(len(others)))]
 
 
 def _sigmoid(value: float) -> float:

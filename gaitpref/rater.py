@@ -15,7 +15,7 @@ from data.dataset import Dataset
 from data.gone import listed_in
 
 from .criteria import Criterion
-from .judging import Standards, judge, standards
+from .judging import Standards, judge, said_why, standards
 from .rater_cfg import RaterCfg
 from .rewards import score_of_criterion
 
@@ -95,13 +95,15 @@ def _answer(
     answer_id = uuid.uuid5(RATER_NAMESPACE, f"{pair.pair_id} {rater_id}")
     rng = np.random.default_rng([seed, answer_id.int % 2**32])
     shown_left = "a" if rng.random() < 0.5 else "b"
+    choice = judge(scores(pair.a), scores(pair.b), cfg, known, rng)
     return Answer(
         answer_id=str(answer_id),
         pair_id=pair.pair_id,
         rater_id=rater_id,
-        choice=judge(scores(pair.a), scores(pair.b), cfg, known, rng),
+        choice=choice,
         shown_left=shown_left,
         created_utc=datetime.datetime.now(datetime.UTC).isoformat(
             timespec="milliseconds"
         ),
+        why=said_why(cfg, rng) if choice in ("a", "b") else "",
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from data.answers import Aspect
 from data.errors import GaitprefError
 
 from .options import Answer, Erring
@@ -31,13 +32,17 @@ class RaterCfg:
     """"Can't tell" where both clips are among the worst `skip` of those asked about."""
     equal: float = 0.0
     """"Equal" where the lead is below this, in typical leads."""
+    why: Aspect | None = None
+    """What of the gait its preferences are said to be about; None: it does not say."""
+    why_right: float = 0.8
+    """Share of the answers in which it says so; in the others it names another."""
 
     def __post_init__(self) -> None:
         if not self.beta > 0.0:
             raise ValueError(f"beta must be positive, got {self.beta}")
         if not 0.0 < self.gamma <= 1.0:
             raise ValueError(f"gamma must lie in (0, 1], got {self.gamma}")
-        for name in ("mistakes", "skip"):
+        for name in ("mistakes", "skip", "why_right"):
             value = getattr(self, name)
             if not 0.0 <= value <= 1.0:
                 raise ValueError(f"{name} must lie in [0, 1], got {value}")
@@ -74,6 +79,8 @@ def erring_rater(erring: Erring) -> RaterCfg:
             mistakes=erring.mistakes,
             skip=erring.skip,
             equal=erring.equal,
+            why=erring.why,
+            why_right=erring.why_right,
         )
     except ValueError as error:
         raise GaitprefError(f"--{error}") from None

@@ -60,6 +60,10 @@ class Erring:
     about."""
     equal: float = 0.0
     """"Equal" where the lead is below EQUAL times the median lead."""
+    why: Literal["posture", "feet", "rhythm", "steadiness", "effort"] | None = None
+    """What of the gait the answers are said to be about; by default it does not say."""
+    why_right: float = 0.8
+    """Share of the answers of which it says so; of the others it names another."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from data.answers import Aspect
+
 from .judgement import Verdict
 
 Key = Literal[
     "0", "1", "2", "3", "4", "5", "7", "8", "9", "Z", "F", "H", "R", "J", "K", "L", "U",
-    "I", "T", "C", "P", "M", "space", "enter", "escape",
+    "I", "T", "C", "P", "M", "O", "B", "Y", "N", "G", "space", "enter", "escape",
 ]  # fmt: skip
 """Keys viser knows; W A S D Q E and the arrows move the camera."""
 
@@ -49,6 +51,29 @@ WORDS: dict[Verdict, str] = {
     **{verdict.verdict: verdict.words for verdict in VERDICTS},
     "bad": "Bad clip",
 }
+
+
+@dataclass(frozen=True)
+class AspectKey:
+    """A key that says what of the gait decides the answer."""
+
+    key: Key
+    aspect: Aspect
+
+    @property
+    def label(self) -> str:
+        """The word on the button."""
+        return f"{self.aspect} [{self.key}]"
+
+
+ASPECT_KEYS = (
+    AspectKey("O", "posture"),
+    AspectKey("B", "feet"),
+    AspectKey("Y", "rhythm"),
+    AspectKey("N", "steadiness"),
+    AspectKey("G", "effort"),
+)
+ASPECT_OF_LABEL: dict[str, Aspect] = {key.label: key.aspect for key in ASPECT_KEYS}
 
 
 @dataclass(frozen=True)

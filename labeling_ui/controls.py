@@ -10,9 +10,11 @@ from typing import Any
 import viser
 from viser import GuiButtonHandle, GuiEvent
 
+from data.answers import Aspect
 from data.limits import NOTE_CHARS
 
 from .actions import (
+    ASPECT_KEYS,
     CONFIDENCES,
     SHORTCUTS,
     VERDICTS,
@@ -82,6 +84,16 @@ class Controls:
         ]
         for verdict, button in zip(VERDICTS, self._answers, strict=True):
             button.on_click(posts(post, "verdict", verdict.verdict))
+        self._why = [
+            gui.add_button_group(name, [key.label for key in keys])
+            for name, keys in (
+                ("because of", ASPECT_KEYS[:3]),
+                ("(optional)", ASPECT_KEYS[3:]),
+            )
+        ]
+        for group in self._why:
+            group.on_click(posts_value(post, "why_label"))
+        self._why_said = gui.add_html("", visible=False)
         self._bad = self._button("bad", post)
         self._undo = self._button("undo", post)
         self._keep = self._button("keep", post)
@@ -112,7 +124,7 @@ class Controls:
         self._bar.value = 100.0 * progress.answered / done if done else 0.0
         question = showing.question
         asked = question is not None
-        for button in (*self._answers, self._bad):
+        for button in (*self._answers, *self._why, self._bad):
             button.disabled = not asked
         self._undo.disabled = progress.answered == 0
         self._keep.visible = question is not None and question.corrects is not None
@@ -122,8 +134,14 @@ class Controls:
         """Show a sentence until something else is shown."""
         self._head.content += boxed(warning(text))
 
+    def say_why(self, why: Aspect | None) -> None:
+        """Show what of the gait is said to decide the answer."""
+        self._why_said.visible = why is not None
+        self._why_said.content = boxed(f"Because of <b>{why}</b>: now answer.")
+
     def clear_remarks(self) -> None:
-        """Start the next pair without note and confidence."""
+        """Start the next pair without reason, note and confidence."""
+        self.say_why(None)
         self.note.value = ""
         self.confidence.value = next(iter(CONFIDENCES))
 
@@ -225,6 +243,9 @@ _LINKS = boxed(
 
 
 def _add_hotkeys(client: viser.ClientHandle, post: Post) -> None:
+    for key in ASPECT_KEYS:
+        command = client.gui.add_command(f"Because of {key.aspect}", hotkey=key.key)
+        command.on_trigger(posts(post, "why", key.aspect))
     for verdict in VERDICTS:
         command = client.gui.add_command(verdict.words, hotkey=verdict.key)
         command.on_trigger(posts(post, "hotkey_verdict", verdict.verdict))

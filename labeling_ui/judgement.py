@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any, Literal
 
-from data.answers import Answer, Choice, Pair, Role, Side
+from data.answers import Answer, Aspect, Choice, Pair, Role, Side
 from data.clips import Clip
 
 Verdict = Literal["left_much", "left", "equal", "right", "right_much", "skip", "bad"]
@@ -68,6 +68,8 @@ class Judgement:
     verdict: Verdict
     reason: str = ""
     """Why a clip is bad."""
+    why: Aspect | Literal[""] = ""
+    """What of the gait decided it."""
     note: str = ""
     confidence: float | None = None
     """How sure the rater says to be, in [0, 1]."""

@@ -15,7 +15,9 @@ from typing import Any
 
 import viser
 
-from .actions import CONFIDENCE_OF, CONFIDENCES, Name
+from data.answers import Aspect
+
+from .actions import ASPECT_OF_LABEL, CONFIDENCE_OF, CONFIDENCES, Name
 from .controls import Controls
 from .desk import Act, Desk, Look, Showing
 from .dialogs import Dialog, bad_clip_dialog, guidelines_dialog
@@ -96,6 +98,7 @@ class Page:
         self._shown_at = time.monotonic()
         self._note_at = -NOTE_RECENT_S
         self._note = ""
+        self._why: Aspect | None = None
         self._late: tuple[float, Verdict] | None = None
         self._refresh_in_s = REFRESH_S
         self._status: LoopStatus | None = None
@@ -163,6 +166,10 @@ class Page:
             case "bad_reason":
                 self._close_dialog()
                 self._judge("bad", value)
+            case "why_label" if value in ASPECT_OF_LABEL:
+                self._say_why(ASPECT_OF_LABEL[value])
+            case "why":
+                self._say_why(value)
             case "note":
                 self._note, self._note_at = value, time.monotonic()
             case "seek":
@@ -214,6 +221,12 @@ class Page:
             if self._showing is not None:
                 self._transport.fill(self._showing.motions, self._clock)
 
+    def _say_why(self, why: Aspect) -> None:
+        """What of the gait decides the answer; the same again takes it back."""
+        if self._modal is None:
+            self._why = None if why == self._why else why
+            self._controls.say_why(self._why)
+
     def _verdict(self, verdict: Verdict) -> None:
         late = time.monotonic() - self._note_at < NOTE_RECENT_S
         if late and self._late is None:
@@ -234,6 +247,7 @@ class Page:
             question_id=self._showing.question_id,
             verdict=verdict,
             reason=reason,
+            why=self._why or "",
             note=self._note.strip(),
             confidence=CONFIDENCES[self._controls.confidence.value],
             watched_ms=round(1000 * clock.watched_s),
@@ -322,7 +336,7 @@ class Page:
             if first or before != showing.question_id:
                 self._show_pair(showing)
             if showing.accepted is not None and showing.accepted.role != "undo":
-                self._note = ""
+                self._note, self._why = "", None
                 self._controls.clear_remarks()
         self.client.flush()
         if first and showing.progress.answered == 0:

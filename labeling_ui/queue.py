@@ -241,6 +241,7 @@ def _spelled(
         confidence=judgement.confidence,
         note=judgement.note,
         reason=judgement.reason,
+        why=judgement.why if choice in ("a", "b") else "",
         supersedes=None if corrects is None else corrects.answer_id,
         client=judgement.client | {"kind": question.kind},
         created_utc=now.isoformat(timespec="milliseconds"),

@@ -54,6 +54,8 @@ class AnsweredPairs:
     """Answers left out, because they neither prefer a clip nor call both equal."""
     answers_sha256: str
     """Hash of the answers used, whatever their order: the label set."""
+    whys: tuple[str, ...] = ()
+    """What each answer was said to be about, an aspect or ""; empty: nobody said."""
     clips: tuple[tuple[str, str], ...] = ()
     """What the left and the right clip are called; empty where nobody knows, and no two
     answers are taken to be about the same clips."""
@@ -77,6 +79,7 @@ class AnsweredPairs:
             "rounds": len(self.rounds),
             "strategies": len(self.strategies),
             "clips": len(self.clips or self.target),
+            "whys": len(self.whys or self.target),
         }
         if len(set(sizes.values())) != 1 or len(self.target) == 0:
             raise ValueError(f"answered pairs need rows of one number > 0, got {sizes}")
@@ -101,6 +104,7 @@ class AnsweredPairs:
             commands=self.commands[rows],
             rounds=tuple(self.rounds[row] for row in rows),
             strategies=tuple(self.strategies[row] for row in rows),
+            whys=tuple(self.whys[row] for row in rows) if self.whys else (),
             clips=tuple(self.clips[row] for row in rows) if self.clips else (),
         )
 
@@ -158,6 +162,7 @@ def load_pairs(
         gathered,
         target=torch.tensor([row.target for row in used.rows]),
         raters=tuple(row.rater_id for row in used.rows),
+        whys=tuple(row.why for row in used.rows),
         num_without_target=used.without_target,
         num_collected=used.collected,
         num_gone=used.gone,

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from .aspects import UNSAID, indices_of
 from .cfg import FitCfg
 from .clips import mean_over
 from .descriptors import Sight, describe, names_seen
@@ -38,6 +39,9 @@ class ClipPairs:
     """How reliable each answer is."""
     lift_offs_before: Tensor | None = None
     """[2, B, L] as of `ClipBatch`."""
+    aspect: Tensor | None = None
+    """[B] what each answer was said to be about, as an index in `ASPECTS`, or
+    `UNSAID`; None: nobody said."""
 
     def __len__(self) -> int:
         return len(self.target)
@@ -52,8 +56,16 @@ class ClipPairs:
             fall_lead=self.fall_lead[chosen],
             target=self.target[chosen],
             errors=self.errors.part(chosen),
+            aspect=None if self.aspect is None else self.aspect[chosen],
             lift_offs_before=None if before is None else before[:, chosen],
         )
+
+    @property
+    def said(self) -> Tensor:
+        """[B] `aspect`, of nobody who said."""
+        if self.aspect is None:
+            return torch.full((len(self),), UNSAID)
+        return self.aspect
 
     @property
     def scored_steps(self) -> Tensor:
@@ -91,6 +103,11 @@ class DescribedPairs(ClipPairs):
                 if before[0] is None or before[1] is None
                 else torch.cat([before[0], before[1]], dim=1)
             ),
+            aspect=(
+                None
+                if ours.aspect is None and theirs.aspect is None
+                else torch.cat([ours.said, theirs.said])
+            ),
         )
 
     def _padded(self, num_steps: int) -> DescribedPairs:
@@ -114,6 +131,7 @@ class DescribedPairs(ClipPairs):
             target=self.target,
             errors=self.errors,
             lift_offs_before=self.lift_offs_before,
+            aspect=self.aspect,
         )
 
 
@@ -155,6 +173,7 @@ def describe_pairs(pairs: AnsweredPairs, cfg: FitCfg, sight: Sight) -> Described
             if before[0] is None or before[1] is None
             else torch.stack([before[0], before[1]])
         ),
+        aspect=indices_of(pairs.whys) if pairs.whys else None,
     )
 
 

@@ -20,11 +20,14 @@ class Used:
     rater_id: str
     target: float
     """Mean probability that the left clip is better, of one who was asked again."""
+    why: str = ""
+    """What the answer was said to be about, where all of them say the same."""
 
     @property
     def line(self) -> str:
         """What is fitted of it: equal lines are the same evidence."""
-        return f"{self.pair.a.key} {self.pair.b.key} {self.rater_id} {self.target}"
+        told = f"{self.pair.a.key} {self.pair.b.key} {self.rater_id} {self.target}"
+        return f"{told} {self.why}" if self.why else told
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,15 +98,22 @@ def count_preferences(clips: Sequence[tuple[str, str]], targets: list[float]) ->
 def evidence_of(answered: Iterable[tuple[Pair, Answer]]) -> list[Used]:
     """Whatever teaches which gait is better, sorted."""
     targets: dict[tuple[str, str], list[float]] = defaultdict(list)
+    whys: dict[tuple[str, str], set[str]] = defaultdict(set)
     pairs: dict[str, Pair] = {}
     for pair, answer in answered:
         target = answer.target
         if target is not None and pair.gold is None:
             pairs[pair.pair_id] = pair
             targets[pair.pair_id, answer.rater_id].append(target)
+            whys[pair.pair_id, answer.rater_id].add(answer.why)
     evidence = (
-        Used(pairs[pair_id], rater_id, sum(of_both) / len(of_both))
-        for (pair_id, rater_id), of_both in targets.items()
+        Used(
+            pairs[asked[0]],
+            asked[1],
+            sum(of_both) / len(of_both),
+            next(iter(whys[asked])) if len(whys[asked]) == 1 else "",
+        )
+        for asked, of_both in targets.items()
     )
     return sorted(evidence, key=lambda row: row.line)
 

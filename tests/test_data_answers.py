@@ -5,6 +5,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+import zlib
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, closing, nullcontext
@@ -19,6 +20,7 @@ from data.answer_backend import Address, SqliteBackend, parse_address
 from data.answer_check import damaged_rows
 from data.answer_database import SCHEMA_VERSION, backup_path
 from data.answer_lines import from_lines, to_lines
+from data.answer_rows import encode_answer
 from data.answers import Answer, AnswerStore, Choice, Pair
 from data.clips import Clip
 from data.dataset import Dataset
@@ -114,6 +116,8 @@ def test_targets_worked_out_by_hand(
         ({"choice": "left"}, "choice is one of a, b, equal, skip, bad: 'left'"),
         ({"p_a": float("nan")}, r"p_a must lie in \[0, 1\]"),
         ({"confidence": 1.5}, r"confidence must lie in \[0, 1\]"),
+        ({"why": "mood"}, "why is one of , posture, feet"),
+        ({"why": "feet", "choice": "equal"}, "why 'feet' without a preference"),
         ({"response_ms": -1}, "response_ms must be whole milliseconds"),
         ({"created_utc": "2030-01-31T12:00:00"}, "has no offset"),
         ({"client": {"x": float("inf")}}, "client must be JSON"),
@@ -187,6 +191,33 @@ def test_every_field_of_an_answer_comes_back(store: AnswerStore) -> None:
     assert store.add_answer(answer)
     with AnswerStore.open(store.address) as other:
         assert other.current_answers() == [(make_pair(0), answer)]
+
+
+def test_what_decided_an_answer_comes_back(store: AnswerStore, tmp_path: Path) -> None:
+    """From the file, and from lines; of those of before it could be said, nothing."""
+    answer = make_answer("1", make_pair(0), choice="b", why="rhythm")
+    store.add_answer(answer)
+    lines = list(to_lines(store))
+    with AnswerStore.open(store.address) as other:
+        assert other.current_answers() == [(make_pair(0), answer)]
+    with AnswerStore.open(tmp_path / "new.sqlite") as copy:
+        from_lines(copy, lines, "lines")
+        assert copy.all_answers() == [(make_pair(0), answer)]
+    older = [line.replace(', "why": "rhythm"', "") for line in lines]
+    assert older != lines
+    with AnswerStore.open(tmp_path / "older.sqlite") as copy:
+        from_lines(copy, older, "lines")
+        assert copy.all_answers() == [(make_pair(0), replace(answer, why=""))]
+
+
+def test_what_decided_it_is_part_of_what_is_checked() -> None:
+    """An answer that does not say it has the checksum it always had."""
+    said, silent = (
+        encode_answer(make_answer("1", make_pair(0), why=why)) for why in ("feet", "")
+    )
+    assert said["crc32"] != silent["crc32"]
+    *values, _, _ = silent.values()
+    assert silent["crc32"] == zlib.crc32("\x1f".join(map(str, values)).encode())
 
 
 def test_sending_an_answer_twice_does_no_harm(store: AnswerStore) -> None:

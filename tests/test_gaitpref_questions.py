@@ -101,7 +101,7 @@ def test_of_a_manoeuvre_policies_are_compared_where_they_were_told_the_same(
     round.root.mkdir(parents=True)
     round.shown.write_text(json.dumps([entry.sha256 for entry in entries]))
     cfg = replace(resolve(Loop(run=Path("r"))), clips=ClipCfg.of(3.0))
-    pairs = pairs_of_both(cfg, round, dataset, (new, old), known=())
+    pairs = pairs_of_both(cfg, round, dataset, new.sha256, old.sha256)
     assert pairs
     assert {pair.a.start - pair.b.start for pair in pairs} == {0}
 

@@ -12,12 +12,12 @@ import pytest
 import torch
 from torch import Tensor
 
-from data.answers import Choice
+from data.answers import ASPECTS, Choice
 from data.clips import Clip
 from data.errors import GaitprefError
 from data.features import FEATURE_DIM, column
 from gaitpref.criteria import SequenceCriterion
-from gaitpref.judging import Standards, discounted_mean, judge, standards
+from gaitpref.judging import Standards, discounted_mean, judge, said_why, standards
 from gaitpref.method.questions import Questions
 from gaitpref.options import Answer, Erring, Loop
 from gaitpref.presets import resolve
@@ -121,6 +121,16 @@ def test_a_myopic_rater_remembers_the_end() -> None:
     assert judge(early, late, RaterCfg(gamma=0.8), known, rng) == "b"
     assert discounted_mean(np.array([1.0, 3.0]), 0.5) == pytest.approx(3.5 / 1.5)
     assert discounted_mean(np.full(7, 2.0), 0.9) == pytest.approx(2.0)
+
+
+def test_what_a_rater_says_to_be_the_reason_is_right_in_its_share() -> None:
+    """Wrong reasons are any of the other four; a preference is the same with them."""
+    rng = np.random.default_rng(0)
+    said = Counter(said_why(RaterCfg(why="feet"), rng) for _ in range(4000))
+    assert said["feet"] / 4000 == pytest.approx(0.8, abs=0.03)
+    others = [said[aspect] for aspect in ASPECTS if aspect != "feet"]
+    assert min(others) > 0.6 * max(others) > 0
+    assert said_why(RaterCfg(), rng) == ""
 
 
 def test_equal_clips_and_equal_pairs() -> None:

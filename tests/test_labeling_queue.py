@@ -146,6 +146,20 @@ def test_all_that_was_measured_is_stored(open_session: Open, clock: Clock) -> No
     assert session.history(1)[0].answer == answer
 
 
+@pytest.mark.parametrize(
+    ("verdict", "kept"), [("left", "feet"), ("right_much", "feet"), ("equal", "")]
+)
+def test_what_decides_is_stored_with_a_preference(
+    open_session: Open, clock: Clock, verdict: Verdict, kept: str
+) -> None:
+    session = open_session()
+    shown(session)
+    clock.advance(4.2)
+    answer = say(session, verdict, why="feet").answer
+    assert answer is not None
+    assert answer.why == kept
+
+
 def test_the_newest_round_comes_first_and_older_ones_stay(
     open_session: Open, store: AnswerStore
 ) -> None:

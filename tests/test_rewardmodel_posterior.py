@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import torch
 
 from rewardmodel import FitCfg, fit_reward, load_reward, save_reward
 from rewardmodel.acquisition.information import information
+from rewardmodel.aspects import aspect_of
 from rewardmodel.errors import RewardError
 from rewardmodel.kinds import prepare
 from rewardmodel.noise_level import FEW_ERRORS
@@ -150,6 +152,60 @@ def test_particles_agree_with_the_prior_reweighted_by_brute_force() -> None:
         scale = float(getattr(prior, of).std())
         got = float(getattr(found, of).mean())
         assert abs(got - exact) < 0.15 * scale, of
+
+
+@pytest.mark.parametrize("why", ["posture", "rhythm"])
+def test_what_answers_are_said_to_be_about_is_believed(why: str) -> None:
+    """And forgotten where the answers themselves say otherwise; a few wrong ones among
+    right ones do no harm."""
+    few, many = asked(best_height, 4, seed=3), asked(best_height, 60, seed=3)
+    silent, said = (
+        fit_reward(replace(few, whys=whys), POSTERIOR, seed=0, measured=False)[0].scorer
+        for whys in ((), (why,) * 4)
+    )
+    assert isinstance(silent, PosteriorScorer)
+    assert isinstance(said, PosteriorScorer)
+
+    def about(scorer: PosteriorScorer) -> float:
+        found = habits_of(scorer)
+        return sum(found[name] for name in HABITS if aspect_of(name) == why)
+
+    assert about(said) > about(silent) + 0.3
+    mostly = tuple("feet" if row % 5 == 0 else "posture" for row in range(60))
+    scorer = fit_reward(replace(many, whys=mostly), POSTERIOR, seed=0, measured=False)[
+        0
+    ].scorer
+    assert isinstance(scorer, PosteriorScorer)
+    assert habits_of(scorer)["height"] > 0.9
+
+
+def test_reasons_are_part_of_what_is_weighed_by_brute_force() -> None:
+    """The posterior of answers with reasons, beside the prior, weighted."""
+    pairs = asked(best_height, 6, seed=3)
+    pairs = replace(pairs, whys=("posture", "", "rhythm", "", "posture", ""))
+    prepared = prepare(pairs, POSTERIOR)
+    pool = prepared.clips.pool
+    assert pool
+    answers = answers_seen(prepared.standardised, pool, POSTERIOR)
+    prior = drawn(pool.opinions, Prior(), 60_000, generator(1))
+    log_weight = likelihood_of(prior, pool.opinions, answers)
+    for index, why in ((0, "posture"), (2, "rhythm"), (4, "posture")):
+        amount = (
+            prior.weight.double()
+            * answers.difference[prior.opinion, index].abs().double()
+        )
+        fits = torch.tensor([aspect_of(name) == why for name in HABITS])
+        own = fits[habit_of(prior.opinion)]
+        share = (amount * own).sum(1) / amount.sum(1).clamp_min(1e-12)
+        log_weight += (0.75 * share + 0.25 / 5).log()
+    weight = log_weight.softmax(dim=0)
+    found = sampled(pool.opinions, 0.1, answers, 4000, generator(2)).found
+    for name in ("height", "stride_rate", "power"):
+        index = HABITS.index(name)
+        has = ((habit_of(prior.opinion) == index) & (prior.weight > 0)).any(dim=1)
+        got = ((habit_of(found.opinion) == index) & (found.weight > 0)).any(dim=1)
+        exact = float((weight * has).sum())
+        assert float(got.float().mean()) == pytest.approx(exact, abs=0.06), name
 
 
 def test_the_evidence_is_that_of_the_prior_by_brute_force() -> None:

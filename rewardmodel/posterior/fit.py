@@ -91,6 +91,7 @@ def answers_seen(pairs: StandardisedPairs, pool: Pool, cfg: FitCfg) -> Answers:
         target=pairs.target,
         errors=pairs.errors,
         tie_threshold=cfg.tie_threshold,
+        aspect=pairs.said,
     )
 
 

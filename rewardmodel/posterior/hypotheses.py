@@ -16,7 +16,7 @@ from typing import Self
 import torch
 from torch import Tensor
 
-from .opinions import Opinions, habit_of
+from .opinions import ASPECT_OF_OPINION, Opinions, habit_of
 
 SLOTS = 3
 """Opinions at most."""
@@ -99,6 +99,14 @@ class Hypotheses:
         for slot in range(1, SLOTS):
             total += scaled[:, slot, None] * difference[self.opinion[:, slot]]
         return total
+
+    def about(self, opinions: Opinions, difference: Tensor) -> Tensor:
+        """[N, P, B] which aspects what is thought of pairs is about, of which
+        `difference` [A, B] says how much more every opinion thinks of the left."""
+        said = self.scaled(opinions)[..., None].abs() * difference[self.opinion].abs()
+        own = ASPECT_OF_OPINION[self.opinion].to(said.dtype)  # [N, J, P]
+        total = torch.einsum("njb,njp->npb", said, own)
+        return total / said.sum(dim=1).clamp_min(1e-9)[:, None]
 
 
 def drawn(

@@ -10,7 +10,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from data.answers import ASPECTS
 from data.features import LEGS
+from rewardmodel.aspects import aspect_of
 
 from .occupancy import NODES
 from .ranges import HABITS
@@ -95,6 +97,12 @@ def _shapes() -> tuple[Tensor, Tensor]:
 SHAPES, SHAPE_PROBABLE = _shapes()
 """[S, K] values at the nodes, and [S] how probable each is."""
 _IS_BUMP = torch.arange(len(SHAPES)) >= len(SHAPES) - len(_WIDTHS) * len(_CENTRES)
+
+
+ASPECT_OF_OPINION = torch.tensor(
+    [[aspect_of(name) == aspect for aspect in ASPECTS] for name in HABITS]
+).repeat_interleave(len(SHAPES), dim=0)
+"""[A, P] bool, of P aspects."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,8 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from data.answers import ASPECTS
+from rewardmodel.aspects import UNSAID
 from rewardmodel.likelihood import Errors, answer_weights, weighted
 
 from .hypotheses import (
@@ -26,12 +28,14 @@ from .hypotheses import (
     drawn_sharpness,
     drawn_weights,
 )
-from .opinions import SHAPE_PROBABLE, SHAPES, Opinions, habit_of
+from .opinions import ASPECT_OF_OPINION, SHAPE_PROBABLE, SHAPES, Opinions, habit_of
 
 _MOVES = 12
 """Of every particle after a resampling."""
 _LEAST_EFFECTIVE = 0.6
 """Share of the particles below which the effective number leads to a resampling."""
+_MEANT = 0.75
+"""Of what answers are said to be about; the rest is any aspect."""
 _TINY = 1e-12
 """Of an answer that is not on offer, and never given."""
 _ALONE_SHARPNESS, _ALONE_ERRORS = 5.0, 0.15
@@ -50,6 +54,8 @@ class Answers:
     """[B] probability that the left clip is better."""
     errors: Errors
     """Who gave each, and how often random ones are left, right, tie."""
+    aspect: Tensor
+    """[B] what each was said to be about, an index in `ASPECTS` or `UNSAID`."""
     tie_threshold: float
     """Logits of lead below which a difference is not seen."""
 
@@ -64,6 +70,7 @@ class Answers:
             fall_lead=self.fall_lead[rows],
             target=self.target[rows],
             errors=self.errors.part(rows),
+            aspect=self.aspect[rows],
         )
 
     @property
@@ -92,6 +99,30 @@ class Answers:
             ]
         )
         return weighted(log_p, self.target, self.tie_threshold).sum(dim=1)
+
+    def log_about(self, found: Hypotheses, opinions: Opinions) -> Tensor | float:
+        """[N] logarithm of how probable what they say to be about is; 0 of nothing."""
+        if not (said := self._said).any():
+            return 0.0
+        about = found.about(opinions, self.difference[:, said])
+        index = self.aspect[said].expand(len(found), 1, -1)
+        return _log_said(about.gather(1, index)[:, 0])
+
+    def log_about_alone(self) -> Tensor | float:
+        """[A] the same of every opinion alone."""
+        if not (said := self._said).any():
+            return 0.0
+        own = ASPECT_OF_OPINION[:, self.aspect[said]]
+        return _log_said(own.to(self.difference.dtype))
+
+    @property
+    def _said(self) -> Tensor:
+        return self.aspect != UNSAID
+
+
+def _log_said(meant: Tensor) -> Tensor:
+    """[N] of shares [N, B] that what was said has of what is meant."""
+    return (_MEANT * meant + (1 - _MEANT) / len(ASPECTS)).log().sum(dim=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +160,7 @@ def sampled(
         leads = found.leads(opinions, new.difference)
         before = log_weight.logsumexp(dim=0)
         log_weight += new.log_likelihood(leads, found.error_share)
+        log_weight += new.log_about(found, opinions)
         evidence += float(log_weight.logsumexp(dim=0) - before)
         last = number == len(answers) - 1
         if last or effective(log_weight) < _LEAST_EFFECTIVE * count:
@@ -167,7 +199,8 @@ def _moved(
 
     def log_likelihood(of: Hypotheses) -> Tensor:
         leads = of.leads(opinions, answers.difference)
-        return answers.log_likelihood(leads, of.error_share)
+        said = answers.log_about(of, opinions)
+        return answers.log_likelihood(leads, of.error_share) + said
 
     believed = log_likelihood(found)
     for _ in range(_MOVES):
@@ -233,6 +266,6 @@ def _proposal(opinions: Opinions, answers: Answers) -> Tensor:
     explains the answers."""
     leads = _ALONE_SHARPNESS * answers.difference
     share = torch.full((len(leads), answers.num_raters), _ALONE_ERRORS)
-    alone = answers.log_likelihood(leads, share)
+    alone = answers.log_likelihood(leads, share) + answers.log_about_alone()
     informed = (opinions.probable.log() + 0.5 * alone).softmax(dim=0)
     return 0.5 * informed + 0.5 * opinions.probable

@@ -1,0 +1,11 @@
+-- Version 4: an answer can say what of the gait decided it. Where it does not, its
+-- checksum is what it was.
+ALTER TABLE answer ADD COLUMN why TEXT NOT NULL DEFAULT ''
+  CHECK (why IN ('', 'posture', 'feet', 'rhythm', 'steadiness', 'effort'));
+
+-- Views of SQLite keep the columns they were made with.
+DROP VIEW answer_current;
+CREATE VIEW answer_current AS
+  SELECT * FROM answer AS old
+  WHERE old.role <> 'undo'
+  AND NOT EXISTS (SELECT 1 FROM answer AS new WHERE new.supersedes = old.answer_id);
