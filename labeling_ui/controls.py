@@ -15,6 +15,7 @@ from data.limits import NOTE_CHARS
 
 from .actions import (
     ASPECT_KEYS,
+    ASPECT_OF_LABEL,
     CONFIDENCES,
     SHORTCUTS,
     VERDICTS,
@@ -84,15 +85,8 @@ class Controls:
         ]
         for verdict, button in zip(VERDICTS, self._answers, strict=True):
             button.on_click(posts(post, "verdict", verdict.verdict))
-        self._why = [
-            gui.add_button_group(name, [key.label for key in keys])
-            for name, keys in (
-                ("because of", ASPECT_KEYS[:3]),
-                ("(optional)", ASPECT_KEYS[3:]),
-            )
-        ]
-        for group in self._why:
-            group.on_click(posts_value(post, "why_label"))
+        self._why = gui.add_button_group("because of", tuple(ASPECT_OF_LABEL))
+        self._why.on_click(posts_value(post, "why_label"))
         self._why_said = gui.add_html("", visible=False)
         self._bad = self._button("bad", post)
         self._undo = self._button("undo", post)
@@ -124,7 +118,7 @@ class Controls:
         self._bar.value = 100.0 * progress.answered / done if done else 0.0
         question = showing.question
         asked = question is not None
-        for button in (*self._answers, *self._why, self._bad):
+        for button in (*self._answers, self._why, self._bad):
             button.disabled = not asked
         self._undo.disabled = progress.answered == 0
         self._keep.visible = question is not None and question.corrects is not None

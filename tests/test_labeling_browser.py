@@ -203,12 +203,12 @@ def test_a_rater_at_work(site: Site, visit: Visit) -> None:
         page.locator("input[value='sure [9]']")
     ).first.wait_for()
     page.get_by_role("button", name="feet [B]").click()
-    page.get_by_text("Because of feet").wait_for()
+    page.get_by_text("Because of feet: now answer").wait_for()
     page.keyboard.press("y")
-    page.get_by_text("Because of rhythm").wait_for()
+    page.get_by_text("Because of rhythm: now answer").wait_for()
     page.keyboard.press("4")
     counted(page, 3)
-    page.get_by_text("Because of").wait_for(state="hidden")
+    page.get_by_text(": now answer").wait_for(state="hidden")
     noted = site.answers()[0]
     assert [answer.why for answer in site.answers()] == ["rhythm", "", ""]
     assert (noted.note, noted.confidence) == ("B drags 1 foot 5 times", 0.95)
