@@ -32,6 +32,7 @@ from .findings import findings_of_fit
 from .fit_summary import fit_summary
 from .opening import address
 from .progress import console, working
+from .rater_groups import answers_for
 
 
 def run(command: options.Command) -> int:
@@ -70,6 +71,8 @@ def _fit_alone(command: options.Fit) -> None:
     if stage is not None:
         cfg = stage.fit
     pairs, unanswered = load_pairs(datasets), None
+    if command.whom:
+        pairs = answers_for(pairs, command.whom)
     if command.semi_supervised:
         semi = SemiSupervisedCfg()
         cfg = replace(cfg, semi_supervised=semi)

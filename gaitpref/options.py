@@ -123,9 +123,12 @@ class Method:
 class Raters:
     """Say who may log in to the labeling page, and how well they agree."""
 
-    action: tyro.conf.Positional[Literal["list", "add", "revoke", "stats"]] = "list"
+    action: tyro.conf.Positional[
+        Literal["list", "add", "revoke", "stats", "groups"]
+    ] = "list"
     """list shows who has a token; add makes one and shows it once; revoke makes it
-    worthless; stats shows speed, habits and agreement."""
+    worthless; stats shows speed, habits and agreement; groups shows who wants the same,
+    and whose taste has changed."""
     name: tyro.conf.Positional[str | None] = None
     """Rater to add or revoke: letters, digits, - and _. A pseudonym is best."""
     dataset: Path

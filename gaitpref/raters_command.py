@@ -20,6 +20,7 @@ from labeling_ui.figures import (
 from labeling_ui.tokens import TokenStore, require_name
 
 from . import options
+from .extras import require
 from .opening import open_dataset
 from .terminal import say
 
@@ -39,6 +40,9 @@ def run(command: options.Raters) -> int:
             _list(command, dataset, tokens)
         case "stats":
             _stats(command, dataset)
+        case "groups":
+            told = require("gaitpref.rater_groups", "fit").told_of_groups(dataset)
+            _show(command, *told)
     return 0
 
 

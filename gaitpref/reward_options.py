@@ -117,6 +117,9 @@ class Fit:
     doubted_below: float = 0.0
     """Take answers for random that a reward fitted to the others gives a probability
     below this, such as 0.2. Where it was measured (docs/tried.md) it did not pay."""
+    whom: Annotated[tuple[str, ...], tyro.conf.arg(name="for", metavar="RATER")] = ()
+    """Learn what some raters want: their names, or group:RATER for all who want what
+    that one does; `gaitpref raters groups` shows them. By default what all share."""
     json: bool = False
     """Print one JSON object and nothing else."""
     answers: str | None = None

@@ -25,6 +25,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+_USUAL = 10.0
+"""Answers, as many of each kind, that are expected of a rater besides those given."""
+
 
 @dataclass(frozen=True, eq=False)
 class Errors:
@@ -56,6 +59,23 @@ class Errors:
     def part(self, chosen: Tensor) -> Errors:
         """Those of the answers `chosen` [B] (bool or indices)."""
         return Errors(self.share[chosen], self.guess[:, chosen], self.rater[chosen])
+
+
+def guesses_of(
+    target: Tensor, of: Tensor, num_raters: int, *, tie_threshold: float
+) -> Tensor:
+    """How often each rater says left, right and equal, [3, R].
+
+    Args:
+        target: [B] probability that the left clip is better.
+        of: [B] number of who answered.
+        num_raters: R.
+        tie_threshold: As above.
+    """
+    said = answer_weights(target, tie_threshold=tie_threshold)
+    alike = Errors.alike(0.0, num_raters, tie_threshold=tie_threshold).guess
+    sums = (_USUAL * alike).index_add(1, of, said)
+    return sums / sums.sum(dim=0)
 
 
 def answer_log_probabilities(

@@ -56,6 +56,8 @@ class AnsweredPairs:
     """Hash of the answers used, whatever their order: the label set."""
     whys: tuple[str, ...] = ()
     """What each answer was said to be about, an aspect or ""; empty: nobody said."""
+    times: tuple[str, ...] = ()
+    """When each answer was given, ISO 8601; empty: nobody knows."""
     clips: tuple[tuple[str, str], ...] = ()
     """What the left and the right clip are called; empty where nobody knows, and no two
     answers are taken to be about the same clips."""
@@ -80,6 +82,7 @@ class AnsweredPairs:
             "strategies": len(self.strategies),
             "clips": len(self.clips or self.target),
             "whys": len(self.whys or self.target),
+            "times": len(self.times or self.target),
         }
         if len(set(sizes.values())) != 1 or len(self.target) == 0:
             raise ValueError(f"answered pairs need rows of one number > 0, got {sizes}")
@@ -105,6 +108,7 @@ class AnsweredPairs:
             rounds=tuple(self.rounds[row] for row in rows),
             strategies=tuple(self.strategies[row] for row in rows),
             whys=tuple(self.whys[row] for row in rows) if self.whys else (),
+            times=tuple(self.times[row] for row in rows) if self.times else (),
             clips=tuple(self.clips[row] for row in rows) if self.clips else (),
         )
 
@@ -163,6 +167,7 @@ def load_pairs(
         target=torch.tensor([row.target for row in used.rows]),
         raters=tuple(row.rater_id for row in used.rows),
         whys=tuple(row.why for row in used.rows),
+        times=tuple(row.created_utc for row in used.rows),
         num_without_target=used.without_target,
         num_collected=used.collected,
         num_gone=used.gone,

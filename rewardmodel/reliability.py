@@ -19,14 +19,12 @@ import torch
 from torch import Tensor
 
 from .cfg import FitCfg
-from .likelihood import Errors, answer_weights
+from .likelihood import Errors, guesses_of
 from .posterior.fit import shares_of_raters
 from .prepared import Prepared
 
 HARDLY_LOOKS = 0.7
 """Share of random answers from which on those of a rater do not measure a reward."""
-_ALIKE = 10.0
-"""Answers, as many of each kind, that are expected of a rater besides those given."""
 _PLENTY = 400
 """Answers from which on every second, third, ... of each rater is looked at."""
 
@@ -58,7 +56,8 @@ def judge(prepared: Prepared, raters: Sequence[str], cfg: FitCfg) -> Judged:
     if len(names) < 2 or not cfg.reliability.enabled:
         return Judged(prepared, (), torch.ones(len(prepared), dtype=torch.bool))
     of = torch.tensor([names.index(rater) for rater in raters])
-    habits = _habits(prepared.described.target, of, len(names), cfg)
+    target = prepared.described.target
+    habits = guesses_of(target, of, len(names), tie_threshold=cfg.tie_threshold)
     share = torch.full((len(of),), cfg.error_share)
     prepared = prepared.with_errors(Errors(share, habits[:, of], of))
     found = shares_of_raters(prepared.subset(_some(of)), cfg)
@@ -69,14 +68,6 @@ def judge(prepared: Prepared, raters: Sequence[str], cfg: FitCfg) -> Judged:
     errors = Errors(share, habits[:, of], of)
     shares = tuple(zip(names, found, strict=True))
     return Judged(prepared.with_errors(errors), shares, measuring)
-
-
-def _habits(target: Tensor, of: Tensor, num_raters: int, cfg: FitCfg) -> Tensor:
-    """How often each rater says left, right and equal, [3, R]."""
-    said = answer_weights(target, tie_threshold=cfg.tie_threshold)
-    alike = Errors.alike(0.0, num_raters, tie_threshold=cfg.tie_threshold).guess
-    sums = (_ALIKE * alike).index_add(1, of, said)
-    return sums / sums.sum(dim=0)
 
 
 def _some(of: Tensor) -> Tensor:

@@ -20,6 +20,8 @@ class Used:
     rater_id: str
     target: float
     """Mean probability that the left clip is better, of one who was asked again."""
+    created_utc: str = ""
+    """When it was given, of several the last."""
     why: str = ""
     """What the answer was said to be about, where all of them say the same."""
 
@@ -99,6 +101,7 @@ def evidence_of(answered: Iterable[tuple[Pair, Answer]]) -> list[Used]:
     """Whatever teaches which gait is better, sorted."""
     targets: dict[tuple[str, str], list[float]] = defaultdict(list)
     whys: dict[tuple[str, str], set[str]] = defaultdict(set)
+    times: dict[tuple[str, str], str] = {}
     pairs: dict[str, Pair] = {}
     for pair, answer in answered:
         target = answer.target
@@ -106,11 +109,13 @@ def evidence_of(answered: Iterable[tuple[Pair, Answer]]) -> list[Used]:
             pairs[pair.pair_id] = pair
             targets[pair.pair_id, answer.rater_id].append(target)
             whys[pair.pair_id, answer.rater_id].add(answer.why)
+            times[pair.pair_id, answer.rater_id] = answer.created_utc
     evidence = (
         Used(
             pairs[asked[0]],
             asked[1],
             sum(of_both) / len(of_both),
+            times[asked],
             next(iter(whys[asked])) if len(whys[asked]) == 1 else "",
         )
         for asked, of_both in targets.items()
