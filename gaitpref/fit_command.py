@@ -33,6 +33,7 @@ from .fit_summary import fit_summary
 from .opening import address
 from .progress import console, working
 from .rater_groups import answers_for
+from .segments_command import fit_segments
 
 
 def run(command: options.Command) -> int:
@@ -56,6 +57,13 @@ def _fit(command: options.Fit) -> None:
 
 
 def _fit_alone(command: options.Fit) -> None:
+    if command.segments is not None or command.labels is not None:
+        fit_segments(command)
+        return
+    if not command.dataset:
+        raise GaitprefError(
+            "what is to be fitted? give --dataset DIR, or --segments FILE with --labels"
+        )
     answers = address(command.answers)
     datasets = [Dataset.open(path, answers=answers) for path in command.dataset]
     cfg = FitCfg(kind=command.model, label_filter=_label_filter(command.doubted_below))

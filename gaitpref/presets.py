@@ -19,7 +19,7 @@ def resolve(options: Loop) -> LoopCfg:
     _check(options)
     quick, scratch = options.preset == "quick", options.base == "none"
     clips = ClipCfg.of(options.clip_s)
-    rounds = 4 if scratch else 3 if quick else 5
+    rounds = 4 if scratch else 2 if quick else 4
     labels = 100 if scratch else 30
     return LoopCfg(
         method=FROM_SCRATCH if scratch else STYLE,
@@ -49,7 +49,7 @@ def _scratch_steps(quick: bool) -> StepsCfg:
 
 def _style_steps(quick: bool) -> StepsCfg:
     if quick:
-        return StepsCfg(base=800_000, round=400_000, last=400_000)
+        return StepsCfg(base=800_000, round=600_000, last=600_000)
     return StepsCfg(base=1_500_000, round=700_000, last=700_000)
 
 

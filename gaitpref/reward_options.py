@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -88,12 +88,21 @@ class Answer:
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
-    """Fit a reward model to the answers of one or more data sets."""
+    """Fit a reward model to the answers of one or more data sets, or about segments of
+    any table."""
 
-    dataset: Annotated[list[Path], tyro.conf.UseAppendAction]
+    dataset: Annotated[list[Path], tyro.conf.UseAppendAction] = field(
+        default_factory=list
+    )
     """Data set directory; give it again for more."""
+    segments: Path | None = None
+    """In place of a data set: an .npz, .csv or .parquet file of segments, rows of named
+    numbers."""
+    labels: Path | None = None
+    """With --segments: a .csv file of answers, with left, right, answer and rater."""
     out: Path
-    """Directory of the reward."""
+    """Directory of the reward; of segments, of its report, weights and what each
+    segment is worth."""
     method: Literal["scratch", "style"] | None = None
     """Fit what the loop fits, from scratch or for a style on top of a walk; `gaitpref
     method` says what. The model is the method's then."""

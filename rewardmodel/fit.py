@@ -90,14 +90,15 @@ def fit_reward(
         )
         foreseen = foreseen.subset(judged.measuring[held_out])
         held_out &= judged.measuring
-    report = _report(
-        pairs,
+    report = report_of(
         standardised,
         leads_of_pairs(scorer.payer, standardised).mean(dim=0),
         held_out,
         foreseen,
         cfg,
         time.perf_counter() - started_s,
+        at_random=pairs.at_random,
+        without_target=pairs.num_without_target,
     )
     report = replace(
         report, raters=judged.raters, doubted=doubted, considered=considered
@@ -119,14 +120,15 @@ def no_reward(pairs: AnsweredPairs, cfg: FitCfg) -> tuple[RewardModel, FitReport
     kind = cfg.kind if cfg.kind in KINDS else get_args(KindName)[0]
     cfg = replace(cfg, kind=kind, linear=members_for(cfg.linear, len(pairs)))
     prepared = prepare(pairs, cfg)
-    report = _report(
-        pairs,
+    report = report_of(
         prepared.described,
         torch.zeros(len(pairs)),
         torch.zeros(len(pairs), dtype=torch.bool),
         Prediction.none(0),
         cfg,
         time.perf_counter() - started_s,
+        at_random=pairs.at_random,
+        without_target=pairs.num_without_target,
     )
     seen = frozenset(sha256 for pair in pairs.episodes for sha256 in pair)
     provenance = Provenance(cfg, report, pairs.answers_sha256, seen)
@@ -173,17 +175,31 @@ def _described(pairs: AnsweredPairs | None, cfg: FitCfg) -> Unanswered | None:
     return Unanswered(prepare(pairs, cfg).described, torch.tensor(folds))
 
 
-def _report(
-    answered: AnsweredPairs,
+def report_of(
     fitted: ClipPairs,
     lead: Tensor,
     asked: Tensor,
     foreseen: Prediction,
     cfg: FitCfg,
     seconds: float,
+    *,
+    at_random: Tensor,
+    without_target: int = 0,
 ) -> FitReport:
+    """What there is to say of a fit.
+
+    Args:
+        fitted: The answers.
+        lead: [B] what the reward says of them.
+        asked: [B] bool, those foreseen by models that have seen neither segment.
+        foreseen: What these say.
+        cfg: How it was fitted.
+        seconds: How long that took.
+        at_random: [B] bool, those no reward chose for being hard.
+        without_target: Answers left out.
+    """
     right, preferences = _count_right(fitted.target, lead)
-    held_out, at_random = fitted.subset(asked), answered.at_random[asked]
+    held_out, at_random = fitted.subset(asked), at_random[asked]
     counts = counting(at_random, held_out.target, erring=takes_to_err(cfg))
     temperature = fit_temperature(foreseen.logit, held_out.target, counts)
     found = calibration(foreseen.logit / temperature, held_out.target, counts)
@@ -193,7 +209,7 @@ def _report(
     held_out_right, held_out_preferences = _count_right(held_out.target, foreseen.lead)
     return FitReport(
         answers=len(fitted),
-        answers_without_target=answered.num_without_target,
+        answers_without_target=without_target,
         ties=len(fitted) - preferences,
         train_accuracy=_share(right, preferences),
         train_log_likelihood=fitted.log_likelihood(lead, cfg).mean().item(),

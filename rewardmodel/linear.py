@@ -75,7 +75,7 @@ def fit_linear(
     pairs, scaled = prepared.standardised, prepared.clips.differences
     inputs, spread = scaled.inputs, scaled.spread
     mean = expected_weights(pairs, spread, cfg.linear)
-    factor = prior_factor(cfg.linear)
+    factor = prior_factor(cfg.linear, len(spread))
     counts = bootstrap_counts(cfg.linear.num_members, len(pairs), generator=generator)
     whitened = posterior_modes(
         inputs @ factor,
@@ -99,7 +99,8 @@ def expected_weights(pairs: ClipPairs, spread: Tensor, cfg: LinearCfg) -> Tensor
     grow without bound by its being rare. Where no clip was preferred to another,
     nothing is expected either.
     """
-    if (pairs.target == 0.5).all():
+    expects = cfg.unsteady_logit or cfg.quiet_logit or cfg.hurry
+    if not expects or (pairs.target == 0.5).all():
         return torch.zeros_like(spread)
     disliked = cfg.unsteady_logit * named(UNSTEADY) + cfg.quiet_logit * named(QUIET)
     disliked = disliked + cfg.hurry / cfg.prior_precision**0.5 * named(HURRIED)
@@ -107,9 +108,9 @@ def expected_weights(pairs: ClipPairs, spread: Tensor, cfg: LinearCfg) -> Tensor
     return -disliked * seen
 
 
-def prior_factor(cfg: LinearCfg) -> Tensor:
+def prior_factor(cfg: LinearCfg, count: int) -> Tensor:
     """Lower triangular L [D, D], in float64: L L' is the prior covariance of the
-    weights of scaled differences, in units of 1 / `prior_precision`.
+    weights of D scaled differences, `count`, in units of 1 / `prior_precision`.
 
     A robot is told something for a purpose, all of it for the same one; how it moves
     its feet and joints follows from that, and what tumbles moves them too. So much is
@@ -117,7 +118,7 @@ def prior_factor(cfg: LinearCfg) -> Tensor:
     alone decide.
     """
     if not cfg.told_most:
-        return torch.eye(len(DESCRIPTOR_NAMES), dtype=torch.float64)
+        return torch.eye(count, dtype=torch.float64)
     strength = torch.ones(len(DESCRIPTOR_NAMES), dtype=torch.float64)
     for names, times in _STRENGTHS:
         strength[named(names)] = times

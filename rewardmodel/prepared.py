@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 from torch import Tensor
 
@@ -76,7 +77,7 @@ class Prepared:
     clips: PreparedClips
 
     @classmethod
-    def of(cls, described: DescribedPairs, pool: Pool | None = None) -> Prepared:
+    def of(cls, described: DescribedPairs, pool: Pool | None = None) -> Self:
         """Nothing is made yet."""
         return cls(described, PreparedClips(described, pool))
 
@@ -95,7 +96,7 @@ class Prepared:
         """The pairs marked in `chosen` [B] (bool), standardised by their own steps."""
         if chosen.all():
             return self
-        return Prepared.of(self.described.subset(chosen), self.clips.pool)
+        return self.of(self.described.subset(chosen), self.clips.pool)
 
     @property
     def standardised(self) -> StandardisedPairs:

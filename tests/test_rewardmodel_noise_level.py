@@ -172,7 +172,7 @@ def test_the_evidence_is_the_integral_over_the_weight() -> None:
 
 
 def test_opinions_about_what_robots_are_told_are_strong_and_of_one_piece() -> None:
-    factor = prior_factor(LinearCfg(told_most=True))
+    factor = prior_factor(LinearCfg(told_most=True), len(DESCRIPTOR_NAMES))
     covariance = factor @ factor.mT
     deviations = covariance.diagonal().sqrt()
     correlation = covariance / torch.outer(deviations, deviations)
@@ -186,7 +186,9 @@ def test_opinions_about_what_robots_are_told_are_strong_and_of_one_piece() -> No
     together = torch.outer(told, told) & ~torch.eye(len(told), dtype=torch.bool)
     assert apart[together].tolist() == pytest.approx([0.8] * together.sum())
     assert apart[~together].abs().max() < 1e-9
-    assert torch.equal(prior_factor(LinearCfg()), torch.eye(len(told)).double())
+    assert torch.equal(
+        prior_factor(LinearCfg(), len(told)), torch.eye(len(told)).double()
+    )
 
 
 def test_less_is_believed_of_feet_only_where_answers_err() -> None:

@@ -16,6 +16,8 @@ SURE = 0.95
 """Probability from which on one policy is said to be better than another."""
 LEAST_LAST = 4
 """Answers that can make it so probable, where they all agree."""
+_BEFORE = 2
+"""Answers about the last policy and the one before, at least."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +104,8 @@ class Compared:
     def last_labels(self, context: RoundContext) -> int:
         """Answers to keep for the last policy, if there are so many."""
         most = self.last_most_noisy if context.noisy else self.last_most
-        return min(most, max(LEAST_LAST, int(self.last_share * context.labels)))
+        least = LEAST_LAST + _BEFORE
+        return min(most, max(least, int(self.last_share * context.labels)))
 
     def judges(self, context: RoundContext) -> bool:
         """Whether the policy of a round before the last is judged."""
