@@ -97,7 +97,8 @@ class RewardModel(nn.Module):
     def calibrate(self, pairs: StandardisedPairs) -> RewardModel:
         """Freeze centre and scale on the steps of standardised pairs.
 
-        A model without any opinion gives reward 0 rather than magnified noise.
+        A model without any opinion gives reward 0 rather than magnified noise. Where
+        another than the members is paid, the deviation is that of a member.
         """
         if self.history_steps:
             rewards = self.payer.of_clips(
@@ -106,9 +107,20 @@ class RewardModel(nn.Module):
         else:
             rewards = self.scorer(pairs.scored_steps)
         std, mean = torch.std_mean(rewards.mean(dim=0), correction=0)
+        if self.payer is not self.scorer:
+            std = std * self._contradicted(pairs)
         self.reward_mean.copy_(mean)
         self.reward_std.copy_(std if std > _MIN_STD else torch.ones(()))
         return self
+
+    def _contradicted(self, pairs: StandardisedPairs) -> Tensor:
+        """How much less the mean of the members varies than they do, from 1 up: what
+        they disagree about is not scaled up again."""
+        scored = pairs.scored
+        own = self.scorer.of_clips(pairs.steps, scored, pairs.lift_offs_before)
+        own = own[:, scored]
+        of_all = own.mean(dim=0).std(correction=0).clamp_min(_MIN_STD)
+        return (own.std(dim=1, correction=0).mean() / of_all).clamp_min(1)
 
     def standardised(self, features: Tensor) -> Tensor:
         """What the model sees [..., D] of rows [..., F]."""

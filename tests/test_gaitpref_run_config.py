@@ -66,7 +66,7 @@ def test_what_the_first_round_asks_more_the_others_ask_less(labels: int) -> None
         ("none", 100, 75, 7, [5, 6, 7]),
         ("none", 100, 48, 7, [10, 15, 20]),
         ("none", 40, 28, 0, [4, 4, 4]),
-        ("task", 60, 36, 7, [7, 10]),
+        ("task", 60, 36, 7, [17]),
     ],
 )
 def test_answers_kept_for_the_last_policy_are_not_asked_before(

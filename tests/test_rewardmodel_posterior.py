@@ -223,6 +223,22 @@ def test_the_evidence_is_that_of_the_prior_by_brute_force() -> None:
     assert np.mean(found) == pytest.approx(exact, abs=0.3)
 
 
+def test_what_particles_disagree_about_is_paid_less() -> None:
+    """A wish that forty answers tell has nearly the deviation of a step's worth, 1; of
+    eight that say little of it, a part."""
+    deviations = []
+    for count in (8, 40):
+        pairs = asked(best_height, count, seed=3)
+        model, _ = fit_reward(pairs, POSTERIOR, seed=0, measured=False)
+        rewards = torch.cat(
+            [model.clip_rewards(clips)[0] for clips in (pairs.left, pairs.right)]
+        )
+        deviations.append(float(rewards.std()))
+    few, many = deviations
+    assert few < 0.8
+    assert 0.8 < many < 1.1
+
+
 def test_what_is_known_or_nobody_can_tell_is_not_asked() -> None:
     """Particles agree about clips 0 and 1, differ about 2 and 3, and think the same of
     4 and 5 but are random about them."""

@@ -41,7 +41,7 @@ def test_the_least_answers_that_make_it_sure_do() -> None:
 
 @pytest.mark.parametrize(
     ("labels", "noisy", "kept"),
-    [(8, False, 4), (20, False, 4), (30, False, 6), (100, False, 8), (100, True, 14)],
+    [(8, False, 6), (30, False, 6), (36, False, 7), (100, False, 8), (100, True, 14)],
 )
 def test_a_share_of_the_answers_is_kept(labels: int, noisy: bool, kept: int) -> None:
     context = RoundContext(number=3, rounds=3, labels=labels, noisy=noisy)
