@@ -121,7 +121,7 @@ class _Contest:
             beside_first = self._duel(stays, first, most=self.left, sure=SURE)
             stays = stays if _stays(beside_first) else first
         return Verdict(
-            stays=round.number if stays == new else self._round_of(stays),
+            stays=self._round_of(stays),
             rounds=round.number,
             beside_first=beside_first,
             beside_before=beside_before,
@@ -149,12 +149,12 @@ class _Contest:
                 store.add_pairs(more)
 
     def _round_of(self, policy: str) -> int:
-        """The first whose policy it is."""
-        run = self.collector.round.run
-        rounds = range(self.collector.round.number)
-        return next(
-            n for n in rounds if load_policy(Round(run, n).policy).sha256 == policy
-        )
+        """The first whose policy it is: of one that nothing was trained of, not the
+        last."""
+        last = self.collector.round
+        earlier = (Round(last.run, number) for number in range(last.number))
+        same = (r for r in earlier if load_policy(r.policy).sha256 == policy)
+        return next(same, last).number
 
 
 def _stays(duel: Duel | None) -> bool:

@@ -52,21 +52,22 @@ class Verdict:
 
     def advice(self, run: Path) -> str:
         """What to do next."""
-        policy = run / "rounds" / f"{self.rounds:02d}" / "policy" / "policy.pt"
+        first, last = (
+            run / "rounds" / f"{number:02d}" / "policy" / "policy.pt"
+            for number in (0, self.rounds)
+        )
+        shown = f"`gaitpref play --policy {last} --against {first}` shows both"
         if self.word == "better":
             return (
-                f"the policy is {policy}; `gaitpref play {policy}` shows it, and "
-                f"`gaitpref loop --base {policy}` goes on from it"
+                f"{shown}, and `gaitpref loop --run ANOTHER --base {last}` goes on from "
+                f"it"
             )
-        clips = f"look at the clips that the reward likes best in {run}/report"
         if self.word == "not known":
-            return (
-                f"compare it yourself with `gaitpref play {policy}`; a run with twice "
-                f"the --labels keeps more answers for this"
-            )
+            return f"{shown}; a run with twice the --labels keeps more answers for this"
         return (
-            f"{clips}: if they are not what you mean, a run with twice the --labels "
-            f"learns more of it, and another --base may show clips nearer to it"
+            f"look at the clips that the reward likes best in {run}/report: if they are "
+            f"not what you mean, a run with twice the --labels learns more of it, and "
+            f"another --base may show clips nearer to it"
         )
 
     def as_json(self) -> dict[str, Any]:
@@ -100,7 +101,7 @@ class Verdict:
         low, high = duel.interval
         return (
             f"{duel.for_new} of {duel.for_new + duel.for_old} answers prefer its clips "
-            f"({low:.0%} to {high:.0%} would)"
+            f"(of more, {low:.0%} to {high:.0%} would)"
         )
 
     @property
