@@ -110,6 +110,7 @@ def _row(
     start, true = references["start"]["return_mean"], references["true"]["return_mean"]
     report = json.loads((run / f"rounds/{cfg.rounds - 1:02d}/report.json").read_text())
     fit = report["fit"]
+    ended = json.loads((run / f"rounds/{cfg.rounds:02d}/report.json").read_text())
     return {
         **asdict(cell),
         "criterion": cfg.criterion,
@@ -125,6 +126,7 @@ def _row(
         "at_random_accuracy": fit["at_random_accuracy"],
         "ece": fit["held_out_ece"],
         "answers_used": fit["answers"],
+        "verdict": ended.get("verdict", {}).get("word"),
         **on_fresh_pairs(run, cfg, _criterion(cfg, last)),
         "steps": steps_of(cfg),
     }

@@ -54,10 +54,26 @@ def together(rows: Sequence[Row]) -> list[Row]:
             "ece": _median_of_known(group, "ece"),
             "fresh_accuracy": _median_of_known(group, "fresh_accuracy"),
             "fresh_ece": _median_of_known(group, "fresh_ece"),
+            "verdicts": _verdicts(group),
             "minutes": _median_of_known(group, "minutes"),
         }
         for key, group in groups.items()
     ]  # fmt: skip
+
+
+def _verdicts(rows: Sequence[Row]) -> str:
+    """How often a run said it ended better, of the runs that did, and how often of the
+    others."""
+    said = [row for row in rows if row.get("verdict")]
+    if not said:
+        return "-"
+    told = []
+    for name, ended in (("better", True), ("worse", False)):
+        own = [row for row in said if (row["return"] > row["start_return"]) == ended]
+        if own:
+            better = sum(row["verdict"] == "better" for row in own)
+            told.append(f"{better} of {len(own)} {name}")
+    return ", ".join(told)
 
 
 def _median_of_known(rows: Sequence[Row], name: str) -> float | None:
@@ -70,8 +86,8 @@ def markdown(rows: Sequence[Row]) -> str:
     lines = [
         "| task | answers | rater | method | seeds | fraction: median (min to max) "
         "| tracking error added | held out: accuracy, of pairs at random, ECE "
-        "| fresh pairs: accuracy, ECE | minutes |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+        "| fresh pairs: accuracy, ECE | called better | minutes |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
         spread = f"{row['fraction_min']:.2f} to {row['fraction_max']:.2f}"
@@ -86,6 +102,7 @@ def markdown(rows: Sequence[Row]) -> str:
             f"{_shown(row['accuracy'], 2)}, {_shown(row['at_random_accuracy'], 2)}, "
             f"{_shown(row['ece'], 3)}",
             f"{_shown(row['fresh_accuracy'], 2)}, {_shown(row['fresh_ece'], 3)}",
+            row["verdicts"],
             _shown(row["minutes"], 1),
         )
         lines.append(f"| {' | '.join(map(str, cells))} |")

@@ -59,15 +59,15 @@ class Verdict:
         shown = f"`gaitpref play --policy {last} --against {first}` shows both"
         if self.word == "better":
             return (
-                f"{shown}, and `gaitpref loop --run ANOTHER --base {last}` goes on from "
-                f"it"
+                f"{shown}, and `gaitpref loop --run ANOTHER --base {last}` goes on "
+                f"from it"
             )
         if self.word == "not known":
             return f"{shown}; a run with twice the --labels keeps more answers for this"
         return (
-            f"look at the clips that the reward likes best in {run}/report: if they are "
-            f"not what you mean, a run with twice the --labels learns more of it, and "
-            f"another --base may show clips nearer to it"
+            f"look at the clips that the reward likes best in {run}/report: if they "
+            f"are not what you mean, a run with twice the --labels learns more of it, "
+            f"and another --base may show clips nearer to it"
         )
 
     def as_json(self) -> dict[str, Any]:

@@ -148,7 +148,8 @@ def test_a_table_of_several_seeds(tmp_path: Path) -> None:
             "task": "walk", "answers": answers, "rater": "perfect", "method": "default",
             "seed": seed, "fraction": fraction, "tracking_error_m_s": 0.1,
             "start_tracking_error_m_s": 0.3, "accuracy": 0.8 + 0.1 * seed, "ece": None,
-            "minutes": 5.0 if seed else None,
+            "minutes": 5.0 if seed else None, "return": fraction, "start_return": 0.4,
+            "verdict": "better" if seed else "not known",
         }
         for answers, fractions in ((40, (0.2, 0.9, 0.5)), (100, (0.9,)))
         for seed, fraction in enumerate(fractions)
@@ -157,6 +158,8 @@ def test_a_table_of_several_seeds(tmp_path: Path) -> None:
     assert (few["fraction_median"], few["fraction_min"], few["seeds"]) == (0.5, 0.2, 3)
     assert (few["accuracy"], few["ece"], few["minutes"]) == (0.9, None, 5.0)
     assert many["answers"] == 100
+    # Nobody called worse the one that is, and it was not called better.
+    assert few["verdicts"] == "2 of 2 better, 0 of 1 worse"
     (tmp_path / "benchmarks.md").write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n")
     publish_rows(rows, tmp_path, None)
     page = (tmp_path / "benchmarks.md").read_text()
