@@ -25,7 +25,7 @@ ANSWERS_BYTES = 512 * 2**20
 """The answers in an archive; each takes 0.5 kB, its pair as much."""
 POLICY_BYTES = 512 * 2**20
 """A policy file, or what training goes on from."""
-TABLE_BYTES = 2 * 2**30
+TABLE_BYTES = 512 * 2**20
 """A table of segments, or of answers about them."""
 REWARD_BYTES = 512 * 2**20
 """The tensors of a reward model."""

@@ -12,11 +12,13 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import zlib
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from io import BytesIO, StringIO
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -25,6 +27,21 @@ from data.files import read_file
 from data.limits import TABLE_BYTES
 
 _SAID = {"left": 1.0, "right": 0.0, "equal": 0.5}
+_SEGMENT, _STEP = "segment", "step"
+_SPARSEST = 20
+"""Times as many steps as there are that may be kept for segments of unequal length."""
+_FEW_STEPS = 1_000_000
+_DAMAGE = (
+    ValueError,
+    KeyError,
+    TypeError,
+    EOFError,
+    MemoryError,
+    BadZipFile,
+    zlib.error,
+    csv.Error,
+)
+"""What reading a damaged file raises."""
 
 
 class TableError(GaitprefError):
@@ -101,10 +118,8 @@ def read_segments(path: Path) -> Segments:
         )
     try:
         return readers[path.suffix](read_file(path, TABLE_BYTES))
-    except (ValueError, KeyError, TypeError, OSError, EOFError) as error:
-        if isinstance(error, OSError) and error.filename is not None:
-            raise
-        told = error.args[0] if isinstance(error, KeyError) else error
+    except _DAMAGE as error:
+        told = f"there is no {error}" if isinstance(error, KeyError) else error
         raise TableError(
             f"{path} holds no segments ({told}); docs/datasets.md says what it holds"
         ) from error
@@ -117,26 +132,17 @@ def read_answers(path: Path, segments: Segments) -> list[TableAnswer]:
         TableError: a line is none; the message names it.
     """
     place = {name: index for index, name in enumerate(segments.ids)}
-    lines = csv.DictReader(StringIO(read_file(path, TABLE_BYTES).decode()))
+    number = 1
     found = []
-    for number, line in enumerate(lines, 2):
-        try:
-            left, right = place[line["left"]], place[line["right"]]
-            if left == right:
-                raise ValueError("left and right are one segment")
-            target = _target(line["answer"])
-        except KeyError as error:
-            missing = error.args[0]
-            told = (
-                f"there is no column {missing!r}"
-                if missing in ("left", "right", "answer")
-                else f"there is no segment {missing!r}"
-            )
-            raise TableError(f"{path}, line {number}: {told}") from error
-        except ValueError as error:
-            raise TableError(f"{path}, line {number}: {error}") from error
-        rater = line.get("rater") or "rater"
-        found.append(TableAnswer(left=left, right=right, target=target, rater=rater))
+    try:
+        names, lines = _table(read_file(path, TABLE_BYTES))
+        for name in ("left", "right", "answer"):
+            if name not in names:
+                raise ValueError(f"there is no column {name!r}")
+        for number, line in lines:  # noqa: B007 - an error names it
+            found.append(_answer_of(dict(zip(names, line, strict=True)), place))
+    except _DAMAGE as error:
+        raise TableError(f"{path}, line {number}: {error}") from error
     if not found:
         raise TableError(
             f"{path} holds no answers; it needs the columns left, right and answer"
@@ -144,12 +150,46 @@ def read_answers(path: Path, segments: Segments) -> list[TableAnswer]:
     return found
 
 
+def _answer_of(line: dict[str, str], place: dict[str, int]) -> TableAnswer:
+    for side in (line["left"], line["right"]):
+        if side not in place:
+            raise ValueError(f"there is no segment {side!r}")
+    if line["left"] == line["right"]:
+        raise ValueError("left and right are one segment")
+    return TableAnswer(
+        left=place[line["left"]],
+        right=place[line["right"]],
+        target=_target(line["answer"]),
+        rater=line.get("rater") or "rater",
+    )
+
+
+def _table(content: bytes) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
+    """Names of the columns of a CSV table, and its lines with their numbers."""
+    lines = csv.reader(StringIO(content.decode("utf-8-sig"), newline=""))
+    names = next(lines, [])
+    if len(set(names)) != len(names):
+        raise ValueError("two columns have one name")
+
+    def each() -> Iterator[tuple[int, list[str]]]:
+        for line in lines:
+            if line and len(line) != len(names):
+                raise ValueError(
+                    f"line {lines.line_num} has {len(line)} cells, the first "
+                    f"{len(names)}"
+                )
+            if line:
+                yield lines.line_num, line
+
+    return names, each()
+
+
 def _target(text: str) -> float:
     if text in _SAID:
         return _SAID[text]
     try:
         target = float(text)
-    except (TypeError, ValueError):
+    except ValueError:
         target = math.nan
     if not 0.0 <= target <= 1.0:
         raise ValueError(
@@ -175,14 +215,19 @@ def _from_npz(content: bytes) -> Segments:
 
 
 def _from_csv(content: bytes) -> Segments:
-    lines = csv.DictReader(StringIO(content.decode()))
-    names = [name for name in lines.fieldnames or () if name not in ("segment", "step")]
-    table = list(lines)
-    try:
-        columns = {name: [float(line[name]) for line in table] for name in names}
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"a cell is no number: {error}") from None
-    return _in_order([line["segment"] for line in table], columns)
+    names, lines = _table(content)
+    where = _segment_column(names)
+    ids: list[str] = []
+    values: list[list[float]] = []
+    kept = [i for i, name in enumerate(names) if name not in (_SEGMENT, _STEP)]
+    for number, line in lines:
+        ids.append(line[where])
+        try:
+            values.append([float(line[i]) for i in kept])
+        except ValueError as error:
+            raise ValueError(f"line {number}: a cell is no number: {error}") from None
+    table = np.array(values, dtype=np.float32).reshape(len(values), len(kept))
+    return _in_order(ids, [names[i] for i in kept], table)
 
 
 def _from_parquet(content: bytes) -> Segments:
@@ -194,25 +239,41 @@ def _from_parquet(content: bytes) -> Segments:
             "constraints.txt; or give an .npz or a .csv"
         ) from None
     table: Any = parquet.read_table(BytesIO(content))
-    names = [name for name in table.column_names if name not in ("segment", "step")]
-    columns = {name: table[name].to_numpy() for name in names}
-    return _in_order(map(str, table["segment"].to_pylist()), columns)
+    _segment_column(table.column_names)
+    names = [name for name in table.column_names if name not in (_SEGMENT, _STEP)]
+    ids = table[_SEGMENT].to_pylist()
+    if None in ids:
+        raise ValueError("a row has no segment")
+    columns = [table[name].to_numpy() for name in names]
+    values = np.array(columns, dtype=np.float32).T.reshape(len(ids), len(names))
+    return _in_order(list(map(str, ids)), names, values)
 
 
-def _in_order(ids: Iterable[str], columns: Mapping[str, Sequence[float]]) -> Segments:
-    """Segments of the rows of a table, in the order in which they come."""
-    if not columns:
+def _segment_column(names: Sequence[str]) -> int:
+    if _SEGMENT not in names:
+        raise ValueError(f"there is no column {_SEGMENT!r}, but {', '.join(names)}")
+    return list(names).index(_SEGMENT)
+
+
+def _in_order(ids: Sequence[str], names: Sequence[str], values: np.ndarray) -> Segments:
+    """Segments of the rows [K, F] of a table, in the order in which they come."""
+    if not names:
         raise ValueError("there is no column besides segment and step")
+    if not ids:
+        raise ValueError("there is no row")
+    if not np.isfinite(values).all():
+        raise ValueError("a number is missing or infinite")
     places: dict[str, list[int]] = {}
     for row, name in enumerate(ids):
         places.setdefault(name, []).append(row)
-    if not places:
-        raise ValueError("there is no row")
-    values = np.array(list(columns.values()), dtype=np.float32).T
-    if not np.isfinite(values).all():
-        raise ValueError("a number is missing or infinite")
     longest = max(map(len, places.values()))
-    rows = np.full((len(places), longest, len(columns)), np.nan, dtype=np.float32)
+    if len(places) * longest > _SPARSEST * len(ids) + _FEW_STEPS:
+        raise ValueError(
+            f"the longest segment has {longest} steps, {len(ids) // len(places)} in "
+            f"the mean: cut it to the length of the others"
+        )
+    shape = (len(places), longest, len(names))
+    rows = np.full(shape, np.nan, dtype=np.float32)
     for index, own in enumerate(places.values()):
         rows[index, : len(own)] = values[own]
-    return Segments(tuple(places), tuple(columns), rows)
+    return Segments(tuple(places), tuple(names), rows)

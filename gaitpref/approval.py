@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 
 from data.dataset import Dataset
 from data.files import read_file, read_json, replace_directory, write_atomically
@@ -21,7 +23,13 @@ from .method.method import Method
 from .people import People
 from .progress import console
 from .rounds import Round, began_from
-from .side_by_side import duel_of, labels_kept, pairs_of_both, to_compare
+from .side_by_side import (
+    duel_of,
+    labels_kept,
+    pairs_of_both,
+    shown_by,
+    to_compare,
+)
 from .verdict import Verdict
 
 
@@ -29,16 +37,15 @@ def approval_stage(
     method: Method, round: Round, context: RoundContext, dataset: Dataset
 ) -> None:
     """What the round's answers say of its policy, where they were asked about it."""
-    if round.approval.exists() or method.accept is None:
+    if round.approval.exists() or round.reward.exists() or method.accept is None:
         return
     compared = to_compare(method, round, context)
     if not compared:
         return
     new, old = compared
     duel = duel_of(round, dataset, new.sha256, old.sha256)
-    if not duel.for_new + duel.for_old:
-        return
-    approved = method.accept.goes_on(duel)
+    shown = shown_by(round, dataset, new.sha256)
+    approved = shown and method.accept.goes_on(duel)
     console.print(
         f"round {round.number}: the new policy is preferred to the one before in "
         f"{duel.for_new} of {duel.for_new + duel.for_old} answers"
@@ -64,14 +71,17 @@ def verdict_stage(
     if not round.verdict.exists():
         found = Verdict(stays=round.number, rounds=round.number)
         if round.candidate.exists():
-            collector = Collector(
+            collector = partial(
+                Collector,
                 cfg=cfg,
                 round=round,
                 dataset=dataset,
                 criterion=criterion,
                 people=people,
             )
-            contest = _Contest(collector, labels_kept(cfg.method, context))
+            contest = _Contest(
+                round, dataset, cfg, collector, labels_kept(cfg.method, context)
+            )
             found = contest.verdict(accept)
         text = json.dumps(found.as_json(), indent=1)
         write_atomically(round.verdict, text.encode())
@@ -81,19 +91,23 @@ def verdict_stage(
     if stays == round.number:
         replace_directory(round.candidate, round.policy.parent)
         return
-    partial = round.root / "policy.partial"
-    shutil.rmtree(partial, ignore_errors=True)
-    partial.mkdir()
+    unfinished = round.root / "policy.partial"
+    shutil.rmtree(unfinished, ignore_errors=True)
+    unfinished.mkdir()
     kept = read_file(Round(round.run, stays).policy, POLICY_BYTES)
-    write_atomically(partial / POLICY_NAME, kept)
-    replace_directory(partial, round.policy.parent)
+    write_atomically(unfinished / POLICY_NAME, kept)
+    replace_directory(unfinished, round.policy.parent)
 
 
 @dataclass(eq=False)
 class _Contest:
     """Duels of a run's policies, as long as answers are left for them."""
 
-    collector: Collector
+    round: Round
+    dataset: Dataset
+    cfg: LoopCfg
+    collector: Callable[[], Collector]
+    """Waits for the answers of one duel, each with as much patience."""
     left: int
     """Answers."""
 
@@ -103,7 +117,7 @@ class _Contest:
         The newer one stays unless more answers prefer the other, or no clip shows it,
         as where every simulation of it diverges.
         """
-        round = self.collector.round
+        round = self.round
         new, before, first = (
             load_policy(file).sha256
             for file in (
@@ -116,10 +130,10 @@ class _Contest:
         most = self.left - LEAST_LAST
         if before not in (new, first) and most > 0:
             beside_before = self._duel(new, before, most=most, sure=accept.before_sure)
-            stays = new if _stays(beside_before) else before
+            stays = new if self._stays(new, beside_before) else before
         if stays != first:
             beside_first = self._duel(stays, first, most=self.left, sure=SURE)
-            stays = stays if _stays(beside_first) else first
+            stays = stays if self._stays(stays, beside_first) else first
         return Verdict(
             stays=self._round_of(stays),
             rounds=round.number,
@@ -127,35 +141,38 @@ class _Contest:
             beside_before=beside_before,
         )
 
-    def _duel(self, new: str, old: str, *, most: int, sure: float) -> Duel | None:
+    def _duel(self, new: str, old: str, *, most: int, sure: float) -> Duel:
         """Ask about two policies until it is `sure` which is better, `most` times at
-        most; None where no clip shows one of them."""
-        collector = self.collector
-        cfg, round, dataset = collector.cfg, collector.round, collector.dataset
-        pairs = pairs_of_both(cfg, round, dataset, new, old)[:most]
-        if not pairs:
-            return None
-        while True:
-            with dataset.answers() as store:
-                known = {pair.pair_id for pair in store.pairs(round=round.number)}
-            asked = [pair for pair in pairs if pair.pair_id in known]
-            lasted = not asked or collector.answered(len(known), last=True)
-            duel = duel_of(round, dataset, new, old)
-            more = pairs[len(asked) :][: duel.least_more(sure)]
-            if not lasted or not more:
-                self.left -= len(asked)
-                return duel
-            with dataset.answers() as store:
+        most; what was asked before counts."""
+        pairs = pairs_of_both(self.cfg, self.round, self.dataset, new, old)
+        collector, duel = self.collector(), Duel(for_new=0, for_old=0)
+        lasted = True
+        while lasted:
+            with self.dataset.answers() as store:
+                known = {pair.pair_id for pair in store.pairs()}
+                own = store.pairs(round=self.round.number)
+                asked = sum(pair in own for pair in pairs)
+                open_ones = [pair for pair in pairs if pair.pair_id not in known]
+            if asked:
+                lasted = collector.answered(len(own), last=True)
+            duel = duel_of(self.round, self.dataset, new, old)
+            more = open_ones[: min(duel.least_more(sure), most - asked)]
+            if not more:
+                self.left -= asked
+                break
+            with self.dataset.answers() as store:
                 store.add_pairs(more)
+        return duel
+
+    def _stays(self, new: str, duel: Duel) -> bool:
+        """Whether the newer of two does: it can be seen, and no more answers prefer the
+        other."""
+        seen = shown_by(self.round, self.dataset, new)
+        return seen and duel.for_new >= duel.for_old
 
     def _round_of(self, policy: str) -> int:
         """The first whose policy it is: of one that nothing was trained of, not the
         last."""
-        last = self.collector.round
-        earlier = (Round(last.run, number) for number in range(last.number))
+        earlier = (Round(self.round.run, number) for number in range(self.round.number))
         same = (r for r in earlier if load_policy(r.policy).sha256 == policy)
-        return next(same, last).number
-
-
-def _stays(duel: Duel | None) -> bool:
-    return duel is not None and duel.for_new >= duel.for_old
+        return next(same, self.round).number

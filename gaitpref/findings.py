@@ -106,7 +106,7 @@ def findings_of_run(
     newest = rounds[-1]
     trust = newest.get("trust", {})
     if "accuracy" not in trust:
-        # Nobody was asked after the last training: the answers are those before it.
+        # No reward is fitted after the last training: the answers are those before.
         earlier = [r["trust"] for r in rounds if "accuracy" in r.get("trust", {})]
         of_answers = ("accuracy", "opinion", "by_chance", "raters")
         before = earlier[-1] if earlier else {}

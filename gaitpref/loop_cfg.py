@@ -29,7 +29,7 @@ class StepsCfg:
     round: int
     """Of a retraining."""
     last: int
-    """Of the last retraining: worth more than more answers."""
+    """Of the last retraining."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -65,6 +65,6 @@ def _check(options: Loop) -> None:
         )
     if options.rater == "human" and options.erring != Erring():
         raise RunError(
-            "--beta, --gamma, --mistakes, --skip and --equal say how the simulated "
-            "rater errs: leave them out with --rater human"
+            "--beta, --gamma, --mistakes, --skip, --equal and --why say how the "
+            "simulated rater answers: leave them out with --rater human"
         )

@@ -83,4 +83,4 @@ def erring_rater(erring: Erring) -> RaterCfg:
             why_right=erring.why_right,
         )
     except ValueError as error:
-        raise GaitprefError(f"--{error}") from None
+        raise GaitprefError(f"--{error}".replace("why_right", "why-right")) from None

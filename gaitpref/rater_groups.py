@@ -5,9 +5,10 @@ Apart from the other commands about raters, as it needs torch.
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import torch
@@ -78,6 +79,13 @@ def answers_for(pairs: AnsweredPairs, whom: Sequence[str]) -> AnsweredPairs:
         assert group is not None
         chosen.update(group.raters)
     part = pairs.subset(torch.tensor([rater in chosen for rater in pairs.raters]))
+    # Whoever compares the label set sees that it is another.
+    of_whom = "\n".join((pairs.answers_sha256, *sorted(chosen)))
+    part = replace(
+        part,
+        sides=tuple(each for each in pairs.sides if each.rater_id in chosen),
+        answers_sha256=hashlib.sha256(of_whom.encode()).hexdigest(),
+    )
     if part.too_little:
         raise RewardError(
             f"--for {' '.join(whom)}: {part.num_preferences} answers prefer a clip, a "

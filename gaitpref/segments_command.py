@@ -47,9 +47,14 @@ def fit_segments(command: options.Fit) -> None:
         ("--for", command.whom),
         ("--semi-supervised", command.semi_supervised),
         ("--doubted-below", command.doubted_below),
+        ("--round", command.round),
+        ("--rounds", command.rounds),
+        ("--first-reward", command.first_reward),
+        ("--answers", command.answers),
     ):
         if given:
             raise GaitprefError(f"{name} is about data sets: leave it out")
+    _require_ours(command.out)
     segments = read_segments(command.segments)
     answers = read_answers(command.labels, segments)
     kind = cast(TableKind, command.model)
@@ -73,6 +78,21 @@ def fit_segments(command: options.Fit) -> None:
             f"{rater}: {share:.0%} of the answers are taken for random"
             + (", who hardly looks" if share >= HARDLY_LOOKS else "")
         )
+
+
+def _require_ours(directory: Path) -> None:
+    """
+    Raises:
+        GaitprefError: what would be replaced holds something else.
+    """
+    ours = {REPORT_NAME, WORTH_NAME, WEIGHTS_NAME}
+    if directory.exists():
+        for path in directory.iterdir():
+            if path.name not in ours:
+                raise GaitprefError(
+                    f"{directory} holds {path.name} and would be replaced as a whole; "
+                    f"give a directory that is new, or of an earlier fit of segments"
+                )
 
 
 def _write(reward: TableReward, segments: Segments, directory: Path) -> None:

@@ -53,13 +53,16 @@ def to_compare(
     """
     if method.accept is None:
         return ()
+    last = context.is_last and bool(labels_kept(method, context))
+    if not last and not method.accept.judges(context):
+        return ()
     before = load_policy(began_from(round)) if round.number else None
-    if context.is_last and labels_kept(method, context):
+    if last:
         waits = round.candidate / POLICY_NAME
         new = load_policy(waits if waits.exists() else round.policy)
         first = load_policy(Round(round.run, 0).policy)
         found = (new, before or new, first)
-    elif method.accept.judges(context) and not round.standstill.exists():
+    elif not round.standstill.exists():
         found = (load_policy(round.policy), before) if before else ()
     else:
         return ()
@@ -146,6 +149,7 @@ def pairs_of_both(
             reach_s=cfg.clips.stride_s / 2,
         )
         if frozenset((pair.a, pair.b)) not in taken:
+            taken.add(frozenset((pair.a, pair.b)))
             by_command.setdefault(meta.command, []).append(pair)
     turns = zip_longest(*by_command.values())
     return [pair for turn in turns for pair in turn if pair is not None]
@@ -156,15 +160,26 @@ def _nearest(clip: Clip, others: Sequence[Clip]) -> Clip | None:
 
 
 def duel_of(round: Round, dataset: Dataset, new: str, old: str) -> Duel:
-    """What the round's answers say of two policies, by their SHA-256."""
+    """What the round's answers say of two policies, by their SHA-256: for each pair
+    once, where those who answered it agree."""
     played = {e.sha256: e.meta.policy_sha256 for e in dataset.entries()}
     with dataset.answers() as store:
         answers = store.current_answers(round=round.number)
-    preferred = [
-        played.get((pair.a if answer.choice == "a" else pair.b).rollout)
-        for pair, answer in answers
-        if pair.strategy == STRATEGY
-        and answer.choice in ("a", "b")
-        and {played.get(pair.a.rollout), played.get(pair.b.rollout)} == {new, old}
-    ]
+    said: dict[str, set[str | None]] = {}
+    for pair, answer in answers:
+        both = {played.get(pair.a.rollout), played.get(pair.b.rollout)}
+        if pair.strategy != STRATEGY or both != {new, old}:
+            continue
+        if answer.choice in ("a", "b"):
+            clip = pair.a if answer.choice == "a" else pair.b
+            said.setdefault(pair.pair_id, set()).add(played[clip.rollout])
+    preferred = [next(iter(own)) for own in said.values() if len(own) == 1]
     return Duel(for_new=preferred.count(new), for_old=preferred.count(old))
+
+
+def shown_by(round: Round, dataset: Dataset, policy: str) -> bool:
+    """Whether an episode that was recorded for it shows a policy, by its SHA-256."""
+    shown = set(read_json(round.shown)) if round.shown.exists() else set[str]()
+    return any(
+        e.sha256 in shown and e.meta.policy_sha256 == policy for e in dataset.entries()
+    )

@@ -96,7 +96,9 @@ class Verdict:
     @property
     def _answers(self) -> str:
         duel = self.beside_first
-        if duel is None or not duel.for_new + duel.for_old:
+        if duel is None:
+            return "nobody was asked"
+        if not duel.for_new + duel.for_old:
             return "no answer prefers a clip of either"
         low, high = duel.interval
         return (
@@ -108,6 +110,8 @@ class Verdict:
     def _dropped(self) -> str:
         if self.stays in (0, self.rounds):
             return ""
+        if self.beside_before is None:
+            return f"; nothing was trained after round {self.stays}"
         return (
             f"; it is the policy of round {self.stays}, as the answers preferred that "
             f"to the last"

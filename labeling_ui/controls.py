@@ -134,8 +134,7 @@ class Controls:
         self._why_said.content = boxed(f"Because of <b>{why}</b>: now answer.")
 
     def clear_remarks(self) -> None:
-        """Start the next pair without reason, note and confidence."""
-        self.say_why(None)
+        """Start the next pair without note and confidence."""
         self.note.value = ""
         self.confidence.value = next(iter(CONFIDENCES))
 

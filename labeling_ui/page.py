@@ -223,7 +223,7 @@ class Page:
 
     def _say_why(self, why: Aspect) -> None:
         """What of the gait decides the answer; the same again takes it back."""
-        if self._modal is None:
+        if self._modal is None and self._showing and self._showing.question:
             self._why = None if why == self._why else why
             self._controls.say_why(self._why)
 
@@ -335,8 +335,11 @@ class Page:
             self._controls.fill(self._desk.rater_id, showing)
             if first or before != showing.question_id:
                 self._show_pair(showing)
+                corrects = showing.question and showing.question.corrects
+                self._why = (corrects.why or None) if corrects else None
+                self._controls.say_why(self._why)
             if showing.accepted is not None and showing.accepted.role != "undo":
-                self._note, self._why = "", None
+                self._note = ""
                 self._controls.clear_remarks()
         self.client.flush()
         if first and showing.progress.answered == 0:

@@ -6,6 +6,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from data.answer_records import utc_text
 from data.answers import Answer, AnswerStore, Pair
 from data.dataset import Dataset
 from data.gone import listed_in
@@ -108,8 +109,10 @@ def evidence_of(answered: Iterable[tuple[Pair, Answer]]) -> list[Used]:
         if target is not None and pair.gold is None:
             pairs[pair.pair_id] = pair
             targets[pair.pair_id, answer.rater_id].append(target)
-            whys[pair.pair_id, answer.rater_id].add(answer.why)
-            times[pair.pair_id, answer.rater_id] = answer.created_utc
+            whys[pair.pair_id, answer.rater_id] |= {answer.why} - {""}
+            given = utc_text(answer.created_utc)
+            last = times.get((pair.pair_id, answer.rater_id), given)
+            times[pair.pair_id, answer.rater_id] = max(last, given)
     evidence = (
         Used(
             pairs[asked[0]],

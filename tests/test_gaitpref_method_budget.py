@@ -58,9 +58,10 @@ def test_all_answers_are_asked_for_and_none_twice(
 
 
 def test_what_is_kept_is_what_the_others_can_spare() -> None:
-    """The first needs eight answers, those between it and the last so many each."""
+    """The first needs eight answers, those between it and the last so many each; fewer
+    than four at the end decide nothing."""
     budget = FrontLoaded(first_share=0.4, least=2)
-    for labels, kept in ((12, 0), (13, 1), (16, 4), (20, 7), (60, 7)):
+    for labels, kept in ((12, 0), (15, 0), (16, 4), (18, 6), (20, 7), (60, 7)):
         last = RoundContext(number=3, rounds=3, labels=labels)
         assert budget.most_kept(last, 7) == kept, labels
     asked = RoundContext(number=3, rounds=3, labels=60, first_asked=52)

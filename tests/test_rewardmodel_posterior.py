@@ -179,6 +179,15 @@ def test_what_answers_are_said_to_be_about_is_believed(why: str) -> None:
     assert habits_of(scorer)["height"] > 0.9
 
 
+def test_reasons_do_not_make_answers_look_random() -> None:
+    """Though some are wrong, and none is needed."""
+    pairs = asked(apart, 40, seed=3, flipped=0.1)
+    whys = tuple("rhythm" if row % 5 < 3 else "effort" for row in range(40))
+    for given in ((), whys):
+        prepared = prepare(replace(pairs, whys=given), POSTERIOR)
+        assert probably_chance(prepared, POSTERIOR, seed=0) < MOST_BY_CHANCE
+
+
 def test_reasons_are_part_of_what_is_weighed_by_brute_force() -> None:
     """The posterior of answers with reasons, beside the prior, weighted."""
     pairs = asked(best_height, 6, seed=3)

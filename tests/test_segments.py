@@ -149,7 +149,7 @@ def test_answers_that_are_none_are_refused(folder: Path, line: str, told: str) -
     with pytest.raises(TableError, match=told):
         read_answers(path, read_segments(folder / "s.npz"))
     path.write_text("left,right\ns1,s2\n")
-    with pytest.raises(TableError, match="line 2: there is no column 'answer'"):
+    with pytest.raises(TableError, match="line 1: there is no column 'answer'"):
         read_answers(path, read_segments(folder / "s.npz"))
 
 
@@ -159,7 +159,10 @@ def test_answers_that_are_none_are_refused(folder: Path, line: str, told: str) -
         ("a.txt", "", "segments come as .npz, .csv, .parquet, not '.txt'"),
         ("a.csv", "segment,x\ns1,fast\n", "a cell is no number"),
         ("a.csv", "segment,x\ns1,nan\n", "missing or infinite"),
-        ("a.csv", "x\n1\n", r"\(segment\)"),
+        ("a.csv", "x\n1\n", "no column 'segment', but x"),
+        ("a.csv", "segment,x,x\ns1,1,2\n", "two columns have one name"),
+        ("a.csv", "segment,x\ns1,1,2\n", "line 2 has 3 cells, the first 2"),
+        ("a.csv", f"segment,x\n{'s' * 200_000},1\n", "field larger than"),
         ("a.csv", "segment,x\n", "there is no row"),
         ("a.npz", "not a zip", "holds no segments"),
         ("a.parquet", "not a table", "holds no segments"),
@@ -171,6 +174,43 @@ def test_tables_that_hold_none_are_refused(
     path = tmp_path / name
     path.write_text(content)
     with pytest.raises(TableError, match=told):
+        read_segments(path)
+
+
+@pytest.mark.parametrize("damage", ["cut", "flipped"])
+def test_a_damaged_archive_is_one_line(folder: Path, damage: str) -> None:
+    path, content = folder / "s.npz", bytearray((folder / "s.npz").read_bytes())
+    if damage == "cut":
+        content = content[: len(content) // 2]
+    else:
+        content[200:400] = bytes(200)
+    path.write_bytes(content)
+    with pytest.raises(TableError, match="holds no segments"):
+        read_segments(path)
+
+
+def test_what_a_spreadsheet_saves_is_read(folder: Path) -> None:
+    """A byte-order mark, other line ends and empty lines."""
+    text = (folder / "answers.csv").read_text().replace("\n", "\r\n")
+    lines = text.splitlines(keepends=True)
+    text = "".join([*lines[:5], "\r\n", *lines[5:]])
+    path = folder / "saved.csv"
+    path.write_bytes(text.encode("utf-8-sig"))
+    segments = read_segments(folder / "s.npz")
+    assert read_answers(path, segments) == read_answers(
+        folder / "answers.csv", segments
+    )
+    path.write_bytes(b"left,right,answer\n\xff,s1,left\n")
+    with pytest.raises(TableError, match="line 1: 'utf-8' codec"):
+        read_answers(path, segments)
+
+
+def test_one_segment_that_is_much_longer_is_refused(tmp_path: Path) -> None:
+    """It would be kept as long as that for every other."""
+    lines = ["long,0"] * 60_000 + [f"s{n},0" for n in range(2000)]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(["segment,x", *lines]))
+    with pytest.raises(TableError, match="longest segment has 60000 steps, 30 in"):
         read_segments(path)
 
 

@@ -71,7 +71,9 @@ SURELY, HARDLY, LOST = (Duel(for_new=n, for_old=4 - n) for n in (4, 3, 0))
     [
         (3, SURELY, SURELY, "better", "4 of 4 answers prefer its clips"),
         (3, HARDLY, SURELY, "not known", "3 of 4"),
-        (3, None, None, "not known", "no answer prefers"),
+        (3, None, None, "not known", "nobody was asked"),
+        (3, Duel(for_new=0, for_old=0), None, "not known", "no answer prefers"),
+        (1, SURELY, None, "better", "nothing was trained after round 1"),
         (0, LOST, None, "not better", "which stays: 0 of 4"),
         (0, None, None, "not better", "no other policy was kept"),
         (2, SURELY, LOST, "better", "the policy of round 2"),

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 from rewardmodel.pairs import MIN_ANSWERS
 
+from .acceptance import LEAST_LAST
 from .context import RoundContext
 
 
@@ -63,10 +64,11 @@ class FrontLoaded:
 
     def most_kept(self, context: RoundContext, wanted: int) -> int:
         """Answers, `wanted` or fewer, that can be kept for judging the last policy:
-        every round before it needs some."""
+        every round before it needs some; none where they could not decide."""
         first = max(context.first_asked, MIN_ANSWERS)
         others = self.least * (context.rounds - 1)
-        return max(0, min(wanted, context.labels - first - others))
+        kept = min(wanted, context.labels - first - others)
+        return kept if kept >= LEAST_LAST else 0
 
     def _first(self, context: RoundContext, kept: int) -> int:
         """Answers of the first round, which may have asked for more by now."""

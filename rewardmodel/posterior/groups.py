@@ -12,7 +12,7 @@ Shapes: B answers.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import combinations
@@ -21,6 +21,7 @@ import torch
 from torch import Tensor
 
 from rewardmodel.cfg import FitCfg
+from rewardmodel.errors import RewardError
 from rewardmodel.likelihood import guesses_of
 from rewardmodel.pairs import AnsweredPairs
 from rewardmodel.training import describe_pairs
@@ -38,6 +39,8 @@ _ENOUGH = 40
 _LEAST_TO_CHANGE = 12
 """Answers before and after a change of taste that can tell of it."""
 _PARTICLES = 1000
+_MOST_RATERS = 12
+"""Who can be compared within minutes: every two are."""
 _NAMED = 0.3
 """Share of the particles from which on a habit is named."""
 
@@ -91,7 +94,6 @@ def group_raters(
     cfg: FitCfg,
     *,
     seed: int,
-    on_step: Callable[[], None] = lambda: None,
 ) -> Grouping:
     """Groups of those who answered `pairs`, and who of them has changed.
 
@@ -99,10 +101,17 @@ def group_raters(
         pairs: Answers, with their times where changes are looked for.
         cfg: What is expected of wishes and raters.
         seed: Every draw.
-        on_step: Called after every posterior.
+
+    Raises:
+        RewardError: there are too many raters.
     """
     names = sorted(set(pairs.raters))
-    told = _Told(pairs, cfg, seed, on_step)
+    if len(names) > _MOST_RATERS:
+        raise RewardError(
+            f"{len(names)} raters are too many to compare each with each; split the "
+            f"data set, or merge fewer, up to {_MOST_RATERS}"
+        )
+    told = _Told(pairs, cfg, seed)
 
     @cache
     def evidence(of: frozenset[str]) -> float:
@@ -135,12 +144,11 @@ class _Told:
         pairs: AnsweredPairs,
         cfg: FitCfg,
         seed: int,
-        on_step: Callable[[], None],
     ) -> None:
         self.raters, self._cfg, self._seed = pairs.raters, cfg, seed
-        self._on_step = on_step
         times = pairs.times or ("",) * len(pairs)
-        self._order = sorted(range(len(pairs)), key=lambda row: (times[row], row))
+        order = sorted(range(len(pairs)), key=lambda row: (times[row], row))
+        self._place = {row: place for place, row in enumerate(order)}
         self.timed = bool(pairs.times)
         pool = Pool.of(pairs, told=cfg.posterior.told)
         described = describe_pairs(pairs, cfg, "legs")
@@ -157,9 +165,9 @@ class _Told:
         """Answers of some raters in the order they came, `_ENOUGH` of each, or all."""
         found = []
         for name in sorted(of):
-            own = [row for row in self._order if self.raters[row] == name]
+            own = [row for row in self._place if self.raters[row] == name]
             found += own if every else own[:: -(-len(own) // _ENOUGH)]
-        return sorted(found, key=self._order.index)
+        return sorted(found, key=self._place.__getitem__)
 
     def posterior(self, rows: Sequence[int]) -> Posterior:
         """What these answers leave of the wishes."""
@@ -170,7 +178,6 @@ class _Told:
         generator = torch.Generator().manual_seed(self._seed)
         careless = self._cfg.reliability.careless
         found = sampled(self._opinions, careless, part, _PARTICLES, generator)
-        self._on_step()
         return found
 
 
@@ -178,7 +185,7 @@ def _described(told: _Told, group: frozenset[str]) -> Group:
     rows = told.rows(group)
     return Group(
         raters=tuple(sorted(group)),
-        answers=len(told.rows(group, every=True)),
+        answers=sum(rater in group for rater in told.raters),
         wanted=_wanted(told.posterior(rows)),
     )
 

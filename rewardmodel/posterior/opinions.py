@@ -126,6 +126,9 @@ class Opinions:
         unit = deviation.clamp_min(LEAST_DEVIATION)
         within = within / unit[:, None]
         probable = _asked(told) * (deviation >= LEAST_DEVIATION)
+        if not probable.any():
+            # Clips that differ in nothing tell of nothing: any opinion does as well.
+            probable = _asked(told)
         return cls(
             unit=unit,
             covariance=within @ within.mT / worth.shape[1],

@@ -9,6 +9,7 @@ Shapes: N particles, J opinions of each, A opinions there are, B answers, R rate
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import torch
@@ -79,10 +80,12 @@ class Answers:
 
     @property
     def by_chance(self) -> float:
-        """Logarithm of how probable the answers are if all are random."""
+        """Logarithm of how probable the answers are if all are random, and what they
+        are said to be about is any aspect."""
         weights = answer_weights(self.target, tie_threshold=self.tie_threshold)
         offered = weights > 0
-        return float((weights * self.errors.guess.log())[offered].sum())
+        said = int(self._said.sum()) * math.log(1 / len(ASPECTS))
+        return float((weights * self.errors.guess.log())[offered].sum()) + said
 
     def log_likelihood(self, leads: Tensor, error_share: Tensor) -> Tensor:
         """[N] of all answers, from what opinions say of the lead [N, B] and shares of
