@@ -43,7 +43,7 @@ def resolve(options: Loop) -> LoopCfg:
 
 
 def _scratch_steps(quick: bool) -> StepsCfg:
-    # A long one overdoes what a reward got wrong, and nobody is asked any more.
+    # A long one overdoes what a reward got wrong, and nothing is learned then.
     return StepsCfg(base=0, round=600_000, last=800_000 if quick else 1_500_000)
 
 

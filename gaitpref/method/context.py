@@ -13,7 +13,7 @@ class RoundContext:
     """Counted from 0; round 0 asks about the first policy, and nothing is trained on a
     learned reward before round 1."""
     rounds: int
-    """Number of the last round, which trains once more, and asks only whether that worked."""
+    """Number of the last, which trains once more and asks only whether that worked."""
     labels: int
     """Answers in all rounds together."""
     noisy: bool | None = None

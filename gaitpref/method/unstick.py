@@ -23,7 +23,7 @@ class Optimism:
     def looks(self, context: RoundContext) -> bool:
         """Whether the policy a round begins from is looked at.
 
-        Not in the last round, after which nobody is asked; and the first time only
+        Not in the last round, after which nothing is learned; and the first time only
         where answers err: others tell what to do instead.
         """
         if context.is_first or context.is_last:
