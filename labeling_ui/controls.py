@@ -118,8 +118,10 @@ class Controls:
         self._bar.value = 100.0 * progress.answered / done if done else 0.0
         question = showing.question
         asked = question is not None
-        for button in (*self._answers, self._why, self._bad):
+        for button in (*self._answers, self._bad):
             button.disabled = not asked
+        # viser cannot disable a group.
+        self._why.visible = asked
         self._undo.disabled = progress.answered == 0
         self._keep.visible = question is not None and question.corrects is not None
         self._fill_history(showing.history)
