@@ -173,7 +173,7 @@ def test_a_policy_that_no_clip_shows_does_not_stay(
     before_approval: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As where every simulation of it diverges."""
-    monkeypatch.setattr("gaitpref.approval.pairs_of_both", lambda *_, **__: [])
+    monkeypatch.setattr("gaitpref.approval.shown_by", lambda *_: False)
     run = tmp_path / "run"
     shutil.copytree(before_approval, run)
     run_configured(run, erring_cfg())

@@ -161,7 +161,7 @@ def test_where_answers_prefer_too_little_the_next_reward_decides(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A reward of 0 was fitted to nothing, and says nothing of who answered."""
-    run, cfg = tmp_path / "run", replace(small_cfg(), labels=48)
+    run, cfg = tmp_path / "run", replace(small_cfg(), labels=64)
     equal = replace(cfg, simulated=RaterCfg(equal=1e9))
     stopped("questions_stage", 1, run, equal)
     first, second, third = (Round(run, number) for number in range(3))

@@ -231,7 +231,7 @@ def other_than(value: object) -> object:
             r"method\.exploration\.calm_from 0\.85 -> 0\.75",
         ),
         ((), {"exploration": Descending()}, {}, "exploration PutBack -> Descending"),
-        ((), {"budget": FrontLoaded(first_share=0.5)}, {}, "first_share 0.6 -> 0.5"),
+        ((), {"budget": FrontLoaded(first_share=0.5)}, {}, "first_share 0.65 -> 0.5"),
         ((), {"start": None}, {}, "method.start BestLiked -> None"),
         ((), {"unstick": Optimism()}, {}, r"unstick None -> {'deviations': 2\.0"),
         ((), {"weight": 2.0}, {}, "method.weight 3.0 -> 2.0"),

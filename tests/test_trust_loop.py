@@ -76,8 +76,8 @@ def test_answers_that_do_not_agree_train_nothing(
     assert (second.info, second.std.tolist()) == (first.info, first.std.tolist())
     with Dataset.open(run / "dataset").answers() as store:
         # Nothing new was trained, so there is nothing to judge at the end.
-        assert cfg.method.accept
-        assert store.count() == 200 - cfg.method.accept.noisy_labels
+        assert store.count() < 200
+        assert store.pairs(round=2) == []
     report = json.loads((run / "rounds/00/report.json").read_text())
     assert "do not agree" in report["trust"]["alarm"]
     assert not report["trust"]["deserves_training"]
