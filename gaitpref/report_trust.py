@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import re
 from pathlib import Path
 from typing import Any
 
@@ -80,9 +81,11 @@ def verdict_section(run: Path, rounds: list[dict[str, Any]]) -> str:
     if not (found := rounds[-1].get("verdict")):
         return ""
     verdict = Verdict.from_json(found)
+    advice = html.escape(verdict.advice(run))
+    advice = re.sub("`([^`]*)`", r"<code>\1</code>", advice)
     return (
-        f"<p><strong>The run: {html.escape(verdict.sentence)}.</strong> Next: "
-        f"{html.escape(verdict.advice(run))}.</p>"
+        f"<p><strong>The run: {html.escape(verdict.sentence)}.</strong> "
+        f"Next: {advice}.</p>"
     )
 
 
