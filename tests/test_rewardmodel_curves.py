@@ -130,7 +130,13 @@ def test_what_is_paid_is_what_is_measured() -> None:
     assert (worth * model.reward_std).allclose(lead, atol=1e-3)
     assert float(spread.mean()) > 0.01
     both = torch.cat([reward, model.clip_rewards(pairs.right)[0]])
-    assert float(both.std()) == pytest.approx(1.0, abs=0.02)
+    # In deviations of a member: what members disagree about is not scaled up again.
+    sides = (pairs.left, pairs.right)
+    rows = torch.cat([side.features for side in sides]).transpose(0, 1)
+    of_members = model.members(rows, torch.zeros(rows.shape[:2])).flatten(1)
+    agreed = of_members.mean(dim=0).std() / of_members.std(dim=1).mean()
+    assert float(both.std()) == pytest.approx(float(agreed), abs=0.02)
+    assert agreed < 0.97
 
 
 def test_random_answers_are_not_foreseen() -> None:
