@@ -25,7 +25,7 @@ from gaitpref.standstill import seen_standing, standstill_before
 from policy.checkpoint import load_policy
 from policy.features import OBS_DIM
 from policy.robot import load_robot
-from policy.train import TrainCfg, train
+from policy.train import POLICY_NAME, TrainCfg, train
 from rewardmodel.extensions.mlp import MlpScorer
 from rewardmodel.extensions.settings import MlpCfg
 from rewardmodel.linear import LinearScorer
@@ -280,8 +280,10 @@ def test_a_policy_to_be_seen_is_not_kept_where_answers_do_not_agree(
     dataset = Dataset.create(tmp_path / "set")
     policy_stage(cfg, last, context(cfg, 2), robot, dataset, People())
     obs = torch.randn(5, OBS_DIM, generator=torch.Generator().manual_seed(0))
-    assert bool((load_policy(last.policy)(obs) == 0.0).all()) == shown
-    same = last.policy.read_bytes() == before.policy.read_bytes()
+    # It waits for those who judge the last policy.
+    found = last.candidate / POLICY_NAME
+    assert bool((load_policy(found)(obs) == 0.0).all()) == shown
+    same = found.read_bytes() == before.policy.read_bytes()
     assert same == (not shown)
 
 
