@@ -30,6 +30,7 @@ from .likelihood import Errors
 from .model import leads_of_pairs
 from .noise_level import errors_alike, noise_level, settled
 from .normaliser import Normaliser
+from .pairs import MIN_ANSWERS
 from .prediction import Prediction
 from .prepared import Prepared
 from .report import FitReport
@@ -42,7 +43,6 @@ TABLE_KINDS: tuple[TableKind, ...] = get_args(TableKind)
 TABLE_FIT = FitCfg(linear=LinearCfg(unsteady_logit=0.0), fall_logit=0.0)
 """How segments are fitted."""
 _SHARES = (0.02, 0.1, 0.2, 0.3, 0.5, 0.7, 0.95)
-_LEAST_ANSWERS = 8
 
 
 class PreparedTable(Prepared):
@@ -103,10 +103,10 @@ def fit_table(
     """
     started_s = time.perf_counter()
     preferences = sum(answer.target != 0.5 for answer in answers)
-    if preferences < _LEAST_ANSWERS:
+    if preferences < MIN_ANSWERS:
         raise RewardError(
             f"{preferences} of {len(answers)} answers prefer a segment; a fit needs at "
-            f"least {_LEAST_ANSWERS}"
+            f"least {MIN_ANSWERS}"
         )
     cfg = replace(cfg, kind=kind)
     prepared = PreparedTable.of(_pairs(segments, answers, cfg))
