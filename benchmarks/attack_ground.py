@@ -25,6 +25,8 @@ OPEN_FILES = 256
 MORE_MB = 150.0
 """How much the server may grow by over all attacks."""
 MORE_LOG_BYTES = 200_000
+MOST_TOLD = 2000
+"""Characters of a traceback that a result shows."""
 _RATERS = 16
 _NEVER_S = 9_999_999_999
 
@@ -164,10 +166,11 @@ class Ground:
         if self._honest.marked:
             self._honest.marked = False
             return "it reached the honest rater's page"
-        seen = self._log.read_text(errors="replace").count("Traceback")
-        if seen > self._tracebacks:
-            self._tracebacks = seen
-            return "a traceback in the log"
+        _, *found = self._log.read_text(errors="replace").split("Traceback")
+        if len(found) > self._tracebacks:
+            told = found[self._tracebacks].strip()
+            self._tracebacks = len(found)
+            return f"a traceback in the log: ...{told[-MOST_TOLD:]}"
         if self._memory_mb() > self._begin_mb + MORE_MB:
             return f"the server grew to {self._memory_mb():.0f} MB"
         begin = time.monotonic()

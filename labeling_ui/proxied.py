@@ -64,7 +64,7 @@ def only_for(secret: str) -> Iterator[None]:
                 return Response(HTTPStatus.FORBIDDEN, "Forbidden", Headers())
             return process_request(connection, request)
 
-        options |= {"create_connection": Connection, "logger": _quiet, "backlog": 16}
+        options |= {"create_connection": Connection, "logger": _quiet, "backlog": 4}
         return serve(*args, process_request=checked, **options)
 
     websockets.asyncio.server.serve = guarded
