@@ -65,10 +65,14 @@ class TableReward:
 
     def worth(self, segments: Segments) -> tuple[Tensor, Tensor]:
         """Mean reward [S] of segments in logits, and its deviation over members."""
+        of_members = self.of_members(segments)
+        return of_members.mean(dim=0), of_members.std(dim=0)
+
+    def of_members(self, segments: Segments) -> Tensor:
+        """Mean reward [M, S] of segments in logits."""
         steps, scored = described(segments)
         rewards = self.scorer.of_clips(self.normaliser(steps), scored, None)
-        of_members = mean_over(rewards, scored)
-        return of_members.mean(dim=0), of_members.std(dim=0)
+        return mean_over(rewards, scored)
 
 
 def described(segments: Segments) -> tuple[Tensor, Tensor]:
