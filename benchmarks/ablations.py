@@ -18,7 +18,7 @@ from typing import Annotated
 import tyro
 
 from data.errors import GaitprefError
-from data.files import write_atomically
+from data.files.files import write_atomically
 
 from .preference_plan import Cell
 from .preference_table import Row, read_rows

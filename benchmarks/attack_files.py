@@ -26,11 +26,7 @@ from typing import Any
 import tyro
 import zstandard
 
-from gaitpref import (
-    cli,
-    label_command,
-    play_command,
-)
+from gaitpref import cli, label_command, play_command
 from tests.command_table import Typed, make_world
 
 MEMORY_BYTES = 1_500 * 2**20

@@ -22,7 +22,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from data.files import write_atomically
+from data.files.files import write_atomically
 
 KEPT = Path("docs/results/method_count.json")
 PACKAGES = ("gaitpref", "rewardmodel", "policy")

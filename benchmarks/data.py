@@ -22,14 +22,14 @@ import torch
 import tyro
 import zstandard
 
-from data.answers import Answer, Pair
-from data.clips import Clip
-from data.dataset import Dataset, EpisodeEntry
-from data.episode import Episode, EpisodeMeta
-from data.episode_chunks import ZSTD_LEVEL
-from data.episode_writer import encode_episode, write_episode
+from data.answers.answer_records import Answer, Pair
+from data.datasets.dataset import Dataset, EpisodeEntry
+from data.datasets.verify import verify
+from data.episodes.chunks import ZSTD_LEVEL
+from data.episodes.clips import Clip
+from data.episodes.episode import Episode, EpisodeMeta
+from data.episodes.writer import encode_episode, write_episode
 from data.features import FEATURE_DIM, column
-from data.verify import verify
 from policy.config import EnvCfg
 from policy.ppo import PpoCfg
 from policy.record import RecordCfg, record

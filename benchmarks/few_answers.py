@@ -18,10 +18,10 @@ import numpy as np
 import torch
 import tyro
 
-from data.answers import Aspect, Pair
-from data.clips import Clip
-from data.dataset import Dataset
-from data.strategy_names import StrategyName
+from data.answers.answer_records import Aspect, Pair
+from data.answers.strategy_names import StrategyName
+from data.datasets.dataset import Dataset
+from data.episodes.clips import Clip
 from gaitpref.by_method import recorded_by
 from gaitpref.criteria import CriterionContext, load_criterion
 from gaitpref.judging import said_why

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from rich.console import Console
 from rich.table import Table
 
-from data.files import write_atomically
+from data.files.files import write_atomically
 
 Figure = float | int | str | bool | None
 

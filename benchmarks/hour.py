@@ -19,7 +19,7 @@ from pathlib import Path
 
 import tyro
 
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from labeling_ui.guard import GuardCfg
 from labeling_ui.queue import QueueCfg
 from labeling_ui.server import LabelCfg, LabelServer

@@ -27,8 +27,8 @@ from rich.progress import track
 from rich.table import Table
 from torch import Tensor
 
+from data.datasets.segments import Segments, TableAnswer
 from data.errors import GaitprefError
-from data.segments import Segments, TableAnswer
 from rewardmodel.calibration import calibration
 from rewardmodel.prediction import Prediction
 from rewardmodel.tables import TableKind, fit_table

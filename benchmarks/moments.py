@@ -18,7 +18,7 @@ import numpy as np
 import torch
 import tyro
 
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from data.features import column
 from gaitpref.criteria import load_criterion
 from gaitpref.rewards import criterion_context, score_of_criterion

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import tyro
 
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from labeling_ui.desk import Desk
 from labeling_ui.judgement import Judgement, Outcome
 from labeling_ui.server import LabelCfg, LabelServer

@@ -17,8 +17,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.answers import Pair
-from data.dataset import Dataset
+from data.answers.answer_records import Pair
+from data.datasets.dataset import Dataset
 from gaitpref.criteria import Criterion
 from gaitpref.judging import judge
 from gaitpref.loop_cfg import LoopCfg

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from data.answers import Aspect
+from data.answers.answer_records import Aspect
 from gaitpref.loop_cfg import LoopCfg, StepsCfg
 from gaitpref.method.budget import FrontLoaded
 from gaitpref.method.expectations import OnceItWalks

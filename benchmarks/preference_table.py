@@ -10,7 +10,7 @@ from typing import Any
 
 import matplotlib
 
-from data.files import write_atomically
+from data.files.files import write_atomically
 
 from .harness import median
 

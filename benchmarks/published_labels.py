@@ -19,8 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
+from data.datasets.segments import Segments, TableAnswer
 from data.errors import GaitprefError
-from data.segments import Segments, TableAnswer
 from gaitpref.exchange.pickles import load_plain_pickle
 from gaitpref.extras import require
 

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy
 
-from data.segments import Segments, TableAnswer
+from data.datasets.segments import Segments, TableAnswer
 
 MEMBERS, LAYERS, WIDTH = 3, 3, 256
 LEARNING_RATE, BATCH, EPOCHS = 3e-4, 64, 300

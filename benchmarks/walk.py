@@ -21,7 +21,7 @@ from typing import Annotated
 import torch
 import tyro
 
-from data.files import write_atomically
+from data.files.files import write_atomically
 from policy.checkpoint import load_policy
 from policy.evaluate import Evaluation, evaluate
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from data.answers import Pair
-from data.clips import Clip
-from data.dataset import Dataset
-from data.episode import Episode, EpisodeMeta
+from data.answers.answer_records import Pair
+from data.datasets.dataset import Dataset
+from data.episodes.clips import Clip
+from data.episodes.episode import Episode, EpisodeMeta
 from data.features import FEATURE_DIM, column
 
 ROBOT_XML = Path(__file__).parents[1] / "policy" / "robots" / "go1.xml"

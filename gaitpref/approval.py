@@ -8,28 +8,22 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
 
-from data.dataset import Dataset
-from data.files import read_file, read_json, replace_directory, write_atomically
-from data.limits import POLICY_BYTES
+from data.datasets.dataset import Dataset
+from data.files.files import read_file, read_json, replace_directory, write_atomically
+from data.files.limits import POLICY_BYTES
+from gaitpref.method.acceptance import LEAST_LAST, SURE, Compared, Duel
+from gaitpref.method.context import RoundContext
+from gaitpref.method.method import Method
 from policy.checkpoint import load_policy
 from policy.train import POLICY_NAME
 
 from .collecting import Collector
 from .criteria import Criterion
 from .loop_cfg import LoopCfg
-from .method.acceptance import LEAST_LAST, SURE, Compared, Duel
-from .method.context import RoundContext
-from .method.method import Method
 from .people import People
 from .progress import console
 from .rounds import Round, began_from
-from .side_by_side import (
-    duel_of,
-    labels_kept,
-    pairs_of_both,
-    shown_by,
-    to_compare,
-)
+from .side_by_side import duel_of, labels_kept, pairs_of_both, shown_by, to_compare
 from .verdict import Verdict
 
 

@@ -8,9 +8,10 @@ from functools import partial
 
 import numpy as np
 
-from data.answers import Pair
-from data.dataset import Dataset, EpisodeEntry
-from data.files import read_json
+from data.answers.answer_records import Pair
+from data.datasets.dataset import Dataset, EpisodeEntry
+from data.files.files import read_json
+from gaitpref.method.context import RoundContext
 from policy.babble import BABBLE_SHA256
 from rewardmodel.fit import fit_reward
 from rewardmodel.pairs import MIN_ANSWERS, count_evidence, load_pairs
@@ -20,7 +21,6 @@ from .collecting import Collector, asked_and_left
 from .criteria import Criterion
 from .fit_summary import what_remains
 from .loop_cfg import LoopCfg
-from .method.context import RoundContext
 from .people import People
 from .progress import console
 from .questions import ask, with_known_answer

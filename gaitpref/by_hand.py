@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Literal, Protocol
 
 from data.errors import GaitprefError
+from gaitpref.method.context import RoundContext
+from gaitpref.method.method import FROM_SCRATCH, STYLE, Method
+from gaitpref.method.noisy import NoisyAnswers
 from rewardmodel.cfg import FitCfg
 from rewardmodel.storage import load_reward
-
-from .method.context import RoundContext
-from .method.method import FROM_SCRATCH, STYLE, Method
-from .method.noisy import NoisyAnswers
 
 MethodName = Literal["scratch", "style"]
 METHODS: dict[MethodName, Method] = {"scratch": FROM_SCRATCH, "style": STYLE}

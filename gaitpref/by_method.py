@@ -14,7 +14,11 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
+from gaitpref.method.clips import ClipSources
+from gaitpref.method.context import RoundContext
+from gaitpref.method.exploration import Noise, pays_for_rate
+from gaitpref.method.method import Method
 from policy.checkpoint import Policy
 from policy.ppo import ScoreFn
 from policy.record import RecordCfg
@@ -23,10 +27,6 @@ from policy.train import TrainCfg
 from policy.variation import VariationCfg
 from rewardmodel.model import RewardModel
 
-from .method.clips import ClipSources
-from .method.context import RoundContext
-from .method.exploration import Noise, pays_for_rate
-from .method.method import Method
 from .rewards import TotalReward, total_reward
 from .sides import in_mirror
 from .tracking_limit import limit_beside

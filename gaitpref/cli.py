@@ -11,19 +11,12 @@ from pathlib import Path
 import tyro
 
 from data.errors import GaitprefError
-from data.faults import is_full, told
+from data.files.faults import is_full, told
 
 from . import options
 from .bounds import require_bounds
 from .extras import missing
-from .terminal import (
-    EXIT_INTERRUPTED,
-    UNSAID,
-    complain,
-    drop_output,
-    finish,
-    prepare,
-)
+from .terminal import EXIT_INTERRUPTED, UNSAID, complain, drop_output, finish, prepare
 from .usage import did_you_mean, require_command
 
 EXIT_BAD_INPUT = 2

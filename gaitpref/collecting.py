@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from data.answers import AnswerStore
-from data.dataset import Dataset
+from data.answers.store import AnswerStore
+from data.datasets.dataset import Dataset
 from rewardmodel.pairs import MIN_ANSWERS, count_evidence
 
 from .criteria import Criterion

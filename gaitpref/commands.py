@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, replace
 
-from data.dataset import Dataset
-from data.episode_chunks import Compression
+from data.datasets.dataset import Dataset
+from data.datasets.gone import pairs_gone
+from data.episodes.chunks import Compression
 from data.errors import DatasetError, GaitprefError
-from data.gone import pairs_gone
 from policy.checkpoint import load_policy
 from policy.config import EnvCfg
 from policy.evaluate import evaluate

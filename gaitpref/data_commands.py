@@ -11,19 +11,19 @@ from typing import Any
 
 from rich.table import Table
 
-from data.archive import CARD_NAME, pack, unpack
-from data.card import CardFacts, card
-from data.clips import Clip
-from data.dataset import Dataset
+from data.datasets.archive import CARD_NAME, pack, unpack
+from data.datasets.card import CardFacts, card
+from data.datasets.dataset import Dataset
+from data.datasets.labels import labels, to_csv, to_jsonl
+from data.datasets.manifest_file import writable
+from data.datasets.overview import Overview, overview
+from data.datasets.recovery import RecoveredFile, recover, recover_file
+from data.datasets.transfer import Transferred, split, transfer
+from data.datasets.verify import Verified, verify
+from data.episodes.clips import Clip
 from data.errors import DatasetError
-from data.files import write_atomically
-from data.labels import labels, to_csv, to_jsonl
-from data.manifest_file import writable
-from data.overview import Overview, overview
-from data.recovery import RecoveredFile, recover, recover_file
-from data.shown import shown
-from data.transfer import Transferred, split, transfer
-from data.verify import Verified, verify
+from data.files.files import write_atomically
+from data.files.shown import shown
 
 from . import data_options as options
 from .exchange_commands import export, import_into
@@ -269,7 +269,7 @@ def _view(action: options.View) -> None:
     # Before the import, which would name a package and not the extra.
     for module in ("mcap_ros2.writer", "mujoco"):
         require(module, "view")
-    from .viewing.export import layout_path, write_view
+    from gaitpref.viewing.export import layout_path, write_view
 
     with writable(action.out.parent):
         write_view(action.out, dataset, clips)

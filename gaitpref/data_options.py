@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from data.card import OPEN
+from data.datasets.card import OPEN
 
 from .bounds import CountOrZero, Seed
 

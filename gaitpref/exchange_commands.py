@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from data.errors import DatasetError
 
 from . import data_options as options
@@ -15,7 +15,7 @@ from .extras import require
 from .opening import address, open_dataset
 
 if TYPE_CHECKING:
-    from .exchange.source import Exported
+    from gaitpref.exchange.source import Exported
 
 
 def import_into(action: options.Import) -> dict[str, Any]:
@@ -24,11 +24,11 @@ def import_into(action: options.Import) -> dict[str, Any]:
         case "ros2":
             return _import_bag(action)
         case "uni-rlhf":
-            from .exchange.uni_rlhf import import_uni_rlhf
+            from gaitpref.exchange.uni_rlhf import import_uni_rlhf
 
             added = import_uni_rlhf(open_dataset(action), action.source, action.rater)
         case "imitation":
-            from .exchange.imitation import import_imitation
+            from gaitpref.exchange.imitation import import_imitation
 
             added = import_imitation(open_dataset(action), action.source, action.rater)
     return {"answers": added}
@@ -41,8 +41,8 @@ def _import_bag(action: options.Import) -> dict[str, Any]:
         )
     for module in ("mcap_ros2.decoder", "mujoco"):
         require(module, "train,view")
-    from .bags.bag_map import load_map
-    from .bags.convert import bag_episodes
+    from gaitpref.bags.bag_map import load_map
+    from gaitpref.bags.convert import bag_episodes
 
     # Read first: a bag that cannot be used leaves no empty data set behind.
     bag_map = load_map(action.map)
@@ -62,19 +62,19 @@ def _import_bag(action: options.Import) -> dict[str, Any]:
 
 def export(action: options.Export) -> Exported:
     """Write the data set in another format."""
-    from .exchange.source import Source
+    from gaitpref.exchange.source import Source
 
     dataset = open_dataset(action)
     source = Source.of(dataset, with_actions=action.format != "hf")
     match action.format:
         case "minari":
-            from .exchange.hdf5 import export_minari as write
+            from gaitpref.exchange.hdf5 import export_minari as write
         case "d4rl":
-            from .exchange.hdf5 import export_d4rl as write
+            from gaitpref.exchange.hdf5 import export_d4rl as write
         case "lerobot":
-            from .exchange.lerobot import export_lerobot as write
+            from gaitpref.exchange.lerobot import export_lerobot as write
         case "hf":
-            from .exchange.hugging_face import export_hugging_face as write
+            from gaitpref.exchange.hugging_face import export_hugging_face as write
         case "uni-rlhf":
-            from .exchange.uni_rlhf import export_uni_rlhf as write
+            from gaitpref.exchange.uni_rlhf import export_uni_rlhf as write
     return write(source, action.out)

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from data.clips import Clip
-from data.dataset import Dataset, EpisodeEntry
+from data.datasets.dataset import Dataset, EpisodeEntry
+from data.episodes.clips import Clip
 from data.errors import GaitprefError
-from data.files import write_atomically
+from data.files.files import write_atomically
 from rewardmodel.clips import fill_clips, mean_over, read_clips, with_past
 from rewardmodel.curves import Curve, learned_curves
 from rewardmodel.explain import Explanation, explain

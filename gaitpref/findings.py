@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from data.habits import Sides
+from data.answers.rater_habits import Sides
 from rewardmodel.held_out_report import Accuracy
 from rewardmodel.reliability import HARDLY_LOOKS
 from rewardmodel.report import FitReport

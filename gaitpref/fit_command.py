@@ -11,12 +11,12 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
+from data.datasets.gone import told_gone
+from data.datasets.manifest_file import writable
 from data.errors import GaitprefError
-from data.files import require_directory
-from data.gone import told_gone
-from data.lock import LOCK_NAME, only_writer
-from data.manifest_file import writable
+from data.files.files import require_directory
+from data.files.lock import LOCK_NAME, only_writer
 from rewardmodel.cfg import FitCfg
 from rewardmodel.extensions.settings import LabelFilterCfg, SemiSupervisedCfg
 from rewardmodel.extensions.unanswered import unanswered_pairs

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 
-from data.files import read_json, write_atomically
+from data.files.files import read_json, write_atomically
 from policy.checkpoint import load_policy
 from policy.evaluate import evaluate
 from policy.ppo import ScoreFn

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from data.answers import ASPECTS, Aspect, Choice
+from data.answers.answer_records import ASPECTS, Aspect, Choice
 
 from .rater_cfg import RaterCfg
 

@@ -9,9 +9,9 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from data.answer_backend import Address
-from data.dataset import Dataset
-from data.lock import only_writer
+from data.answers.address import Address
+from data.datasets.dataset import Dataset
+from data.files.lock import only_writer
 from policy.config import EnvCfg, getup_env
 
 from .approval import approval_stage, verdict_stage

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from data.errors import GaitprefError
+from gaitpref.method.method import Method
 from policy.config import EnvCfg
 from policy.ppo import PpoCfg
 from policy.record import RecordCfg
 from rewardmodel.pairs import MIN_ANSWERS
 
-from .method.method import Method
 from .questions import ClipCfg
 from .rater_cfg import RaterCfg
 

@@ -16,7 +16,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from labeling_ui.server import LabelCfg, LabelServer
 from labeling_ui.status import LoopStatus

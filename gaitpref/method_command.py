@@ -11,14 +11,14 @@ from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from data.files import read_json
-from data.plain import to_plain
+from data.files.files import read_json
+from data.files.plain import to_plain
+from gaitpref.method.method import Method
 from rewardmodel.cfg import FitCfg
 from rewardmodel.kinds import KINDS
 
 from . import options
 from .by_hand import METHODS
-from .method.method import Method
 from .rounds import Round
 from .run_config import read_config
 from .terminal import say

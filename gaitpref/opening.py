@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Protocol
 
-from data.answer_backend import Address, parse_address
-from data.dataset import Dataset
+from data.answers.address import Address, parse_address
+from data.datasets.dataset import Dataset
 
 
 class OnAnswers(Protocol):

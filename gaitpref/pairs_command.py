@@ -9,15 +9,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from data.answers import Pair
-from data.dataset import Dataset
-from data.gone import pairs_gone
+from data.answers.answer_records import Pair
+from data.datasets.dataset import Dataset
+from data.datasets.gone import pairs_gone
+from gaitpref.method.questions import Questions
 from rewardmodel.model import RewardModel
 from rewardmodel.storage import load_reward
 from rewardmodel.strategies import make_strategy
 
 from . import options
-from .method.questions import Questions
 from .opening import open_dataset
 from .progress import console
 from .questions import ClipCfg, ask, with_known_answer

@@ -7,8 +7,8 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-from data.files import write_atomically
-from data.labels import LABEL_TYPES
+from data.datasets.labels import LABEL_TYPES
+from data.files.files import write_atomically
 
 from .extras import require
 
@@ -17,7 +17,7 @@ pq = require("pyarrow.parquet", "parquet")
 
 
 def write_labels(path: Path, rows: Sequence[dict[str, Any]]) -> None:
-    """Write the rows of `data.labels.labels`, typed even where there is none.
+    """Write the rows of `data.datasets.labels.labels`, typed even where there is none.
 
     Raises:
         OSError: the disk is full or not writable.

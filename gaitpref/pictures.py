@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from data.errors import GaitprefError
-from data.files import write_atomically
+from data.files.files import write_atomically
 
 BLUE, GREY, RED = "#2563a8", "#8a94a0", "#b3382c"
 

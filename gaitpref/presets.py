@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from gaitpref.method.method import FROM_SCRATCH, STYLE
 from policy.record import LONGEST_S, RecordCfg
 
 from .loop_cfg import LoopCfg, RunError, StepsCfg
-from .method.method import FROM_SCRATCH, STYLE
 from .options import Erring, Loop
 from .questions import ClipCfg
 from .rater_cfg import erring_rater

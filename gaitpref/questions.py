@@ -8,18 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data.answers import Pair
-from data.clips import Clip, cut_clips
-from data.dataset import Dataset, EpisodeEntry
+from data.answers.answer_records import Pair
+from data.answers.strategy_names import NEEDS_MODEL, StrategyName
+from data.datasets.dataset import Dataset, EpisodeEntry
+from data.episodes.clips import Clip, cut_clips
 from data.errors import GaitprefError
-from data.strategy_names import NEEDS_MODEL, StrategyName
-from rewardmodel.acquisition import (
-    Strategy,
-    Uniform,
-    asked_for,
-    choose_pairs,
-    in_step,
-)
+from rewardmodel.acquisition import Strategy, Uniform, asked_for, choose_pairs, in_step
 from rewardmodel.errors import RewardError
 from rewardmodel.model import RewardModel
 from rewardmodel.strategies import make_strategy

@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterable
 import numpy as np
 import torch
 
-from data.answers import Answer, Pair
-from data.clips import Clip
-from data.dataset import Dataset
-from data.gone import listed_in
+from data.answers.answer_records import Answer, Pair
+from data.datasets.dataset import Dataset
+from data.datasets.gone import listed_in
+from data.episodes.clips import Clip
 
 from .criteria import Criterion
 from .judging import Standards, judge, said_why, standards

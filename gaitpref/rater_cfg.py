@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from data.answers import Aspect
+from data.answers.answer_records import Aspect
 from data.errors import GaitprefError
 
 from .options import Answer, Erring

@@ -13,12 +13,12 @@ from typing import Any
 
 import torch
 
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
+from gaitpref.method.method import STYLE
 from rewardmodel.errors import RewardError
 from rewardmodel.pairs import MIN_ANSWERS, AnsweredPairs, load_pairs
 from rewardmodel.posterior.groups import Group, Grouping, group_raters
 
-from .method.method import STYLE
 from .progress import working
 
 GROUP = "group:"

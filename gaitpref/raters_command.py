@@ -6,17 +6,11 @@ import json
 from dataclasses import asdict
 from typing import Any
 
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
-from data.shown import shown
+from data.files.shown import shown
 from labeling_ui.doubts import doubts
-from labeling_ui.figures import (
-    RaterFigures,
-    Share,
-    all_figures,
-    figures,
-    human_rows,
-)
+from labeling_ui.figures import RaterFigures, Share, all_figures, figures, human_rows
 from labeling_ui.tokens import TokenStore, require_name
 
 from . import options

@@ -11,8 +11,8 @@ from typing import Any
 
 import torch
 
-from data.dataset import Dataset
-from data.files import fsync_directory, require_replaceable
+from data.datasets.dataset import Dataset
+from data.files.files import fsync_directory, require_replaceable
 from rewardmodel.model import RewardModel
 
 from .extras import require

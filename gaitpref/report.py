@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from data.files import read_json, write_atomically
+from data.files.files import read_json, write_atomically
 
 from .loop_cfg import LoopCfg, RunError
 from .pictures import BLUE, GREY, plain_axes, svg_of

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from rewardmodel.clips import read_clips
 from rewardmodel.curves import learned_curves

@@ -8,9 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from data.dataset import Dataset
-from data.files import read_file, read_json, replace_directory, write_atomically
-from data.limits import POLICY_BYTES
+from data.datasets.dataset import Dataset
+from data.files.files import read_file, read_json, replace_directory, write_atomically
+from data.files.limits import POLICY_BYTES
+from gaitpref.method.context import RoundContext
 from policy.checkpoint import holding_home, load_policy
 from policy.ppo import IterationStats, ScoreFn
 from policy.robot import Robot
@@ -20,17 +21,9 @@ from rewardmodel.storage import load_reward
 from .by_method import Retraining, rows_of
 from .going_on import choose_start
 from .loop_cfg import LoopCfg
-from .method.context import RoundContext
 from .people import People
 from .progress import console, training_bar
-from .rounds import (
-    STANDSTILL_NAME,
-    Round,
-    approved,
-    began_from,
-    place_of,
-    seed_of,
-)
+from .rounds import STANDSTILL_NAME, Round, approved, began_from, place_of, seed_of
 from .side_by_side import labels_kept
 from .sides import in_mirror
 from .standstill import Standstill, standstill_before

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from data.strategy_names import StrategyName
+from data.answers.strategy_names import StrategyName
 
 from .bounds import Count, CountOrZero, Seed
 

@@ -16,21 +16,11 @@ from data.features import column
 from policy.config import EnvCfg
 from policy.known_terms import KnownTermsCfg, known_terms
 from policy.ppo import ScoreFn, history_of
-from policy.reward import (
-    TaskRewardCfg,
-    known_terms_for,
-    task_reward_for,
-    task_score,
-)
+from policy.reward import TaskRewardCfg, known_terms_for, task_reward_for, task_score
 from policy.robot import Robot
 from rewardmodel.storage import load_reward
 
-from .criteria import (
-    Criterion,
-    CriterionContext,
-    SequenceCriterion,
-    load_criterion,
-)
+from .criteria import Criterion, CriterionContext, SequenceCriterion, load_criterion
 from .tracking_limit import TrackingLimit
 
 _SPREAD_STRIDE = 4

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from data.features import LEGS
-from data.files import write_atomically
+from data.files.files import write_atomically
 from policy.config import EnvCfg
 from policy.robot import Robot, load_robot
 

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from data.dataset import Dataset
-from data.files import read_json
+from data.datasets.dataset import Dataset
+from data.files.files import read_json
+from gaitpref.method.context import RoundContext
 from policy.train import POLICY_NAME
 
 from .loop_cfg import LoopCfg
-from .method.context import RoundContext
 
 STANDSTILL_NAME = "standstill.json"
 

@@ -10,10 +10,10 @@ from typing import Any
 import yaml
 
 from data.errors import FileError
-from data.files import read_json, write_atomically
-from data.lock import LOCK_NAME
-from data.plain import CLASS, from_plain, to_plain
-from data.yaml_file import read_yaml
+from data.files.files import read_json, write_atomically
+from data.files.lock import LOCK_NAME
+from data.files.plain import CLASS, from_plain, to_plain
+from data.files.yaml_file import read_yaml
 from policy.identity import differences
 
 from .loop_cfg import LoopCfg, RunError

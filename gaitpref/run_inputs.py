@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from data.files import sha256_file
+from data.files.files import sha256_file
 from policy.identity import content_of
 from policy.robot import Robot
 

@@ -12,9 +12,9 @@ from io import StringIO
 from pathlib import Path
 from typing import Any, cast
 
+from data.datasets.segments import Segments, read_answers, read_segments
 from data.errors import GaitprefError
-from data.files import replace_directory, write_atomically
-from data.segments import Segments, read_answers, read_segments
+from data.files.files import replace_directory, write_atomically
 from rewardmodel.reliability import HARDLY_LOOKS
 from rewardmodel.tables import TABLE_KINDS, TableKind, TableReward, fit_table
 

@@ -9,10 +9,14 @@ from itertools import zip_longest
 
 import numpy as np
 
-from data.answers import Pair
-from data.clips import Clip
-from data.dataset import Dataset
-from data.files import read_json, write_atomically
+from data.answers.answer_records import Pair
+from data.datasets.dataset import Dataset
+from data.episodes.clips import Clip
+from data.files.files import read_json, write_atomically
+from gaitpref.method.acceptance import Duel
+from gaitpref.method.clips import ClipSources
+from gaitpref.method.context import RoundContext
+from gaitpref.method.method import Method
 from policy.checkpoint import Policy, load_policy
 from policy.record import record
 from policy.train import POLICY_NAME
@@ -20,10 +24,6 @@ from rewardmodel.acquisition import asked_for, in_step
 
 from .by_method import recorded_by
 from .loop_cfg import LoopCfg
-from .method.acceptance import Duel
-from .method.clips import ClipSources
-from .method.context import RoundContext
-from .method.method import Method
 from .people import People
 from .questions import clips_of
 from .rounds import Round, began_from, place_of, seed_of

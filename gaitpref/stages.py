@@ -11,9 +11,11 @@ import json
 from dataclasses import asdict
 from typing import Any
 
-from data.dataset import Dataset
-from data.files import read_json, write_atomically
-from data.gone import told_gone
+from data.datasets.dataset import Dataset
+from data.datasets.gone import told_gone
+from data.files.files import read_json, write_atomically
+from gaitpref.method.context import RoundContext
+from gaitpref.method.noisy import NoisyAnswers
 from policy.checkpoint import load_policy
 from policy.evaluate import evaluate, rollout_features, summarise
 from policy.ppo import ScoreFn
@@ -28,8 +30,6 @@ from .criteria import Criterion
 from .findings import findings_of_run
 from .fit_summary import fit_summary
 from .loop_cfg import LoopCfg
-from .method.context import RoundContext
-from .method.noisy import NoisyAnswers
 from .people import People
 from .progress import console, counting_bar
 from .rewards import score_of_criterion

@@ -15,15 +15,15 @@ import torch
 from torch import Tensor
 
 from data.features import column
-from data.files import write_atomically
+from data.files.files import write_atomically
+from gaitpref.method.context import RoundContext
+from gaitpref.method.unstick import Optimism
 from policy.checkpoint import load_policy
 from policy.evaluate import rollout_features
 from rewardmodel.model import RewardModel
 from rewardmodel.optimism import OptimisticReward
 
 from .loop_cfg import LoopCfg
-from .method.context import RoundContext
-from .method.unstick import Optimism
 from .rounds import STANDSTILL_NAME, Round, approved, seed_of
 
 _EPISODES = 16

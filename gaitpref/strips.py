@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from data.clips import Clip
-from data.dataset import EpisodeEntry
+from data.datasets.dataset import EpisodeEntry
+from data.episodes.clips import Clip
 from rewardmodel.curves import Curve
 from rewardmodel.explain import Explanation
 

@@ -14,8 +14,8 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from data.faults import told
-from data.shown import shown, shown_lines
+from data.files.faults import told
+from data.files.shown import shown, shown_lines
 
 EXIT_INTERRUPTED = 130
 """Exit code of a command that the user ended."""

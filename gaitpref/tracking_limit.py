@@ -18,11 +18,10 @@ from dataclasses import dataclass, field
 from torch import Tensor
 
 from data.features import column
+from gaitpref.method.tracking import TrackingPrice
 from policy.checkpoint import Policy
 from policy.env import QuadrupedEnv
 from policy.rollout import first_episodes
-
-from .method.tracking import TrackingPrice
 
 _EPISODES = 64
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from torch import Tensor
 
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
-from data.lock import only_writer
+from data.files.lock import only_writer
 from policy.checkpoint import PolicyError, load_policy
 from policy.config import RANDOMISE, EnvCfg, getup_env
 from policy.curriculum import CurriculumCfg

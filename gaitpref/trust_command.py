@@ -6,7 +6,7 @@ import json
 from dataclasses import asdict
 from typing import Any
 
-from data.gone import told_gone
+from data.datasets.gone import told_gone
 from policy.checkpoint import load_policy
 from policy.evaluate import rollout_features
 from rewardmodel.held_out_report import Foreseen, foresee

@@ -10,18 +10,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from data.dataset import Dataset
-from data.files import read_json
+from data.datasets.dataset import Dataset
+from data.files.files import read_json
 from rewardmodel.held_out_report import Foreseen, foresee
 from rewardmodel.pairs import AnsweredPairs, load_pairs
 from rewardmodel.storage import load_reward
-from rewardmodel.trust import (
-    alarms,
-    disagree,
-    prefers,
-    reach,
-    unforeseen_sides,
-)
+from rewardmodel.trust import alarms, disagree, prefers, reach, unforeseen_sides
 
 from .findings import about_raters
 from .loop_cfg import LoopCfg

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from data.answers import Aspect
+from data.answers.answer_records import Aspect
 
 from .judgement import Verdict
 

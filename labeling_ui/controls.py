@@ -10,8 +10,8 @@ from typing import Any
 import viser
 from viser import GuiButtonHandle, GuiEvent
 
-from data.answers import Aspect
-from data.limits import NOTE_CHARS
+from data.answers.answer_records import Aspect
+from data.files.limits import NOTE_CHARS
 
 from .actions import (
     ASPECT_KEYS,

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from data.answers import Answer, Pair
+from data.answers.answer_records import Answer, Pair
 from data.errors import GaitprefError
 
 from .judgement import Judgement, Outcome, Past, Progress, Question

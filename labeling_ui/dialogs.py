@@ -6,8 +6,8 @@ from typing import Protocol
 
 import viser
 
-from data.limits import NOTE_CHARS
-from data.typed_text import too_long
+from data.answers.typed_text import too_long
+from data.files.limits import NOTE_CHARS
 
 from .actions import BAD_REASONS
 from .controls import Post, boxed, posts, warning

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from data.habits import guesses, sides_of
+from data.answers.rater_habits import guesses, sides_of
 
 from .figures import RaterFigures, Row, Share, agreement_of
 

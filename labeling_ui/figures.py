@@ -15,8 +15,9 @@ from datetime import datetime
 import krippendorff
 import numpy as np
 
-from data.answers import Answer, AnswerStore, Pair
-from data.habits import prefers_left
+from data.answers.answer_records import Answer, Pair
+from data.answers.rater_habits import prefers_left
+from data.answers.store import AnswerStore
 
 PAUSE_S = 300.0
 """More time than this between two answers is a pause, not work."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from data.errors import GaitprefError
-from data.files import read_text
-from data.limits import GUIDELINES_BYTES
+from data.files.files import read_text
+from data.files.limits import GUIDELINES_BYTES
 
 DEFAULT_GUIDELINES = """\
 Two robots, **A** (blue) and **B** (orange), were given the same command. Say which one

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any, Literal
 
-from data.answers import Answer, Aspect, Choice, Pair, Role, Side
-from data.clips import Clip
+from data.answers.answer_records import Answer, Aspect, Choice, Pair, Role, Side
+from data.episodes.clips import Clip
 
 Verdict = Literal["left_much", "left", "equal", "right", "right_much", "skip", "bad"]
 """`skip`: can't tell. `bad`: a clip is unusable."""

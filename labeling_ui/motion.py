@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data.answers import Pair
-from data.clips import Clip
-from data.dataset import Dataset
-from data.episode import Episode
+from data.answers.answer_records import Pair
+from data.datasets.dataset import Dataset
+from data.episodes.clips import Clip
+from data.episodes.episode import Episode
 from data.errors import DatasetError
 from data.features import column
 

@@ -15,19 +15,14 @@ from typing import Any
 
 import viser
 
-from data.answers import Aspect
+from data.answers.answer_records import Aspect
 
 from .actions import ASPECT_OF_LABEL, CONFIDENCE_OF, CONFIDENCES, Name
 from .controls import Controls
 from .desk import Act, Desk, Look, Showing
 from .dialogs import Dialog, bad_clip_dialog, guidelines_dialog
 from .judgement import Judgement, Verdict
-from .limits import (
-    ACTIONS_WAITING,
-    CHANGES_AT_ONCE,
-    CHANGES_PER_S,
-    EVENTS_PER_TURN,
-)
+from .limits import ACTIONS_WAITING, CHANGES_AT_ONCE, CHANGES_PER_S, EVENTS_PER_TURN
 from .motion import Motion
 from .moves import Frames
 from .pace import Bucket

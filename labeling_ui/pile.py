@@ -11,8 +11,9 @@ from datetime import datetime, timedelta
 
 import numpy as np
 
-from data.answers import AnswerStore, Pair, Role, Side
-from data.questions import QuestionBoard, Shown
+from data.answers.answer_records import Pair, Role, Side
+from data.answers.question_board import QuestionBoard, Shown
+from data.answers.store import AnswerStore
 
 from .judgement import Kind, Question
 from .plan import PlanCfg, plan

@@ -13,8 +13,9 @@ from datetime import datetime
 from functools import partial
 from typing import Literal
 
-from data.answers import AnswerStore, Pair, Role, Side
-from data.questions import Overlap, QuestionBoard
+from data.answers.answer_records import Pair, Role, Side
+from data.answers.question_board import Overlap, QuestionBoard
+from data.answers.store import AnswerStore
 
 Slot = Literal["ordinary", "repeat", "gold"]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from data.errors import GaitprefError
-from data.files import require_regular
+from data.files.files import require_regular
 
 from . import limits
 from .public_url import PublicUrl

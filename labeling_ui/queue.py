@@ -13,18 +13,12 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
-from data.answers import Answer, AnswerStore, Pair
-from data.typed_text import plain_text, too_long
+from data.answers.answer_records import Answer, Pair
+from data.answers.store import AnswerStore
+from data.answers.typed_text import plain_text, too_long
 
 from .guard import GuardCfg, GuardState, weigh
-from .judgement import (
-    Judgement,
-    Outcome,
-    Past,
-    Progress,
-    Question,
-    to_choice,
-)
+from .judgement import Judgement, Outcome, Past, Progress, Question, to_choice
 from .pile import Pile, PileCfg, new_id
 from .plan import plan
 

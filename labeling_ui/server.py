@@ -9,7 +9,7 @@ from types import TracebackType
 import numpy as np
 import viser
 
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 
 from .desk import Desk
 from .figures import rater_figures

@@ -18,10 +18,10 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from data.dataset import LOCK_NAME
+from data.datasets.dataset import LOCK_NAME
 from data.errors import GaitprefError
-from data.files import locked, read_file, write_atomically
-from data.limits import NAME_CHARS, RATERS_BYTES
+from data.files.files import locked, read_file, write_atomically
+from data.files.limits import NAME_CHARS, RATERS_BYTES
 
 TOKENS_NAME = "raters.json"
 _NAME = re.compile(rf"[A-Za-z0-9_-]{{1,{NAME_CHARS}}}")

@@ -15,19 +15,15 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 
 from data.errors import GaitprefError
-from data.files import read_file, sha256_bytes, write_atomically
-from data.limits import POLICY_BYTES
-from data.plain import from_plain, to_plain
-from data.unpacking import require_stored
-from data.weights import misfits, not_finite
+from data.files.files import read_file, sha256_bytes, write_atomically
+from data.files.limits import POLICY_BYTES
+from data.files.plain import from_plain, to_plain
+from data.files.unpacking import require_stored
+from data.files.weights import misfits, not_finite
 
 from .config import EnvCfg
 from .features import OBS_DIM
-from .others import (
-    writer_of_bytes,
-    writer_of_payload,
-    writer_without_description,
-)
+from .others import writer_of_bytes, writer_of_payload, writer_without_description
 from .ppo import PpoCfg, RewardPpo, to_rsl_rl
 from .robot import Robot, load_robot_xml
 from .written import as_written

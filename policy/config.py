@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
-from data.plain import ADDED_LATER
+from data.files.plain import ADDED_LATER
 
 from .curriculum import CurriculumCfg
 from .getup import GetupCfg

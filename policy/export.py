@@ -18,7 +18,7 @@ import torch
 from torch import Tensor, nn
 
 from data.features import JOINTS
-from data.files import write_atomically
+from data.files.files import write_atomically
 
 from .checkpoint import Policy, PolicyInfo
 from .features import OBS_DIM, OBSERVATION, obs_column

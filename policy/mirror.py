@@ -18,10 +18,10 @@ import torch
 from torch import Tensor
 
 from data.features import FEATURES, Feature
+from policy.robots.hints import RobotError
 
 from .features import OBSERVATION
 from .robot import Robot
-from .robots.hints import RobotError
 
 _SWAPPED = np.array([3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8])
 """Joint of the other side for every joint; legs are FR, FL, RR, RL."""

@@ -14,18 +14,18 @@ from rsl_rl.runners import OnPolicyRunner
 from tensordict import TensorDict
 
 from data.features import column
-from data.plain import ADDED_LATER, KIND_NONE
+from data.files.plain import ADDED_LATER, KIND_NONE
+from policy.extensions.exploration import ExplorationBonusCfg
+from policy.extensions.kl_penalty import KlPenaltyCfg
+from policy.robots.hints import RobotError
 
 from .env import QuadrupedEnv
-from .extensions.exploration import ExplorationBonusCfg
-from .extensions.kl_penalty import KlPenaltyCfg
 from .mirror import mirror_of
 from .reward_ppo import RewardFn as RewardFn
 from .reward_ppo import RewardPpo as RewardPpo
 from .reward_ppo import ScoreFn as ScoreFn
 from .reward_ppo import figures_of as figures_of
 from .reward_ppo import history_of as history_of
-from .robots.hints import RobotError
 
 
 @dataclass(frozen=True, kw_only=True)

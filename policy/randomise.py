@@ -17,12 +17,12 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from data.features import LEGS
+from policy.robots.anatomy import bodies_below
 
 from .config import EnvCfg, NoiseCfg, RandomiseCfg
 from .env import QuadrupedEnv
 from .features import OBS_DIM, BaseState, obs_column
 from .robot import Robot
-from .robots.anatomy import bodies_below
 from .sim import BatchSim, SimState
 from .world import in_world
 

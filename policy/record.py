@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from data.episode import EndReason, Episode, EpisodeMeta
-from data.episode_records import COMMAND_CHANGE
-from data.plain import ADDED_LATER
+from data.episodes.episode import EndReason, Episode, EpisodeMeta
+from data.episodes.episode_records import COMMAND_CHANGE
+from data.files.plain import ADDED_LATER
 
 from .babble import BABBLE_SHA256, Babble
 from .chance import spawned

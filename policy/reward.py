@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from data.features import column
-from data.plain import ADDED_LATER
+from data.files.plain import ADDED_LATER
 
 from .known_terms import KnownTermsCfg
 from .robot import Robot

@@ -17,26 +17,25 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from data.files import require_regular
+from data.files.files import require_regular
+from data.files.limits import ROBOT_BYTES
 from data.ground import Ground
-from data.limits import ROBOT_BYTES
-
-from .robots.additions import add_sites_and_sensors, is_complete
-from .robots.anatomy import Skeleton, find_anatomy, find_base, find_joints
-from .robots.frozen import freeze_other_joints, make_feet_collide
-from .robots.ground import ensure_floor, ground_of
-from .robots.hints import (
+from policy.robots.additions import add_sites_and_sensors, is_complete
+from policy.robots.anatomy import Skeleton, find_anatomy, find_base, find_joints
+from policy.robots.frozen import freeze_other_joints, make_feet_collide
+from policy.robots.ground import ensure_floor, ground_of
+from policy.robots.hints import (
     Hints,
     embed_hints,
     embedded_hints,
     hints_path,
     read_hints,
 )
-from .robots.hints import RobotError as RobotError
-from .robots.inline import flatten
-from .robots.servos import ensure_servos
-from .robots.stance import ensure_home
-from .robots.urdf import require_floating_base
+from policy.robots.hints import RobotError as RobotError
+from policy.robots.inline import flatten
+from policy.robots.servos import ensure_servos
+from policy.robots.stance import ensure_home
+from policy.robots.urdf import require_floating_base
 
 SHIPPED_XML = Path(__file__).parent / "robots" / "go1.xml"
 """The robot that is used when none is brought."""

@@ -18,9 +18,9 @@ from mujoco.batch import Batch, SimulationError
 from torch import Tensor
 
 from data.features import LEGS
+from policy.robots.bare import bare_model
 
 from .robot import Robot
-from .robots.bare import bare_model
 
 logger = logging.getLogger(__name__)
 

@@ -19,12 +19,12 @@ import torch
 from torch import Tensor
 
 from data.ground import Ground
+from policy.robots.anatomy import bodies_below
+from policy.robots.foot import collides
+from policy.robots.ground import TERRAIN_NAME, forget
 
 from .reward import size_of
 from .robot import Robot, RobotError, load_robot_xml
-from .robots.anatomy import bodies_below
-from .robots.foot import collides
-from .robots.ground import TERRAIN_NAME, forget
 
 TerrainKind = Literal["flat", "slopes", "steps", "rough"]
 

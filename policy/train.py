@@ -15,18 +15,12 @@ import torch
 from torch import Tensor
 from torch.utils.tensorboard.writer import SummaryWriter
 
-from data.files import sha256_file, write_atomically
-from data.plain import ADDED_LATER, to_plain
-from data.weights import misfits, not_finite
+from data.files.files import sha256_file, write_atomically
+from data.files.plain import ADDED_LATER, to_plain
+from data.files.weights import misfits, not_finite
 
 from .chance import spawned
-from .checkpoint import (
-    PolicyError,
-    PolicyInfo,
-    policy_info,
-    read_plain,
-    save_policy,
-)
+from .checkpoint import PolicyError, PolicyInfo, policy_info, read_plain, save_policy
 from .config import EnvCfg
 from .identity import content_of, differences
 from .ppo import IterationStats, PpoCfg, Runner, ScoreFn

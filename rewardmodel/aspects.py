@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from data.answers import ASPECTS, Aspect
+from data.answers.answer_records import ASPECTS, Aspect
 
 _BEGINNINGS: dict[Aspect, tuple[str, ...]] = {
     "posture": ("height", "joint_offset", "left_down", "nose_down", "tilt"),

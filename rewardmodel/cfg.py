@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, TypeVar, get_args
 
-from data.plain import ADDED_LATER, to_plain
-
-from .extensions.settings import (
+from data.files.plain import ADDED_LATER, to_plain
+from rewardmodel.extensions.settings import (
     MODELS,
     LabelFilterCfg,
     ModelCfg,

@@ -21,7 +21,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.clips import Clip
+from data.episodes.clips import Clip
 from data.features import FEATURE_DIM, column, columns
 
 ClipRows = Callable[[Clip], np.ndarray]

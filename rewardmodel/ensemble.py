@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import torch
 
+from rewardmodel.extensions.semi_supervised import Unanswered, with_opinions
+
 from .cfg import FitCfg
-from .extensions.semi_supervised import Unanswered, with_opinions
 from .kinds import kind_called
 from .model import leads_of_pairs
 from .normaliser import Normaliser

@@ -14,13 +14,14 @@ from typing import get_args
 import torch
 from torch import Tensor
 
+from rewardmodel.extensions.label_filter import without_doubted
+from rewardmodel.extensions.model_choice import choose
+from rewardmodel.extensions.semi_supervised import Unanswered
+
 from .calibration import calibration, counting, fit_temperature
 from .cfg import FitCfg as FitCfg
 from .cfg import KindName
 from .ensemble import fit_ensemble
-from .extensions.label_filter import without_doubted
-from .extensions.model_choice import choose
-from .extensions.semi_supervised import Unanswered
 from .held_out import fold_of, held_out_predictions
 from .kinds import KINDS, kind_called, make_scorer, prepare
 from .linear import members_for

@@ -10,9 +10,10 @@ import hashlib
 import torch
 from torch import Tensor
 
+from rewardmodel.extensions.semi_supervised import Unanswered
+
 from .cfg import FitCfg
 from .ensemble import fit_ensemble
-from .extensions.semi_supervised import Unanswered
 from .kinds import kind_called
 from .model import predict_pairs
 from .prediction import Prediction

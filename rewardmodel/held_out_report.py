@@ -14,6 +14,8 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from rewardmodel.posterior.fit import probably_chance
+
 from .calibration import Calibration, calibration, counting, fit_temperature
 from .cfg import FitCfg
 from .held_out import fold_of, held_out_predictions, prediction_without
@@ -21,7 +23,6 @@ from .kinds import kind_called, prepare
 from .model import RewardModel
 from .noise_level import takes_to_err
 from .pairs import AnsweredPairs
-from .posterior.fit import probably_chance
 from .prediction import Prediction
 from .reliability import Judged, judge
 from .report import wilson_interval

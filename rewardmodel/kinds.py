@@ -7,18 +7,19 @@ from dataclasses import dataclass
 
 import torch
 
+from rewardmodel.extensions.gp import GpScorer, fit_gp
+from rewardmodel.extensions.history import HistoryScorer, fit_history
+from rewardmodel.extensions.mlp import MlpScorer, fit_mlp
+from rewardmodel.extensions.settings import GpCfg, HistoryCfg, MlpCfg, TransformerCfg
+from rewardmodel.extensions.transformer import TransformerScorer, fit_transformer
+from rewardmodel.posterior.fit import fit_posterior
+from rewardmodel.posterior.pool import Pool
+from rewardmodel.posterior.scorer import PosteriorScorer
+
 from .cfg import FitCfg
 from .descriptors import Sight, names_seen
-from .extensions.gp import GpScorer, fit_gp
-from .extensions.history import HistoryScorer, fit_history
-from .extensions.mlp import MlpScorer, fit_mlp
-from .extensions.settings import GpCfg, HistoryCfg, MlpCfg, TransformerCfg
-from .extensions.transformer import TransformerScorer, fit_transformer
 from .linear import LinearScorer, fit_linear
 from .pairs import AnsweredPairs
-from .posterior.fit import fit_posterior
-from .posterior.pool import Pool
-from .posterior.scorer import PosteriorScorer
 from .prepared import Prepared
 from .scorer import Scorer
 from .training import describe_pairs

@@ -14,11 +14,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.answers import Pair
-from data.clips import Clip
-from data.dataset import Dataset
-from data.habits import Sides
-from data.strategy_names import ASKED_AGAIN, NEEDS_MODEL
+from data.answers.answer_records import Pair
+from data.answers.rater_habits import Sides
+from data.answers.strategy_names import ASKED_AGAIN, NEEDS_MODEL
+from data.datasets.dataset import Dataset
+from data.episodes.clips import Clip
 
 from .clips import ClipBatch, fill_clips, with_past
 from .errors import RewardError

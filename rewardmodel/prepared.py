@@ -14,10 +14,11 @@ from typing import Self
 
 from torch import Tensor
 
+from rewardmodel.posterior.pool import Pool
+
 from .descriptors import Sight, names_seen
 from .likelihood import Errors
 from .normaliser import Normaliser
-from .posterior.pool import Pool
 from .training import DescribedPairs, StandardisedPairs
 
 MIN_SPREAD = 0.02

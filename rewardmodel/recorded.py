@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from data.clips import Clip, cut_clips
-from data.dataset import Dataset, EpisodeEntry
+from data.datasets.dataset import Dataset, EpisodeEntry
+from data.episodes.clips import Clip, cut_clips
 
 from .clips import ClipBatch, fill_clips, with_past
 

@@ -18,9 +18,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from rewardmodel.posterior.fit import shares_of_raters
+
 from .cfg import FitCfg
 from .likelihood import Errors, guesses_of
-from .posterior.fit import shares_of_raters
 from .prepared import Prepared
 
 HARDLY_LOOKS = 0.7

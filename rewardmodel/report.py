@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from data.plain import ADDED_LATER
+from data.files.plain import ADDED_LATER
 
 
 @dataclass(frozen=True, kw_only=True)

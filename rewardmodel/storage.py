@@ -18,10 +18,10 @@ from safetensors.torch import load as load_tensors
 from safetensors.torch import save as save_tensors
 
 from data.features import FEATURES, features_sha256
-from data.files import read_file, replace_directory, sha256_bytes
-from data.limits import FACTS_BYTES, REWARD_BYTES
-from data.plain import from_plain, to_plain
-from data.weights import misfits, not_finite
+from data.files.files import read_file, replace_directory, sha256_bytes
+from data.files.limits import FACTS_BYTES, REWARD_BYTES
+from data.files.plain import from_plain, to_plain
+from data.files.weights import misfits, not_finite
 
 from .cfg import FitCfg
 from .descriptors import names_seen

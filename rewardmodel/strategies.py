@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from data.strategy_names import StrategyName
+from data.answers.strategy_names import StrategyName
+from rewardmodel.extensions.batches import Dpp, KCenter, Medoids
+from rewardmodel.extensions.informative import Bald, Entropy, Improvement
 
 from .acquisition import Disagreement, Information, Strategy, Uniform
 from .clips import ClipRows
 from .errors import RewardError
-from .extensions.batches import Dpp, KCenter, Medoids
-from .extensions.informative import Bald, Entropy, Improvement
 from .model import RewardModel
 
 

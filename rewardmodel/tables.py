@@ -17,7 +17,7 @@ from typing import Literal, get_args
 import torch
 from torch import Tensor
 
-from data.segments import Segments, TableAnswer
+from data.datasets.segments import Segments, TableAnswer
 
 from .cfg import FitCfg, LinearCfg
 from .clips import mean_over

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from data.habits import Sides
+from data.answers.rater_habits import Sides
 
 from .held_out_report import LEAST_SHARE, Accuracy, Foreseen
 from .model import RewardModel

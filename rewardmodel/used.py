@@ -6,11 +6,11 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from data.answer_records import utc_text
-from data.answers import Answer, AnswerStore, Pair
-from data.dataset import Dataset
-from data.gone import listed_in
-from data.habits import Sides, sides_of
+from data.answers.answer_records import Answer, Pair, utc_text
+from data.answers.rater_habits import Sides, sides_of
+from data.answers.store import AnswerStore
+from data.datasets.dataset import Dataset
+from data.datasets.gone import listed_in
 
 
 @dataclass(frozen=True)

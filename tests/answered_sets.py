@@ -10,9 +10,9 @@ import numpy as np
 import torch
 
 from benchmarks.data import noise_episode
-from data.answers import Answer, Choice, Pair, Side
-from data.clips import Clip
-from data.dataset import Dataset
+from data.answers.answer_records import Answer, Choice, Pair, Side
+from data.datasets.dataset import Dataset
+from data.episodes.clips import Clip
 from rewardmodel import fold_of
 from rewardmodel.clips import read_clips
 

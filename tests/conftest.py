@@ -9,7 +9,7 @@ import pytest
 import torch
 from hypothesis import settings
 
-from data.answer_backend import Address
+from data.answers.address import Address
 
 from . import postgres
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from data.answers import Answer, Pair
-from data.clips import Clip
-from data.dataset import Dataset
-from data.episode import Episode
+from data.answers.answer_records import Answer, Pair
+from data.datasets.dataset import Dataset
+from data.episodes.clips import Clip
+from data.episodes.episode import Episode
 from data.features import FEATURE_DIM, column
 from policy.robot import Robot, load_robot
 

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 import torch
 
-from data.answers import Choice, Side
-from data.dataset import Dataset
-from data.habits import Sides, guesses
+from data.answers.answer_records import Choice, Side
+from data.answers.rater_habits import Sides, guesses
+from data.datasets.dataset import Dataset
 from gaitpref.cli import main
 from rewardmodel import FitCfg, fit_reward, load_pairs, load_reward, save_reward
 from rewardmodel.cfg import KIND_NAMES

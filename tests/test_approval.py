@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from gaitpref.loop import run_configured
 from gaitpref.loop_cfg import LoopCfg
 from gaitpref.method.acceptance import Compared, Duel

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from data.files import read_json
+from data.files.files import read_json
 from gaitpref.cli import main
 from gaitpref.loop import run_configured
 from gaitpref.loop_cfg import LoopCfg

@@ -15,19 +15,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from data import answer_database
-from data.answer_backend import Address, SqliteBackend, parse_address
-from data.answer_check import damaged_rows
-from data.answer_database import SCHEMA_VERSION, backup_path
-from data.answer_lines import from_lines, to_lines
-from data.answer_rows import encode_answer
-from data.answers import Answer, AnswerStore, Choice, Pair
-from data.clips import Clip
-from data.dataset import Dataset
+from data.answers import sqlite_file as answer_database
+from data.answers.address import Address, parse_address
+from data.answers.answer_records import Answer, Choice, Pair
+from data.answers.backend import SqliteBackend
+from data.answers.check import damaged_rows
+from data.answers.lines import from_lines, to_lines
+from data.answers.question_board import Overlap, QuestionBoard, Shown
+from data.answers.rows import encode_answer
+from data.answers.sqlite_file import SCHEMA_VERSION, backup_path
+from data.answers.store import AnswerStore
+from data.datasets.dataset import Dataset
+from data.datasets.verify import verify
+from data.episodes.clips import Clip
 from data.errors import AnswerError, AnswersUnreachable
-from data.limits import NOTE_CHARS, RATER_ID_CHARS
-from data.questions import Overlap, QuestionBoard, Shown
-from data.verify import verify
+from data.files.limits import NOTE_CHARS, RATER_ID_CHARS
 
 NOW = "2030-01-31T12:00:00Z"
 LATER = "2030-01-31T12:05:00Z"
@@ -603,7 +605,7 @@ CHILD = """
 import sys
 from pathlib import Path
 from tests.test_data_answers import make_answer, make_pair
-from data.answers import AnswerStore
+from data.answers.store import AnswerStore
 address, name, number = sys.argv[1], sys.argv[2], 0
 if not address.startswith("postgresql"):
     address = Path(address)

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from data.clips import Clip, cut_clips
-from data.episode import END_REASONS, EndReason
+from data.episodes.clips import Clip, cut_clips
+from data.episodes.episode import END_REASONS, EndReason
 
 
 @dataclass(frozen=True)

@@ -12,15 +12,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from data.clips import Clip
-from data.dataset import Dataset
-from data.episode import Episode, EpisodeMeta
-from data.episode_chunks import Compression
+from data.datasets.dataset import Dataset
+from data.datasets.manifest import encode_manifest
+from data.datasets.manifest_lookup import look_up
+from data.episodes.chunks import Compression
+from data.episodes.clips import Clip
+from data.episodes.episode import Episode, EpisodeMeta
 from data.errors import CorruptEpisode, DatasetError
 from data.features import FEATURE_DIM
-from data.files import replace_directory, sha256_file, write_atomically
-from data.manifest import encode_manifest
-from data.manifest_lookup import look_up
+from data.files.files import replace_directory, sha256_file, write_atomically
 
 META = EpisodeMeta(
     task="velocity",
@@ -100,7 +100,7 @@ ADDER = """
 import sys
 from pathlib import Path
 from tests.test_data_dataset import make_episode
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 dataset = Dataset.open(Path(sys.argv[1]))
 print("ready", flush=True)
 sys.stdin.readline()
@@ -301,7 +301,7 @@ def test_the_feature_cache_stays_small(
 ) -> None:
     """With room for two episodes, the third pushes out the one not used for longest."""
     monkeypatch.setattr(
-        "data.feature_cache.FEATURE_CACHE_BYTES", 2 * 3 * FEATURE_DIM * 4
+        "data.datasets.feature_cache.FEATURE_CACHE_BYTES", 2 * 3 * FEATURE_DIM * 4
     )
     first, second, third = (
         entry.sha256 for entry in dataset.add_episodes(map(make_episode, range(3)))

@@ -18,17 +18,17 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from data.answers import Answer, Pair
-from data.clips import Clip
-from data.dataset import Dataset
-from data.episode import decode_episode
-from data.episode_chunks import Compression
-from data.episode_writer import encode_episode
+from data.answers.answer_records import Answer, Pair
+from data.datasets.dataset import Dataset
+from data.datasets.labels import labels
+from data.datasets.recovery import recover, recover_file
+from data.datasets.salvage import salvage
+from data.datasets.verify import verify
+from data.episodes.chunks import Compression
+from data.episodes.clips import Clip
+from data.episodes.episode import decode_episode
+from data.episodes.writer import encode_episode
 from data.errors import DatasetError, GaitprefError
-from data.labels import labels
-from data.recovery import recover, recover_file
-from data.salvage import salvage
-from data.verify import verify
 
 from .test_data_dataset import META
 from .test_data_episode import assert_same, make_episode
@@ -323,7 +323,7 @@ def test_a_read_only_directory_is_read_and_refuses_writes(tmp_path: Path) -> Non
 ANSWERER = """
 import sys
 from pathlib import Path
-from data.answers import Answer, AnswerStore
+from data.answers.store import Answer, AnswerStore
 path, worker = Path(sys.argv[1]), sys.argv[2]
 with AnswerStore.open(path) as store:
     store.add_rater("ada", "human")
@@ -402,6 +402,6 @@ def test_errors_of_the_disk_that_say_something_else_stay_as_they_are(
     def fail(*_: object, **__: object) -> None:
         raise OSError(errno.EIO, "Input/output error")
 
-    monkeypatch.setattr("data.dataset.write_atomically", fail)
+    monkeypatch.setattr("data.datasets.dataset.write_atomically", fail)
     with pytest.raises(OSError, match="Input/output error"):
         dataset.add_episodes([make_episode(1)])

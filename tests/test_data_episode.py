@@ -17,8 +17,10 @@ from hypothesis import strategies as st
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.writer import CompressionType, Writer
 
-from data import episode_writer, schema
-from data.episode import (
+from data.episodes import schema
+from data.episodes import writer as episode_writer
+from data.episodes.chunks import Compression
+from data.episodes.episode import (
     END_REASONS,
     EndReason,
     Episode,
@@ -27,8 +29,8 @@ from data.episode import (
     decode_features,
     read_episode,
 )
-from data.episode_chunks import Compression
-from data.episode_writer import encode_episode, write_episode
+from data.episodes.mcap_records import chunk_content
+from data.episodes.writer import encode_episode, write_episode
 from data.errors import (
     CorruptEpisode,
     EpisodeError,
@@ -36,7 +38,6 @@ from data.errors import (
     UnsupportedSchema,
 )
 from data.features import FEATURE_DIM, column
-from data.mcap_records import chunk_content
 
 META = EpisodeMeta(
     task="velocity",
@@ -302,7 +303,9 @@ def test_another_feature_row_is_named(
     monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     """Equal widths with other meanings are refused by their hash."""
-    owner = "data.schema" if name == "schema_sha256" else "data.episode_writer"
+    owner = (
+        "data.episodes.schema" if name == "schema_sha256" else "data.episodes.writer"
+    )
     monkeypatch.setattr(f"{owner}.{name}", lambda: "e" * 64)
     content = encode_episode(make_episode(1))
     monkeypatch.undo()

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from data.answers import Answer, Pair
-from data.clips import Clip
-from data.dataset import Dataset
+from data.answers.answer_records import Answer, Pair
+from data.datasets.dataset import Dataset
+from data.episodes.clips import Clip
+from data.episodes.schema import feature_columns
 from data.errors import DatasetError
 from data.features import column
-from data.schema import feature_columns
 from gaitpref.cli import main
 from gaitpref.exchange.pickles import load_plain_pickle
 from policy.config import EnvCfg

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import torch
 
-from data.answers import Answer, Pair
-from data.clips import Clip
-from data.dataset import Dataset
-from data.episode import Episode
+from data.answers.answer_records import Answer, Pair
+from data.datasets.dataset import Dataset
+from data.datasets.verify import verify
+from data.episodes.clips import Clip
+from data.episodes.episode import Episode
 from data.features import JOINTS, column, missing_features
-from data.verify import verify
 from gaitpref.cli import main
 from labeling_ui.motion import load_motion
 from labeling_ui.strips import curves, footfalls

@@ -17,8 +17,8 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import Chunk
 from mcap.writer import MCAP0_MAGIC
 
-from data.dataset import Dataset
-from data.episode import Episode
+from data.datasets.dataset import Dataset
+from data.episodes.episode import Episode
 from data.features import JOINTS, column
 from gaitpref.cli import main
 from policy.robot import Robot, load_robot

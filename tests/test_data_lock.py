@@ -13,13 +13,13 @@ from pathlib import Path
 import pytest
 
 from data.errors import FileError
-from data.lock import LOCK_NAME, Busy, only_writer
+from data.files.lock import LOCK_NAME, Busy, only_writer
 
 HOLDER = """
 import sys, time
 from pathlib import Path
 from data.errors import FileError
-from data.lock import only_writer
+from data.files.lock import only_writer
 with only_writer(Path(sys.argv[1]), print):
     print("held", flush=True)
     time.sleep(60)
@@ -88,7 +88,7 @@ def test_many_who_come_at_once_write_one_after_the_other(tmp_path: Path) -> None
     child = """
 import sys
 from pathlib import Path
-from data.lock import Busy, only_writer
+from data.files.lock import Busy, only_writer
 root, done = Path(sys.argv[1]), 0
 while done < 40:
     try:

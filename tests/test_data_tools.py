@@ -10,14 +10,14 @@ from pathlib import Path
 
 import pytest
 
-from data.answers import Answer
-from data.archive import pack, unpack
-from data.dataset import Dataset
+from data.answers.answer_records import Answer
+from data.datasets.archive import pack, unpack
+from data.datasets.dataset import Dataset
+from data.datasets.labels import LABEL_TYPES, labels
+from data.datasets.manifest import encode_manifest
+from data.datasets.transfer import part_of, split, transfer
+from data.datasets.verify import verify
 from data.errors import DatasetError, GaitprefError
-from data.labels import LABEL_TYPES, labels
-from data.manifest import encode_manifest
-from data.transfer import part_of, split, transfer
-from data.verify import verify
 from gaitpref.cli import main
 
 from .test_data_dataset import META, STORED

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from gaitpref.cli import main
 
 from .motion import trotting_dataset

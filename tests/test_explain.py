@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from benchmarks.moments import share_found
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from data.features import column
 from gaitpref.cli import main
 from gaitpref.criteria import Criterion, load_criterion

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import torch
 
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from data.features import column
 from gaitpref.cli import main
 from gaitpref.findings import NO_ALARM, findings_of_run

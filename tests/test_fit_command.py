@@ -12,8 +12,8 @@ import pytest
 import torch
 
 from benchmarks.data import answered_dataset, noise_episode
-from data.dataset import Dataset
-from data.verify import verify
+from data.datasets.dataset import Dataset
+from data.datasets.verify import verify
 from gaitpref.cli import main
 from rewardmodel.storage import load_reward
 

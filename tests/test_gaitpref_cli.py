@@ -13,7 +13,7 @@ from typing import Union, get_args, get_origin, get_type_hints
 
 import pytest
 
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from gaitpref import options
 from gaitpref.cli import main, parse
 from policy.config import EnvCfg

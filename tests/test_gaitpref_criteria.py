@@ -9,12 +9,7 @@ import torch
 from torch import Tensor
 
 from data.features import FEATURE_DIM, column
-from gaitpref.criteria import (
-    BUILT_IN,
-    CriterionContext,
-    CriterionError,
-    load_criterion,
-)
+from gaitpref.criteria import BUILT_IN, CriterionContext, CriterionError, load_criterion
 from gaitpref.judging import better
 from gaitpref.rewards import score_of_criterion, total_reward
 from policy.config import EnvCfg

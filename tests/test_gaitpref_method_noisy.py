@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from gaitpref import loop
 from gaitpref.asking import questions_stage
 from gaitpref.loop import run_configured

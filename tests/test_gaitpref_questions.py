@@ -11,10 +11,10 @@ import pytest
 import torch
 
 from benchmarks.walks import walk, walking_dataset
-from data.answers import Pair
-from data.clips import Clip
-from data.dataset import Dataset
-from data.episode import Episode
+from data.answers.answer_records import Pair
+from data.datasets.dataset import Dataset
+from data.episodes.clips import Clip
+from data.episodes.episode import Episode
 from data.errors import GaitprefError
 from data.features import column
 from gaitpref.cli import main

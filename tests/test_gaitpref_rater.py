@@ -12,8 +12,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from data.answers import ASPECTS, Choice
-from data.clips import Clip
+from data.answers.answer_records import ASPECTS, Choice
+from data.episodes.clips import Clip
 from data.errors import GaitprefError
 from data.features import FEATURE_DIM, column
 from gaitpref.criteria import SequenceCriterion

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from gaitpref.cli import main
 from gaitpref.play_command import live_policy
 from labeling_ui.geometry import instance_poses, robot_geometry

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from gaitpref.cli import main
 from rewardmodel import load_pairs
 

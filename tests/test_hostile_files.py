@@ -15,9 +15,9 @@ from pathlib import Path
 import pytest
 
 from benchmarks import attack_files
-from data.answers import Answer
-from data.dataset import Dataset
-from data.limits import EPISODE_CHUNK_BYTES
+from data.answers.answer_records import Answer
+from data.datasets.dataset import Dataset
+from data.files.limits import EPISODE_CHUNK_BYTES
 from gaitpref.cli import main
 
 from .motion import trotting_dataset
@@ -160,7 +160,7 @@ def test_a_spreadsheet_runs_nothing(
 @pytest.mark.parametrize("text", ["=1+1", "+1", "-1", "@SUM(A1)", "a;=1", "\uff1d1"])
 def test_every_beginning_of_a_formula(text: str) -> None:
     """Also behind a semicolon, and in the wide letters of Japanese keyboards."""
-    from data.labels import LABEL_TYPES, to_csv
+    from data.datasets.labels import LABEL_TYPES, to_csv
 
     row = dict.fromkeys(LABEL_TYPES) | {"note": text}
     (cells,) = csv.DictReader(io.StringIO(to_csv([row])))

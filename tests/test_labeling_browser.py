@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from benchmarks.walks import walking_dataset
-from data.answers import Answer
-from data.dataset import Dataset
+from data.answers.answer_records import Answer
+from data.datasets.dataset import Dataset
 from labeling_ui.guard import GuardCfg
 from labeling_ui.queue import QueueCfg
 from labeling_ui.server import LabelCfg, LabelServer

@@ -14,7 +14,7 @@ import pytest
 
 from benchmarks.visitor import Visitor
 from benchmarks.walks import walking_dataset
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from labeling_ui.tokens import TokenStore
 
 RATERS = 8

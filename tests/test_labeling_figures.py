@@ -6,8 +6,9 @@ from typing import Any
 
 import pytest
 
-from data.answers import Answer, AnswerStore, Choice, Pair
-from data.clips import Clip
+from data.answers.answer_records import Answer, Choice, Pair
+from data.answers.store import AnswerStore
+from data.episodes.clips import Clip
 from labeling_ui.figures import Row, all_figures, alpha, figures, rater_figures
 
 START = datetime.datetime(2030, 1, 31, 12, tzinfo=datetime.UTC)

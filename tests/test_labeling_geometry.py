@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from benchmarks.walks import ROBOT_XML, walk, walking_dataset
-from data.clips import Clip
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
+from data.episodes.clips import Clip
 from data.errors import DatasetError, EpisodeError
 from labeling_ui.geometry import instance_poses, robot_geometry
 from labeling_ui.glb import LEFT_RGB, RIGHT_RGB, tinted, tinted_glbs

@@ -13,8 +13,8 @@ import pytest
 
 from benchmarks.visitor import Visitor
 from benchmarks.walks import walking_dataset
-from data.answers import Answer
-from data.limits import NOTE_CHARS
+from data.answers.answer_records import Answer
+from data.files.limits import NOTE_CHARS
 from labeling_ui.guard import GuardCfg
 from labeling_ui.page import REFRESH_S
 from labeling_ui.queue import QueueCfg

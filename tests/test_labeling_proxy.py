@@ -13,7 +13,7 @@ import aiohttp
 import pytest
 from aiohttp import web
 
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from gaitpref.cli import main
 from labeling_ui.figures import figures

@@ -20,7 +20,7 @@ from yarl import URL
 
 from benchmarks.visitor import Visitor
 from benchmarks.walks import walking_dataset
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from gaitpref import options
 from gaitpref.cli import main, parse
 from gaitpref.loop import page_of_loop

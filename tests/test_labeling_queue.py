@@ -11,9 +11,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from data.answers import AnswerStore, Pair
-from data.clips import Clip
-from data.questions import Overlap
+from data.answers.answer_records import Pair
+from data.answers.question_board import Overlap
+from data.answers.store import AnswerStore
+from data.episodes.clips import Clip
 from labeling_ui.guard import GuardCfg
 from labeling_ui.judgement import Judgement, Outcome, Question, Verdict
 from labeling_ui.plan import PlanCfg, slot

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
-from data.limits import RATERS_BYTES
+from data.files.limits import RATERS_BYTES
 from gaitpref.cli import main
 from labeling_ui.tokens import TokenError, TokenStore
 

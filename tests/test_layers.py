@@ -73,12 +73,12 @@ def imported_modules(source: str) -> set[str]:
 
 
 WITH_EFFECTS = {
-    "data.answer_backend",
-    "data.answers",
-    "data.dataset",
-    "data.episode",
-    "data.files",
-    "data.yaml_file",
+    "data.answers.backend",
+    "data.answers.store",
+    "data.datasets.dataset",
+    "data.episodes.episode",
+    "data.files.files",
+    "data.files.yaml_file",
     "io",
     "json",
     "mujoco",

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from data.answers import AnswerStore
-from data.dataset import Dataset
-from data.files import sha256_file
+from data.answers.store import AnswerStore
+from data.datasets.dataset import Dataset
+from data.files.files import sha256_file
 from gaitpref.loop import run_configured, run_loop
 from gaitpref.loop_cfg import RunError
 from gaitpref.method.budget import FrontLoaded

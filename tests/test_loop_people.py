@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.visitor import Visitor
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from gaitpref.run_config import claim
 from gaitpref.run_inputs import inputs_of
 from labeling_ui.tokens import TokenStore

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import torch
 
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from data.features import FEATURE_DIM, column
 from gaitpref.loop import run_configured
 from gaitpref.loop_cfg import LoopCfg

@@ -19,7 +19,7 @@ from safetensors.torch import save as save_tensors
 from torch import nn
 
 from data.errors import FileError
-from data.plain import to_plain
+from data.files.plain import to_plain
 from gaitpref.cli import main
 from policy.checkpoint import PolicyError, load_policy, read_plain
 from policy.config import EnvCfg

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 import torch
 
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from data.features import FEATURE_DIM, column
-from data.plain import from_plain, to_plain
+from data.files.plain import from_plain, to_plain
 from gaitpref.cli import main
 from policy.checkpoint import load_policy
 from policy.config import EnvCfg, getup_env

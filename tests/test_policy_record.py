@@ -9,9 +9,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from data.clips import cut_clips
-from data.dataset import Dataset
-from data.episode import Episode
+from data.datasets.dataset import Dataset
+from data.episodes.clips import cut_clips
+from data.episodes.episode import Episode
 from data.features import FEATURE_DIM, column
 from policy.checkpoint import Policy, load_policy
 from policy.config import EnvCfg

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 import torch
 
-from data.clips import Clip
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
+from data.episodes.clips import Clip
 from data.features import column
+from data.files.plain import from_plain, to_plain
 from data.ground import Ground
-from data.plain import from_plain, to_plain
 from gaitpref.cli import main
 from gaitpref.play_command import live_policy
 from labeling_ui.live import Drive

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from gaitpref.cli import main
 from labeling_ui.tokens import TokenStore
 

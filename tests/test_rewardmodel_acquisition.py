@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 import torch
 
-from data.answers import Pair
-from data.clips import Clip
-from data.dataset import EpisodeEntry
-from data.episode import EpisodeMeta
-from data.episode_records import COMMAND_CHANGE
+from data.answers.answer_records import Pair
+from data.answers.strategy_names import NEEDS_MODEL, StrategyName
+from data.datasets.dataset import EpisodeEntry
+from data.episodes.clips import Clip
+from data.episodes.episode import EpisodeMeta
+from data.episodes.episode_records import COMMAND_CHANGE
 from data.features import FEATURE_DIM, column
-from data.strategy_names import NEEDS_MODEL, StrategyName
 from rewardmodel import (
     Disagreement,
     FitCfg,

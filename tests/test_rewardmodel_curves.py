@@ -12,14 +12,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from data.clips import Clip
+from data.episodes.clips import Clip
 from data.features import FEATURE_DIM, LEGS, column
-from rewardmodel import (
-    AnsweredPairs,
-    FitCfg,
-    RewardModel,
-    fit_reward,
-)
+from rewardmodel import AnsweredPairs, FitCfg, RewardModel, fit_reward
 from rewardmodel.cfg import PosteriorCfg, ReliabilityCfg
 from rewardmodel.clips import pad_clips, read_clips
 from rewardmodel.curves import learned_curves

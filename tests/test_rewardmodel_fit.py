@@ -18,8 +18,8 @@ from safetensors.torch import save as save_tensors
 from torch import Tensor
 
 from data.features import FEATURE_DIM, FEATURES, column
-from data.files import sha256_bytes
-from data.plain import to_plain
+from data.files.files import sha256_bytes
+from data.files.plain import to_plain
 from rewardmodel import (
     AnsweredPairs,
     FitCfg,

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from data.answers import Answer, Choice, Pair
-from data.clips import Clip
-from data.dataset import Dataset, EpisodeEntry
-from data.episode import Episode, EpisodeMeta
+from data.answers.answer_records import Answer, Choice, Pair
+from data.datasets.dataset import Dataset, EpisodeEntry
+from data.episodes.clips import Clip
+from data.episodes.episode import Episode, EpisodeMeta
 from data.features import FEATURE_DIM, column
 from rewardmodel import RewardError, load_pairs
 from rewardmodel.clips import PAST_STEPS

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from benchmarks.data import answered_dataset
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from gaitpref.cli import main
 from rewardmodel import RewardError
 from rewardmodel.cfg import FitCfg

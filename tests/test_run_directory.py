@@ -18,8 +18,8 @@ from typing import Any, get_args, get_type_hints
 import pytest
 import yaml
 
-from data.lock import LOCK_NAME
-from data.plain import from_plain, to_plain
+from data.files.lock import LOCK_NAME
+from data.files.plain import from_plain, to_plain
 from gaitpref.cli import main
 from gaitpref.loop_cfg import LoopCfg, RunError
 from gaitpref.method.budget import FrontLoaded

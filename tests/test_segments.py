@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from data.segments import Segments, TableError, read_answers, read_segments
+from data.datasets.segments import Segments, TableError, read_answers, read_segments
 from gaitpref.cli import main
 from rewardmodel.errors import RewardError
 from rewardmodel.tables import fit_table

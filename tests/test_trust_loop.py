@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from data.dataset import Dataset
+from data.datasets.dataset import Dataset
 from gaitpref.cli import main
 from gaitpref.criteria import load_criterion
 from gaitpref.loop import run_configured

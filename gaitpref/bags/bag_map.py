@@ -9,9 +9,9 @@ from typing import Literal
 
 from data.errors import GaitprefError
 from data.features import JOINTS, LEGS
-from data.files import read_text
-from data.limits import TEXT_BYTES
-from data.plain import from_plain
+from data.files.files import read_text
+from data.files.limits import TEXT_BYTES
+from data.files.plain import from_plain
 
 SHIPPED_ROBOT = "go1"
 """What a map calls the robot that ships; any other is the path of a file."""

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from data.episode import Episode, EpisodeMeta
+from data.episodes.episode import Episode, EpisodeMeta
+from data.episodes.resample import overlaps, split_at_gaps
 from data.features import missing_features
-from data.resample import overlaps, split_at_gaps
 from policy.robot import Robot, load_robot
 
 from .bag_map import SHIPPED_ROBOT, BagError, BagMap

@@ -17,9 +17,9 @@ from mcap.records import Channel, Chunk
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
-from data.files import BoundedFile, open_regular, sha256_bytes, sha256_file
-from data.limits import BAG_CHUNK_BYTES
-from data.yaml_file import read_yaml
+from data.files.files import BoundedFile, open_regular, sha256_bytes, sha256_file
+from data.files.limits import BAG_CHUNK_BYTES
+from data.files.yaml_file import read_yaml
 from gaitpref.extras import require
 
 from .bag_map import BagError

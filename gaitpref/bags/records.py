@@ -19,8 +19,8 @@ from mcap.records import (
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.summary import Summary
 
-from data.limits import BAG_CHUNK_BYTES
-from data.unpacking import unpack_lz4, unpack_zstd
+from data.files.limits import BAG_CHUNK_BYTES
+from data.files.unpacking import unpack_lz4, unpack_zstd
 
 _END_BYTES = 37
 """Of the last record and what marks the end of a file."""

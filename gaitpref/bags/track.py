@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from data.features import FEATURE_DIM, column
-from data.resample import (
+from data.episodes.resample import (
     conjugate,
     hold,
     interpolate,
@@ -22,6 +21,7 @@ from data.resample import (
     local_fit,
     rotate,
 )
+from data.features import FEATURE_DIM, column
 from policy.robot import Robot
 
 from .bag_map import BagMap

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from data import schema
-from data.episode import Episode
-from data.files import require_room
+from data.episodes import schema
+from data.episodes.episode import Episode
+from data.files.files import require_room
 from gaitpref.extras import require
 
 from .environment import action_bound, env_spec

@@ -9,8 +9,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from data.clips import Clip
-from data.schema import feature_columns
+from data.episodes.clips import Clip
+from data.episodes.schema import feature_columns
 from gaitpref.extras import require
 
 from .source import Exported, Source, new_directory

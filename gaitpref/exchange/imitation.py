@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from data.answers import Answer, Choice, Pair
-from data.clips import Clip
-from data.dataset import Dataset
+from data.answers.answer_records import Answer, Choice, Pair
+from data.datasets.dataset import Dataset
+from data.episodes.clips import Clip
 from data.errors import DatasetError
 
 from .pickles import load_plain_pickle

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from data.dataset import EpisodeEntry
-from data.episode import Episode
+from data.datasets.dataset import EpisodeEntry
+from data.episodes.episode import Episode
 from data.features import JOINTS
 from gaitpref.extras import require
 

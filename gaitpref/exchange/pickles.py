@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from data.errors import DatasetError, FileError
-from data.files import read_file
-from data.limits import PICKLE_BYTES
+from data.files.files import read_file
+from data.files.limits import PICKLE_BYTES
 
 
 class Record:

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from data.answers import Answer, Pair
-from data.dataset import Dataset, EpisodeEntry
-from data.episode import Episode
+from data.answers.answer_records import Answer, Pair
+from data.datasets.dataset import Dataset, EpisodeEntry
+from data.datasets.manifest_file import writable
+from data.episodes.episode import Episode
 from data.errors import DatasetError
-from data.files import replace_directory
-from data.manifest_file import writable
+from data.files.files import replace_directory
 
 
 @dataclass(frozen=True)

@@ -20,11 +20,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from data.answers import Answer, Choice, Pair
-from data.clips import Clip
-from data.dataset import Dataset
+from data.answers.answer_records import Answer, Choice, Pair
+from data.datasets.dataset import Dataset
+from data.episodes.clips import Clip
 from data.errors import DatasetError
-from data.files import read_json
+from data.files.files import read_json
 
 from .hdf5 import write_flat
 from .pickles import load_plain_pickle

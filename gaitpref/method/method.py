@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from data.plain import ONE_OF
+from data.files.plain import ONE_OF
 from policy.known_terms import KnownTermsCfg
 from rewardmodel.cfg import FitCfg, LinearCfg, PosteriorCfg
 

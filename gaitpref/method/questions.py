@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from data.strategy_names import StrategyName
+from data.answers.strategy_names import StrategyName
 from rewardmodel.pairs import MIN_ANSWERS
 
 

@@ -14,11 +14,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from data.clips import Clip
-from data.dataset import Dataset
-from data.episode import Episode
+from data.datasets.dataset import Dataset
+from data.episodes.clips import Clip
+from data.episodes.episode import Episode
 from data.errors import DatasetError
-from data.files import write_atomically
+from data.files.files import write_atomically
 from gaitpref.extras import require
 from labeling_ui.geometry import multiply_wxyz, robot_geometry
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from data.schema import feature_columns
+from data.episodes.schema import feature_columns
 
 TF_TYPE = "tf2_msgs/msg/TFMessage"
 SCENE_TYPE = "visualization_msgs/msg/MarkerArray"

@@ -29,8 +29,8 @@ import mujoco
 
 from data.errors import GaitprefError
 from data.features import LEGS
-from data.files import read_text
-from data.limits import TEXT_BYTES
+from data.files.files import read_text
+from data.files.limits import TEXT_BYTES
 
 TEXT_NAME = "gaitpref_hints"
 """The custom text of a flattened model that carries the hints along."""

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data.answers import Pair
-from data.clips import Clip
-from data.dataset import EpisodeEntry
+from data.answers.answer_records import Pair
+from data.datasets.dataset import EpisodeEntry
+from data.episodes.clips import Clip
 from rewardmodel.errors import RewardError
 from rewardmodel.held_out import fold_of
 

@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.clips import Clip
+from data.episodes.clips import Clip
 from rewardmodel.clips import ClipRows, read_clips
 from rewardmodel.model import RewardModel
 from rewardmodel.normaliser import fill_missing

@@ -13,9 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from data.answers import Pair
-from data.clips import Clip
-from data.dataset import EpisodeEntry
+from data.answers.answer_records import Pair
+from data.datasets.dataset import EpisodeEntry
+from data.episodes.clips import Clip
 from data.features import column
 from rewardmodel.clips import ClipRows
 

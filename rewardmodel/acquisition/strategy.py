@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from data.clips import Clip
+from data.episodes.clips import Clip
 
 
 class Strategy(Protocol):

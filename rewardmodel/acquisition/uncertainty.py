@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from torch import Tensor
 
-from data.clips import Clip
+from data.episodes.clips import Clip
 from rewardmodel.clips import ClipBatch, ClipRows, read_clips
 from rewardmodel.model import RewardModel
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data.clips import Clip
+from data.episodes.clips import Clip
 from rewardmodel.acquisition.strategy import Strategy
 from rewardmodel.clips import ClipRows, mean_over, pad_clips
 from rewardmodel.descriptors import describe

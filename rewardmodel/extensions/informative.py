@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.clips import Clip
+from data.episodes.clips import Clip
 from data.features import column
 from rewardmodel.acquisition.uncertainty import leads_of, used_clips
 from rewardmodel.clips import ClipRows

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from data.answers import Pair
-from data.clips import cut_clips
-from data.dataset import Dataset
+from data.answers.answer_records import Pair
+from data.datasets.dataset import Dataset
+from data.episodes.clips import cut_clips
 from rewardmodel.acquisition.choose import NothingToCompare, choose_pairs
 from rewardmodel.acquisition.strategy import Uniform
 from rewardmodel.pairs import AnsweredPairs, gather_pairs

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from data.answers import ASPECTS
+from data.answers.answer_records import ASPECTS
 from data.features import LEGS
 from rewardmodel.aspects import aspect_of
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from data.answers import ASPECTS
+from data.answers.answer_records import ASPECTS
 from rewardmodel.aspects import UNSAID
 from rewardmodel.likelihood import Errors, answer_weights, weighted
 

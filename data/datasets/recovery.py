@@ -1,0 +1,161 @@
+"""Puts a data set in order after a crash or damage, without deleting anything.
+
+What is replaced moves to `damaged/` of the data set.
+"""
+
+from __future__ import annotations
+
+import fcntl
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from data.errors import DatasetError, EpisodeError, FileError
+from data.files.files import open_regular, read_file, sha256_bytes, sha256_file
+from data.files.limits import EPISODE_BYTES
+
+from .dataset import Dataset
+from .manifest import EpisodeEntry
+from .manifest_file import MANIFEST_NAME, ManifestFile, writable
+from .salvage import Salvage, salvage
+
+DAMAGED_NAME = "damaged"
+
+
+@dataclass(frozen=True)
+class RecoveredFile:
+    """What became of one file."""
+
+    file: str
+    """Relative to the data set where it lay in it."""
+    episodes: tuple[str, ...]
+    """Hashes of the episodes it gave."""
+    kept_steps: int
+    lost_steps: int | None
+    """None if nobody knows how many there were."""
+    problem: str
+    """Why nothing could be saved; empty if something was."""
+
+
+def recover(root: Path) -> list[RecoveredFile]:
+    """Save what can be saved of a data set, and list every sound file again.
+
+    Looks at files a killed writer left under a temporary name, at files whose bytes are
+    not what the manifest promises, and at sound files the manifest does not know. A
+    manifest that is damaged itself is built anew. Files that still have a writer are
+    left alone.
+
+    Raises:
+        DatasetError: the directory is missing or not writable.
+    """
+    if not (root / "rollouts").is_dir():
+        raise DatasetError(
+            f"{root} is no data set, it has no rollouts/; give --file to save a single "
+            "episode file"
+        )
+    dataset = _opened(root)
+    found = [_recover_listed(dataset, entry) for entry in _damaged_entries(dataset)]
+    for path in sorted((root / "rollouts").rglob(".*.tmp")):
+        if path.is_file() and not _has_writer(path):
+            found.append(_recover_file(dataset, path))
+    listed = {entry.sha256 for entry in dataset.entries()}
+    for path in sorted((root / "rollouts").glob("??/*.mcap")):
+        if path.stem not in listed and path.is_file() and not path.is_symlink():
+            found.append(_recover_file(dataset, path))
+    return found
+
+
+def recover_file(dataset: Dataset, path: Path) -> RecoveredFile:
+    """Add what can be saved of any episode file to a data set; the file stays.
+
+    Raises:
+        DatasetError: the data set is not writable.
+        FileError, OSError: the file cannot be read.
+    """
+    return _add(dataset, salvage(read_file(path, EPISODE_BYTES), path.name), path.name)
+
+
+def _opened(root: Path) -> Dataset:
+    """The data set, with an empty manifest in the place of one that is damaged."""
+    try:
+        dataset = Dataset.open(root)
+        dataset.entries()
+    except (DatasetError, FileError) as error:
+        if "this version reads" in str(error):
+            raise
+        if (root / MANIFEST_NAME).exists():
+            _set_aside(root, root / MANIFEST_NAME)
+        ManifestFile.create(root)
+        dataset = Dataset.open(root)
+    return dataset
+
+
+def _damaged_entries(dataset: Dataset) -> Iterator[EpisodeEntry]:
+    for entry in dataset.entries():
+        path = dataset.path_of(entry)
+        if not path.is_file() or sha256_file(path) != entry.sha256:
+            yield entry
+
+
+def _recover_listed(dataset: Dataset, entry: EpisodeEntry) -> RecoveredFile:
+    path = dataset.path_of(entry)
+    content = read_file(path, EPISODE_BYTES) if path.is_file() else b""
+    mjcf = _robot_of(dataset, entry)
+    saved = salvage(content, entry.sha256, entry=entry, mjcf=mjcf)
+    if path.is_file():
+        _set_aside(dataset.root, path)
+    dataset.unlist([entry.sha256])
+    return _add(dataset, saved, entry.path)
+
+
+def _recover_file(dataset: Dataset, path: Path) -> RecoveredFile:
+    """A file the manifest does not know: whole, or the beginning of one."""
+    name = str(path.relative_to(dataset.root))
+    content = read_file(path, EPISODE_BYTES)
+    if path.stem == sha256_bytes(content):
+        try:
+            (entry,) = dataset.adopt([path])
+        except EpisodeError as error:
+            return RecoveredFile(name, (), 0, None, str(error))
+        return RecoveredFile(name, (entry.sha256,), entry.num_steps, 0, "")
+    result = _add(dataset, salvage(content, path.name), name)
+    _set_aside(dataset.root, path)
+    return result
+
+
+def _robot_of(dataset: Dataset, lost: EpisodeEntry) -> str | None:
+    """The robot model, out of a sound episode of the same robot."""
+    for entry in dataset.entries():
+        same = entry.meta.model_sha256 == lost.meta.model_sha256
+        if same and entry.sha256 != lost.sha256:
+            try:
+                return dataset.read(entry.sha256).mjcf
+            except EpisodeError:
+                continue
+    return None
+
+
+def _add(dataset: Dataset, saved: Salvage, name: str) -> RecoveredFile:
+    added = dataset.add_episodes(saved.episodes)
+    hashes = tuple(entry.sha256 for entry in added)
+    return RecoveredFile(
+        name, hashes, saved.kept_steps, saved.lost_steps, saved.problem
+    )
+
+
+def _set_aside(root: Path, path: Path) -> None:
+    with writable(root):
+        (root / DAMAGED_NAME).mkdir(exist_ok=True)
+        target = root / DAMAGED_NAME / path.name.removeprefix(".")
+        while target.exists():
+            target = target.with_name(target.name + "~")
+        path.rename(target)
+
+
+def _has_writer(path: Path) -> bool:
+    with open_regular(path) as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        return False

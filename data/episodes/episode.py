@@ -1,0 +1,230 @@
+"""Reads episode files; the records themselves are re-exported from here.
+
+Nothing in a file is believed before its checksums were compared, and no count in it
+makes this code allocate more than the file's own size.
+
+Shapes: T steps of the episode, F columns of the feature row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast, get_args
+
+import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    ChunkIndex,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Schema,
+)
+
+from data.errors import CorruptEpisode, EpisodeError, UnsupportedSchema
+from data.features import features_sha256
+from data.files.files import read_file
+from data.files.limits import EPISODE_BYTES, EPISODE_UNPACKED_BYTES
+from data.files.unpacking import require_size
+
+from . import schema
+from .chunks import Compression
+from .episode_records import END_REASONS as END_REASONS
+from .episode_records import EndReason as EndReason
+from .episode_records import Episode as Episode
+from .episode_records import EpisodeMeta as EpisodeMeta
+from .mcap_records import checked_summary, chunk_messages, only, record_at
+
+
+def read_episode(path: Path) -> Episode:
+    """Read a whole episode.
+
+    Raises:
+        FileError, OSError: the file cannot be read.
+        TruncatedEpisode: the file has no end.
+        CorruptEpisode: the file is not what was written.
+        UnsupportedSchema: another version, or another program, wrote the file.
+    """
+    return decode_episode(read_file(path, EPISODE_BYTES), str(path))
+
+
+def decode_episode(content: bytes, name: str) -> Episode:
+    """The episode in the bytes of a file; `name` is what errors call it.
+
+    Raises:
+        EpisodeError: as for `read_episode`.
+    """
+    with corrupt_if_unreadable(name):
+        parts = _open(content, name)
+        end_reason = parts.metadata["end_reason"]
+        for flag in ("terminated", "truncated"):
+            flags = parts.rows(flag)
+            expected = np.zeros(len(flags), dtype=np.uint8)
+            expected[-1] = flag == end_reason
+            if not np.array_equal(flags, expected):
+                raise ValueError(f"{flag} flags contradict end_reason {end_reason!r}")
+        states = {
+            field: parts.rows(field, with_final=True)
+            for field in ("qpos", "qvel", "obs")
+        }
+        rows = {
+            field: parts.rows(field)
+            for field in ("action", "ctrl", "features", "reward")
+        }
+        return Episode(
+            **states,
+            **rows,
+            end_reason=cast(EndReason, end_reason),
+            meta=EpisodeMeta.from_strings(parts.metadata),
+            mjcf=_attachment(content, parts.summary).decode(),
+        )
+
+
+def decode_features(content: bytes, name: str) -> np.ndarray:
+    """The feature rows [T, F] in the bytes of a file, float32 and read-only.
+
+    Raises:
+        EpisodeError: as for `read_episode`.
+    """
+    with corrupt_if_unreadable(name):
+        features = _open(content, name).rows("features")
+        features.setflags(write=False)
+        return features
+
+
+@contextmanager
+def corrupt_if_unreadable(name: str) -> Iterator[None]:
+    """Whatever parsing foreign bytes raises is one thing to a caller."""
+    try:
+        yield
+    except EpisodeError:
+        raise
+    except Exception as error:
+        found = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        raise CorruptEpisode(
+            f"{name} is damaged ({found}); restore it from a copy or record it again"
+        ) from error
+
+
+@dataclass(frozen=True, eq=False)
+class _Parts:
+    """What both readers need of a file; views into its bytes."""
+
+    steps: list[np.ndarray]
+    """[T] of `schema.STEP_RECORD` in all, chunk by chunk."""
+    final: np.ndarray
+    """[1] of `schema.FINAL_RECORD`."""
+    metadata: dict[str, str]
+    summary: list[McapRecord]
+
+    def rows(self, field: str, *, with_final: bool = False) -> np.ndarray:
+        """A field of all steps, [T, ...] or with the final state [T + 1, ...]."""
+        arrays = [chunk["body"][field] for chunk in self.steps]
+        return np.concatenate(
+            [*arrays, self.final["body"][field]] if with_final else arrays
+        )
+
+
+def _open(content: bytes, name: str) -> _Parts:
+    """Check the file and find its messages."""
+    summary = checked_summary(content, name)
+    step_channel, final_channel = supported_channels(summary, name)
+    metadata = _supported_metadata(content, summary, name)
+    records = {step_channel: schema.STEP_RECORD, final_channel: schema.FINAL_RECORD}
+    steps: list[np.ndarray] = []
+    finals: list[np.ndarray] = []
+    for index in chunk_indexes(summary, name):
+        start = index.chunk_start_offset
+        stop = start + index.chunk_length + index.message_index_length
+        found = chunk_messages(content[start:stop], index, records)
+        steps.append(found[step_channel])
+        if final_channel in found:
+            finals.append(found[final_channel])
+        require_size(sum(chunk.nbytes for chunk in steps), EPISODE_UNPACKED_BYTES)
+    num_steps = sum(len(chunk) for chunk in steps)
+    num_finals = sum(len(chunk) for chunk in finals)
+    if num_finals != 1:
+        raise ValueError(f"{num_finals} final states, an episode has 1")
+    if metadata["n_steps"] != str(num_steps):
+        raise ValueError(f"{num_steps} steps, promised {metadata['n_steps'][:20]}")
+    parts = _Parts(steps, finals[0], metadata, summary)
+    if not np.array_equal(parts.rows("step"), np.arange(num_steps)):
+        raise ValueError("the steps are not numbered 0, 1, 2, ...")
+    return parts
+
+
+def chunk_indexes(summary: list[McapRecord], name: str) -> list[ChunkIndex]:
+    """The chunks of an episode in the order of time.
+
+    Raises:
+        UnsupportedSchema: they are compressed in a way this version does not read.
+        ValueError: there are none.
+    """
+    found = [record for record in summary if isinstance(record, ChunkIndex)]
+    if not found:
+        raise ValueError("no chunk of messages")
+    for index in found:
+        if index.compression not in get_args(Compression):
+            raise UnsupportedSchema(
+                f"{name} is compressed with {index.compression[:20]!r}, episodes are "
+                "stored uncompressed or with zstd; use the file that `gaitpref record` "
+                "wrote"
+            )
+    return sorted(found, key=lambda index: index.chunk_start_offset)
+
+
+def supported_channels(summary: list[McapRecord], name: str) -> tuple[int, int]:
+    """Numbers of the step and the final channel, if their schemas are known."""
+    schemas = {s.id: s for s in summary if isinstance(s, Schema)}
+    by_topic = {c.topic: c for c in summary if isinstance(c, Channel)}
+    numbers: list[int] = []
+    for topic, expected in (
+        (schema.STEP_TOPIC, schema.STEP_SCHEMA),
+        (schema.FINAL_TOPIC, schema.FINAL_SCHEMA),
+    ):
+        if topic not in by_topic:
+            raise UnsupportedSchema(
+                f"{name} has no topic {topic}, so it is no episode; "
+                "give a file written by `gaitpref record`"
+            )
+        channel = by_topic[topic]
+        found = schemas[channel.schema_id].name
+        if found != expected or channel.message_encoding != "cdr":
+            raise UnsupportedSchema(
+                f"{name} holds {found[:80]!r} on {topic}, this version reads "
+                f"{expected!r}; read it with the version of gaitpref that wrote it"
+            )
+        numbers.append(channel.id)
+    return numbers[0], numbers[1]
+
+
+def _supported_metadata(
+    content: bytes, summary: list[McapRecord], name: str
+) -> dict[str, str]:
+    offset = only(summary, MetadataIndex).offset
+    metadata = Metadata.read(record_at(content, offset, Opcode.METADATA)).metadata
+    readable = tuple(str(version) for version in schema.READABLE_VERSIONS)
+    for key, expected in (
+        ("format_version", readable),
+        ("schema_sha256", (schema.schema_sha256(),)),
+        ("features_sha256", (features_sha256(),)),
+    ):
+        if metadata[key] not in expected:
+            found = " ".join(metadata[key][:64].split())
+            raise UnsupportedSchema(
+                f"{name} has {key} {found}, this version reads "
+                f"{' and '.join(expected)}; read it with the version of gaitpref that "
+                "wrote it"
+            )
+    return metadata
+
+
+def _attachment(content: bytes, summary: list[McapRecord]) -> bytes:
+    offset = only(summary, AttachmentIndex).offset
+    return Attachment.read(record_at(content, offset, Opcode.ATTACHMENT)).data

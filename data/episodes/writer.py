@@ -1,0 +1,199 @@
+"""Writes one episode as one MCAP file, in bulk.
+
+The same episode gives the same bytes: no clock, no library version, and unless asked
+for no compression (its output depends on the compressor's version, and noisy floats
+shrink by a fifth at best). So a file can be named by its hash. Every byte is covered by
+a checksum. What a reader needs first, metadata and model, comes first, so that a file
+cut short still says what it is.
+"""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Sequence
+from functools import cache, lru_cache
+from pathlib import Path
+
+from mcap.data_stream import RecordBuilder
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+from mcap.writer import MCAP0_MAGIC
+
+from data.features import JOINTS, features_sha256
+from data.files.files import write_atomically
+
+from . import schema
+from .chunks import FINAL_CHANNEL, STEP_CHANNEL, Compression, encode_chunks
+from .chunks import step_times_ns as step_times_ns
+from .crc import combined
+from .episode_records import Episode
+
+MJCF_NAME = "model/scene.xml"
+_MJCF_TYPE = "application/xml"
+METADATA_NAME = "episode"
+
+
+def write_episode(
+    path: Path, episode: Episode, *, compression: Compression = ""
+) -> None:
+    """Write `episode` to `path`, whole or not at all.
+
+    Raises:
+        OSError: the directory is missing, or the disk is full.
+    """
+    write_atomically(path, encode_episode(episode, compression=compression))
+
+
+def encode_episode(episode: Episode, *, compression: Compression = "") -> bytes:
+    """The bytes of the episode's MCAP file."""
+    schemas, channels = _fixed_records()
+    attachment, attachment_size = _attachment(episode.mjcf)
+    metadata = Metadata(METADATA_NAME, _metadata(episode))
+
+    section = _Section()
+    section.append(MCAP0_MAGIC, _join([Header(profile="", library="gaitpref")]))
+    attachment_index = AttachmentIndex(
+        *section.append(attachment),
+        log_time=0,
+        create_time=0,
+        data_size=attachment_size,
+        name=MJCF_NAME,
+        media_type=_MJCF_TYPE,
+    )
+    metadata_index = MetadataIndex(*section.append(_join([metadata])), METADATA_NAME)
+    chunk_indexes: list[ChunkIndex] = []
+    for chunk in encode_chunks(episode, schemas + channels, compression):
+        offset, _ = section.append(chunk.head)
+        section.append_checked(chunk.stored, chunk.stored_crc)
+        section.append(chunk.indexes)
+        chunk_indexes.append(chunk.index(offset))
+    section.append(_join([DataEnd(section.crc)]))
+    groups = [
+        schemas,
+        channels,
+        _join([_statistics(episode, chunk_indexes)]),
+        _join(chunk_indexes),
+        _join([attachment_index]),
+        _join([metadata_index]),
+    ]
+    return b"".join([*section.parts, _summary(groups, section.size)])
+
+
+class _Section:
+    """The growing data section: its bytes, their number and their checksum."""
+
+    def __init__(self) -> None:
+        self.parts: list[bytes | memoryview] = []
+        self.size = 0
+        self.crc = 0
+
+    def append(self, *parts: bytes | memoryview) -> tuple[int, int]:
+        """Add bytes; gives their offset in the file and their number."""
+        start = self.size
+        self.parts += parts
+        for part in parts:
+            self.size += len(part)
+            self.crc = zlib.crc32(part, self.crc)
+        return start, self.size - start
+
+    def append_checked(self, parts: Sequence[bytes | memoryview], crc: int) -> None:
+        """Add bytes whose checksum is known."""
+        size = sum(map(len, parts))
+        self.parts += parts
+        self.size += size
+        self.crc = combined(self.crc, crc, size)
+
+
+@lru_cache(maxsize=8)
+def _attachment(mjcf: str) -> tuple[bytes, int]:
+    """The record of the robot, which most episodes share, and the size of its text."""
+    content = mjcf.encode()
+    return _join([Attachment(0, 0, MJCF_NAME, _MJCF_TYPE, content)]), len(content)
+
+
+@cache
+def _fixed_records() -> tuple[bytes, bytes]:
+    """The schemas and the channels, equal in every file."""
+    schemas = [
+        Schema(
+            id=number,
+            name=name,
+            encoding="ros2msg",
+            data=schema.message_text(f).encode(),
+        )
+        for number, name, f in (
+            (STEP_CHANNEL, schema.STEP_SCHEMA, schema.STEP_FIELDS),
+            (FINAL_CHANNEL, schema.FINAL_SCHEMA, schema.FINAL_FIELDS),
+        )
+    ]
+    names = {
+        "feature_names": json.dumps(schema.feature_columns()),
+        "joint_names": json.dumps(JOINTS),
+    }
+    channels = [
+        Channel(STEP_CHANNEL, schema.STEP_TOPIC, "cdr", names, STEP_CHANNEL),
+        Channel(FINAL_CHANNEL, schema.FINAL_TOPIC, "cdr", {}, FINAL_CHANNEL),
+    ]
+    return _join(schemas), _join(channels)
+
+
+def _metadata(episode: Episode) -> dict[str, str]:
+    return {
+        "format_version": str(schema.FORMAT_VERSION),
+        "schema_sha256": schema.schema_sha256(),
+        "features_sha256": features_sha256(),
+        "end_reason": episode.end_reason,
+        "n_steps": str(episode.num_steps),
+        **episode.meta.to_strings(),
+    }
+
+
+def _statistics(episode: Episode, chunks: Sequence[ChunkIndex]) -> Statistics:
+    return Statistics(
+        attachment_count=1,
+        channel_count=2,
+        channel_message_counts={STEP_CHANNEL: episode.num_steps, FINAL_CHANNEL: 1},
+        chunk_count=len(chunks),
+        message_count=episode.num_steps + 1,
+        message_end_time=chunks[-1].message_end_time,
+        message_start_time=chunks[0].message_start_time,
+        metadata_count=1,
+        schema_count=2,
+    )
+
+
+def _summary(groups: list[bytes], start: int) -> bytes:
+    """The summary section, its footer and the closing magic."""
+    content = b""
+    offsets: list[McapRecord] = []
+    for group in groups:
+        # The first byte of a record tells its kind.
+        offsets.append(SummaryOffset(group[0], start + len(content), len(group)))
+        content += group
+    offset_start = start + len(content)
+    content += _join(offsets)
+    # The checksum covers the footer up to the checksum itself.
+    footer = _join([Footer(start, offset_start, 0)])
+    crc = zlib.crc32(content + footer[:-4])
+    return content + _join([Footer(start, offset_start, crc)]) + MCAP0_MAGIC
+
+
+def _join(records: Sequence[McapRecord]) -> bytes:
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return builder.end()

@@ -1,0 +1,1 @@
+"""Files, their limits and their locks; plain values of records; text made harmless."""
