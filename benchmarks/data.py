@@ -30,11 +30,11 @@ from data.episodes.clips import Clip
 from data.episodes.episode import Episode, EpisodeMeta
 from data.episodes.writer import encode_episode, write_episode
 from data.features import FEATURE_DIM, column
-from policy.config import EnvCfg
-from policy.ppo import PpoCfg
-from policy.record import RecordCfg, record
-from policy.robot import load_robot
-from policy.train import TrainCfg, train
+from policy.env.env_cfg import EnvCfg
+from policy.robots.robot import load_robot
+from policy.rollouts.record import RecordCfg, record
+from policy.training.ppo import PpoCfg
+from policy.training.train import TrainCfg, train
 from rewardmodel.pairs import load_pairs
 
 from .harness import Figure, gaitpref, median, publish

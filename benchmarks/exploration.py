@@ -19,13 +19,13 @@ import torch
 import tyro
 from torch import Tensor
 
-from policy.config import EnvCfg
-from policy.extensions.exploration import ExplorationBonusCfg, base_motion
+from policy.env.env_cfg import EnvCfg
+from policy.env.known_terms import KnownTermsCfg, known_terms
+from policy.extensions.bonus import ExplorationBonusCfg, base_motion
 from policy.extensions.kl_penalty import KlPenaltyCfg
-from policy.known_terms import KnownTermsCfg, known_terms
-from policy.ppo import IterationStats, PpoCfg
-from policy.robot import load_robot
-from policy.train import TrainCfg, train
+from policy.robots.robot import load_robot
+from policy.training.ppo import IterationStats, PpoCfg
+from policy.training.train import TrainCfg, train
 
 from .harness import Figure, publish
 

@@ -29,9 +29,9 @@ from gaitpref.method.method import STYLE
 from gaitpref.questions import ClipCfg, ask, clips_of
 from gaitpref.rater_cfg import RaterCfg
 from gaitpref.rewards import criterion_context, score_of_criterion
-from policy.checkpoint import load_policy
-from policy.ppo import ScoreFn
-from policy.record import RecordCfg, record
+from policy.rollouts.record import RecordCfg, record
+from policy.training.checkpoint import load_policy
+from policy.training.ppo import ScoreFn
 from rewardmodel.acquisition import asked_for
 from rewardmodel.cfg import FitCfg, KindName
 from rewardmodel.clips import ClipBatch, read_clips

@@ -17,7 +17,7 @@ import tyro
 from gaitpref.criteria import load_criterion
 from gaitpref.method.method import STYLE
 from gaitpref.rewards import criterion_context, score_of_criterion
-from policy.checkpoint import load_policy
+from policy.training.checkpoint import load_policy
 from rewardmodel.pairs import AnsweredPairs, gather_pairs
 from rewardmodel.posterior.groups import group_raters
 

@@ -21,10 +21,10 @@ from gaitpref.loop import run_configured
 from gaitpref.options import Loop
 from gaitpref.presets import resolve
 from gaitpref.rewards import score_of_criterion
-from policy.checkpoint import Policy, load_policy
-from policy.evaluate import Evaluation, evaluate_actor
-from policy.reward import task_reward_for, task_score
-from policy.rollout import Actor, hold_home
+from policy.env.task_reward import task_reward_for, task_score
+from policy.rollouts.evaluate import Evaluation, evaluate_actor
+from policy.rollouts.rollout import Actor, hold_home
+from policy.training.checkpoint import Policy, load_policy
 
 from .harness import Figure, Run, gaitpref, median, publish
 

@@ -23,8 +23,8 @@ from data.features import column
 from gaitpref.criteria import load_criterion
 from gaitpref.rewards import criterion_context, score_of_criterion
 from gaitpref.run_config import read_config
-from policy.checkpoint import load_policy
-from policy.reward_ppo import ScoreFn
+from policy.training.checkpoint import load_policy
+from policy.training.reward_ppo import ScoreFn
 from rewardmodel.clips import pad_clips
 from rewardmodel.explain import explain
 from rewardmodel.model import RewardModel

@@ -21,9 +21,9 @@ from gaitpref.method.questions import Questions
 from gaitpref.options import Loop
 from gaitpref.presets import resolve
 from gaitpref.rater_cfg import RaterCfg
-from policy.config import getup_env
-from policy.ppo import PpoCfg
-from policy.record import RecordCfg
+from policy.env.env_cfg import getup_env
+from policy.rollouts.record import RecordCfg
+from policy.training.ppo import PpoCfg
 from rewardmodel.cfg import FitCfg, PosteriorCfg
 
 TASKS = {

@@ -31,15 +31,15 @@ from gaitpref.rewards import (
     score_of_criterion,
     total_reward,
 )
-from gaitpref.setting import setting_of
 from gaitpref.sides import in_mirror
 from gaitpref.tracking_limit import limit_beside
-from policy.checkpoint import Policy, load_policy
-from policy.commands import env_for
-from policy.evaluate import Evaluation, rollout_features, summarise
-from policy.ppo import PpoCfg, ScoreFn, history_of
-from policy.rollout import Actor, hold_home
-from policy.train import TrainCfg, train
+from policy.env.velocity_commands import env_for
+from policy.rollouts.evaluate import Evaluation, rollout_features, summarise
+from policy.rollouts.rollout import Actor, hold_home
+from policy.training.checkpoint import Policy, load_policy
+from policy.training.ppo import PpoCfg, ScoreFn, history_of
+from policy.training.setup import setting_of
+from policy.training.train import TrainCfg, train
 
 from .preference_fresh import on_fresh_pairs
 from .preference_plan import Cell, loop_cfg, steps_of

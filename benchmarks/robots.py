@@ -20,11 +20,11 @@ import tyro
 
 from data.errors import GaitprefError
 from gaitpref.rewards import criterion_context, load_score
-from gaitpref.setting import setting_of
-from policy.checkpoint import load_policy
-from policy.evaluate import Evaluation, evaluate
-from policy.ppo import PpoCfg
-from policy.train import TrainCfg, train
+from policy.rollouts.evaluate import Evaluation, evaluate
+from policy.training.checkpoint import load_policy
+from policy.training.ppo import PpoCfg
+from policy.training.setup import setting_of
+from policy.training.train import TrainCfg, train
 
 from .harness import Figure, publish
 

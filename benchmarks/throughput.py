@@ -28,11 +28,11 @@ from rich.progress import track
 from rich.table import Table
 
 from data.features import FEATURE_DIM
-from policy.config import EnvCfg
-from policy.env import QuadrupedEnv
-from policy.ppo import PpoCfg, Runner, ScoreFn
-from policy.robot import load_robot
+from policy.env.env import QuadrupedEnv
+from policy.env.env_cfg import EnvCfg
 from policy.robots.bare import bare_model
+from policy.robots.robot import load_robot
+from policy.training.ppo import PpoCfg, Runner, ScoreFn
 from rewardmodel.cfg import FitCfg
 from rewardmodel.clips import ClipBatch
 from rewardmodel.fit import fit_reward

@@ -22,8 +22,8 @@ import torch
 import tyro
 
 from data.files.files import write_atomically
-from policy.checkpoint import load_policy
-from policy.evaluate import Evaluation, evaluate
+from policy.rollouts.evaluate import Evaluation, evaluate
+from policy.training.checkpoint import load_policy
 
 from .harness import Figure, gaitpref, median, publish
 

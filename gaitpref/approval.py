@@ -14,8 +14,8 @@ from data.files.limits import POLICY_BYTES
 from gaitpref.method.acceptance import LEAST_LAST, SURE, Compared, Duel
 from gaitpref.method.context import RoundContext
 from gaitpref.method.method import Method
-from policy.checkpoint import load_policy
-from policy.train import POLICY_NAME
+from policy.training.checkpoint import load_policy
+from policy.training.train import POLICY_NAME
 
 from .collecting import Collector
 from .criteria import Criterion

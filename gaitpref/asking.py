@@ -12,7 +12,7 @@ from data.answers.answer_records import Pair
 from data.datasets.dataset import Dataset, EpisodeEntry
 from data.files.files import read_json
 from gaitpref.method.context import RoundContext
-from policy.babble import BABBLE_SHA256
+from policy.rollouts.babble import BABBLE_SHA256
 from rewardmodel.fit import fit_reward
 from rewardmodel.pairs import MIN_ANSWERS, count_evidence, load_pairs
 from rewardmodel.stopping import remaining

@@ -19,12 +19,12 @@ from gaitpref.method.clips import ClipSources
 from gaitpref.method.context import RoundContext
 from gaitpref.method.exploration import Noise, pays_for_rate
 from gaitpref.method.method import Method
-from policy.checkpoint import Policy
-from policy.ppo import ScoreFn
-from policy.record import RecordCfg
-from policy.robot import Robot
-from policy.train import TrainCfg
-from policy.variation import VariationCfg
+from policy.robots.robot import Robot
+from policy.rollouts.record import RecordCfg
+from policy.rollouts.variation import VariationCfg
+from policy.training.checkpoint import Policy
+from policy.training.ppo import ScoreFn
+from policy.training.train import TrainCfg
 from rewardmodel.model import RewardModel
 
 from .rewards import TotalReward, total_reward

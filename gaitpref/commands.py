@@ -9,13 +9,13 @@ from data.datasets.dataset import Dataset
 from data.datasets.gone import pairs_gone
 from data.episodes.chunks import Compression
 from data.errors import DatasetError, GaitprefError
-from policy.checkpoint import load_policy
-from policy.config import EnvCfg
-from policy.evaluate import evaluate
-from policy.record import LONGEST_S, RecordCfg, record
-from policy.reward import task_reward_for
-from policy.robot import load_robot_xml
-from policy.variation import VariationCfg
+from policy.env.env_cfg import EnvCfg
+from policy.env.task_reward import task_reward_for
+from policy.robots.robot import load_robot_xml
+from policy.rollouts.evaluate import evaluate
+from policy.rollouts.record import LONGEST_S, RecordCfg, record
+from policy.rollouts.variation import VariationCfg
+from policy.training.checkpoint import load_policy
 
 from . import options
 from .by_hand import METHODS, told_without_method

@@ -24,8 +24,8 @@ from torch import Tensor
 
 from data.errors import GaitprefError
 from data.features import FEATURE_DIM, column
-from policy.ppo import ScoreFn
-from policy.reward import TaskRewardCfg, task_score
+from policy.env.task_reward import TaskRewardCfg, task_score
+from policy.training.ppo import ScoreFn
 
 from .styles import (
     TROT_HZ,

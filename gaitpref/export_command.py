@@ -5,8 +5,8 @@ from __future__ import annotations
 import onnx  # noqa: F401 - its absence is told before anything is written
 import onnxscript  # noqa: F401
 
-from policy.checkpoint import load_policy
-from policy.export import export
+from policy.training.checkpoint import load_policy
+from policy.training.export_policy import export
 
 from . import options
 from .terminal import say

@@ -6,9 +6,9 @@ import json
 import math
 
 from data.files.files import read_json, write_atomically
-from policy.checkpoint import load_policy
-from policy.evaluate import evaluate
-from policy.ppo import ScoreFn
+from policy.rollouts.evaluate import evaluate
+from policy.training.checkpoint import load_policy
+from policy.training.ppo import ScoreFn
 
 from .loop_cfg import LoopCfg
 from .progress import console

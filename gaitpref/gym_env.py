@@ -16,12 +16,12 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
-from policy.config import EnvCfg
-from policy.env import QuadrupedEnv
-from policy.features import OBS_DIM
-from policy.robot import load_robot
-from policy.sim import BatchSim
-from policy.world import in_world
+from policy.env.env import QuadrupedEnv
+from policy.env.env_cfg import EnvCfg
+from policy.env.feature_row import OBS_DIM
+from policy.env.sim import BatchSim
+from policy.env.world import in_world
+from policy.robots.robot import load_robot
 
 from .step_reward import StepReward, reward_named
 

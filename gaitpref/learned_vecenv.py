@@ -13,7 +13,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from data.features import FEATURE_DIM, column
-from policy.ppo import ScoreFn
+from policy.training.ppo import ScoreFn
 
 from .step_reward import StepReward
 

@@ -12,7 +12,8 @@ from pathlib import Path
 from data.answers.address import Address
 from data.datasets.dataset import Dataset
 from data.files.lock import only_writer
-from policy.config import EnvCfg, getup_env
+from policy.env.env_cfg import EnvCfg, getup_env
+from policy.training.setup import Setting, setting_of
 
 from .approval import approval_stage, verdict_stage
 from .asking import questions_stage
@@ -28,7 +29,6 @@ from .retraining import policy_stage
 from .rounds import Round, context_of
 from .run_config import claim
 from .run_inputs import inputs_of
-from .setting import Setting, setting_of
 from .side_by_side import show_stage
 from .stages import fit_stage, record_stage, report_stage
 

@@ -7,9 +7,9 @@ from typing import Literal
 
 from data.errors import GaitprefError
 from gaitpref.method.method import Method
-from policy.config import EnvCfg
-from policy.ppo import PpoCfg
-from policy.record import RecordCfg
+from policy.env.env_cfg import EnvCfg
+from policy.rollouts.record import RecordCfg
+from policy.training.ppo import PpoCfg
 from rewardmodel.pairs import MIN_ANSWERS
 
 from .questions import ClipCfg

@@ -15,12 +15,12 @@ from labeling_ui.live import Drive, LivePolicy, LiveState, StepFn
 from labeling_ui.play_page import PlayPage, play_site
 from labeling_ui.tokens import TokenStore
 from labeling_ui.visit import Visit
-from policy.checkpoint import Policy, load_policy
-from policy.config import EnvCfg
-from policy.env import QuadrupedEnv
-from policy.robot import Robot, load_robot
-from policy.sim import BatchSim
-from policy.world import in_world
+from policy.env.env import QuadrupedEnv
+from policy.env.env_cfg import EnvCfg
+from policy.env.sim import BatchSim
+from policy.env.world import in_world
+from policy.robots.robot import Robot, load_robot
+from policy.training.checkpoint import Policy, load_policy
 
 from . import options
 from .serving import require_port, stoppable, wait_until_stopped

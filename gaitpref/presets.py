@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gaitpref.method.method import FROM_SCRATCH, STYLE
-from policy.record import LONGEST_S, RecordCfg
+from policy.rollouts.record import LONGEST_S, RecordCfg
 
 from .loop_cfg import LoopCfg, RunError, StepsCfg
 from .options import Erring, Loop

@@ -21,7 +21,7 @@ from .terminal import PlainConsole
 
 if TYPE_CHECKING:
     # Only named here: who fits a reward may have no simulator.
-    from policy.ppo import IterationStats
+    from policy.training.ppo import IterationStats
 
 console = PlainConsole(stderr=True, soft_wrap=True)
 

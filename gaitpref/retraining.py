@@ -12,10 +12,10 @@ from data.datasets.dataset import Dataset
 from data.files.files import read_file, read_json, replace_directory, write_atomically
 from data.files.limits import POLICY_BYTES
 from gaitpref.method.context import RoundContext
-from policy.checkpoint import holding_home, load_policy
-from policy.ppo import IterationStats, ScoreFn
-from policy.robot import Robot
-from policy.train import POLICY_NAME, SUMMARY_NAME, TrainCfg, train
+from policy.robots.robot import Robot
+from policy.training.checkpoint import holding_home, load_policy
+from policy.training.ppo import IterationStats, ScoreFn
+from policy.training.train import POLICY_NAME, SUMMARY_NAME, TrainCfg, train
 from rewardmodel.storage import load_reward
 
 from .by_method import Retraining, rows_of

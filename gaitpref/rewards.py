@@ -13,11 +13,16 @@ import torch
 from torch import Tensor
 
 from data.features import column
-from policy.config import EnvCfg
-from policy.known_terms import KnownTermsCfg, known_terms
-from policy.ppo import ScoreFn, history_of
-from policy.reward import TaskRewardCfg, known_terms_for, task_reward_for, task_score
-from policy.robot import Robot
+from policy.env.env_cfg import EnvCfg
+from policy.env.known_terms import KnownTermsCfg, known_terms
+from policy.env.task_reward import (
+    TaskRewardCfg,
+    known_terms_for,
+    task_reward_for,
+    task_score,
+)
+from policy.robots.robot import Robot
+from policy.training.ppo import ScoreFn, history_of
 from rewardmodel.storage import load_reward
 
 from .criteria import Criterion, CriterionContext, SequenceCriterion, load_criterion

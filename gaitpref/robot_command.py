@@ -8,8 +8,8 @@ import numpy as np
 
 from data.features import LEGS
 from data.files.files import write_atomically
-from policy.config import EnvCfg
-from policy.robot import Robot, load_robot
+from policy.env.env_cfg import EnvCfg
+from policy.robots.robot import Robot, load_robot
 
 from . import options
 from .robot_picture import draw

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from data.features import LEGS
 from labeling_ui.geometry import instance_poses, robot_geometry
-from policy.robot import Robot
+from policy.robots.robot import Robot
 
 _SUN_W = np.array([0.3, -0.5, 0.8])
 _FRONT, _SIDE = ("from the front right", 35.0, 20.0), ("from the right", 90.0, 2.0)

@@ -11,7 +11,7 @@ import numpy as np
 from data.datasets.dataset import Dataset
 from data.files.files import read_json
 from gaitpref.method.context import RoundContext
-from policy.train import POLICY_NAME
+from policy.training.train import POLICY_NAME
 
 from .loop_cfg import LoopCfg
 

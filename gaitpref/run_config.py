@@ -14,7 +14,7 @@ from data.files.files import read_json, write_atomically
 from data.files.lock import LOCK_NAME
 from data.files.plain import CLASS, from_plain, to_plain
 from data.files.yaml_file import read_yaml
-from policy.identity import differences
+from policy.training.identity import differences
 
 from .loop_cfg import LoopCfg, RunError
 

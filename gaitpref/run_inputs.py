@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from data.files.files import sha256_file
-from policy.identity import content_of
-from policy.robot import Robot
+from policy.robots.robot import Robot
+from policy.training.identity import content_of
+from policy.training.setup import setting_of
 
 from .criteria import Criterion, load_criterion
 from .loop_cfg import LoopCfg
 from .rewards import criterion_context
-from .setting import setting_of
 
 
 @dataclass(frozen=True, eq=False)

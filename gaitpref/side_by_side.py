@@ -17,9 +17,9 @@ from gaitpref.method.acceptance import Duel
 from gaitpref.method.clips import ClipSources
 from gaitpref.method.context import RoundContext
 from gaitpref.method.method import Method
-from policy.checkpoint import Policy, load_policy
-from policy.record import record
-from policy.train import POLICY_NAME
+from policy.rollouts.record import record
+from policy.training.checkpoint import Policy, load_policy
+from policy.training.train import POLICY_NAME
 from rewardmodel.acquisition import asked_for, in_step
 
 from .by_method import recorded_by

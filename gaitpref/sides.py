@@ -10,9 +10,9 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from policy.mirror import has_mirror, mirror_of
-from policy.ppo import PpoCfg, ScoreFn
-from policy.robot import Robot
+from policy.robots.robot import Robot
+from policy.training.mirror import has_mirror, mirror_of
+from policy.training.ppo import PpoCfg, ScoreFn
 
 _APART = 0.05
 """Mean difference of the rewards of a step and of its mirror image, in deviations of

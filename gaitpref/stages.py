@@ -16,11 +16,11 @@ from data.datasets.gone import told_gone
 from data.files.files import read_json, write_atomically
 from gaitpref.method.context import RoundContext
 from gaitpref.method.noisy import NoisyAnswers
-from policy.checkpoint import load_policy
-from policy.evaluate import evaluate, rollout_features, summarise
-from policy.ppo import ScoreFn
-from policy.record import record
-from policy.train import SUMMARY_NAME
+from policy.rollouts.evaluate import evaluate, rollout_features, summarise
+from policy.rollouts.record import record
+from policy.training.checkpoint import load_policy
+from policy.training.ppo import ScoreFn
+from policy.training.train import SUMMARY_NAME
 from rewardmodel.fit import fit_reward, no_reward
 from rewardmodel.pairs import load_pairs
 from rewardmodel.storage import load_reward, save_reward

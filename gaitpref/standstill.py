@@ -18,8 +18,8 @@ from data.features import column
 from data.files.files import write_atomically
 from gaitpref.method.context import RoundContext
 from gaitpref.method.unstick import Optimism
-from policy.checkpoint import load_policy
-from policy.evaluate import rollout_features
+from policy.rollouts.evaluate import rollout_features
+from policy.training.checkpoint import load_policy
 from rewardmodel.model import RewardModel
 from rewardmodel.optimism import OptimisticReward
 

@@ -10,11 +10,11 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from policy.config import EnvCfg
-from policy.known_terms import KnownTermsCfg
-from policy.ppo import ScoreFn, history_of
-from policy.reward import task_reward_for, task_score
-from policy.robot import Robot
+from policy.env.env_cfg import EnvCfg
+from policy.env.known_terms import KnownTermsCfg
+from policy.env.task_reward import task_reward_for, task_score
+from policy.robots.robot import Robot
+from policy.training.ppo import ScoreFn, history_of
 
 from .rewards import criterion_context, load_score, total_reward
 

@@ -19,9 +19,9 @@ from torch import Tensor
 
 from data.features import column
 from gaitpref.method.tracking import TrackingPrice
-from policy.checkpoint import Policy
-from policy.env import QuadrupedEnv
-from policy.rollout import first_episodes
+from policy.env.env import QuadrupedEnv
+from policy.rollouts.rollout import first_episodes
+from policy.training.checkpoint import Policy
 
 _EPISODES = 64
 

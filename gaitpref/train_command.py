@@ -11,14 +11,15 @@ from torch import Tensor
 from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from data.files.lock import only_writer
-from policy.checkpoint import PolicyError, load_policy
-from policy.config import RANDOMISE, EnvCfg, getup_env
-from policy.curriculum import CurriculumCfg
-from policy.extensions.exploration import ExplorationBonusCfg
+from policy.env.curriculum import CurriculumCfg
+from policy.env.env_cfg import RANDOMISE, EnvCfg, getup_env
+from policy.env.known_terms import KnownTermsCfg
+from policy.extensions.bonus import ExplorationBonusCfg
 from policy.extensions.kl_penalty import KlPenaltyCfg
-from policy.known_terms import KnownTermsCfg
-from policy.ppo import PpoCfg, ScoreFn
-from policy.train import POLICY_NAME, RESUME_NAME, TrainCfg, train
+from policy.training.checkpoint import PolicyError, load_policy
+from policy.training.ppo import PpoCfg, ScoreFn
+from policy.training.setup import Setting, setting_of
+from policy.training.train import POLICY_NAME, RESUME_NAME, TrainCfg, train
 from rewardmodel.model import RewardModel
 
 from . import options
@@ -26,7 +27,6 @@ from .by_hand import Stage, refuse_beside_method, stage_of, told_without_method
 from .by_method import Retraining, rows_of
 from .progress import console, training_bar
 from .rewards import criterion_context, load_score, total_reward
-from .setting import Setting, setting_of
 from .terminal import EXIT_INTERRUPTED
 
 

@@ -7,8 +7,8 @@ from dataclasses import asdict
 from typing import Any
 
 from data.datasets.gone import told_gone
-from policy.checkpoint import load_policy
-from policy.evaluate import rollout_features
+from policy.rollouts.evaluate import rollout_features
+from policy.training.checkpoint import load_policy
 from rewardmodel.held_out_report import Foreseen, foresee
 from rewardmodel.pairs import AnsweredPairs, load_pairs
 from rewardmodel.storage import load_reward

@@ -15,10 +15,10 @@ from data.features import JOINTS
 from gaitpref.cli import main
 from gaitpref.run_config import claim
 from gaitpref.run_inputs import inputs_of
-from policy.config import EnvCfg
-from policy.ppo import PpoCfg
-from policy.robot import load_robot
-from policy.train import TrainCfg, train
+from policy.env.env_cfg import EnvCfg
+from policy.robots.robot import load_robot
+from policy.training.ppo import PpoCfg
+from policy.training.train import TrainCfg, train
 
 from .ros2_bag import Motion, write_bag
 from .small_loop import small_cfg

@@ -12,7 +12,7 @@ from data.datasets.dataset import Dataset
 from data.episodes.clips import Clip
 from data.episodes.episode import Episode
 from data.features import FEATURE_DIM, column
-from policy.robot import Robot, load_robot
+from policy.robots.robot import Robot, load_robot
 
 from .test_data_dataset import META
 

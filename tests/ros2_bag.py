@@ -10,7 +10,7 @@ import numpy as np
 from mcap_ros2.writer import Writer
 
 from gaitpref.viewing.messages import definitions, header, quaternion, vector
-from policy.robot import Robot
+from policy.robots.robot import Robot
 
 _LINE = "=" * 80
 _PARTS = {

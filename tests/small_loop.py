@@ -18,8 +18,8 @@ from gaitpref.loop import page_of_loop, run_configured
 from gaitpref.loop_cfg import LoopCfg, StepsCfg
 from gaitpref.options import Loop, Serving
 from gaitpref.presets import resolve
-from policy.ppo import PpoCfg
-from policy.record import RecordCfg
+from policy.rollouts.record import RecordCfg
+from policy.training.ppo import PpoCfg
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,8 +21,8 @@ from gaitpref.rounds import Round, seed_of
 from gaitpref.side_by_side import STRATEGY
 from gaitpref.stages import began_with
 from gaitpref.verdict import Verdict
-from policy.checkpoint import holding_home, load_policy, read_plain
-from policy.evaluate import evaluate
+from policy.rollouts.evaluate import evaluate
+from policy.training.checkpoint import holding_home, load_policy, read_plain
 from rewardmodel.storage import load_reward
 
 from .small_loop import small_cfg

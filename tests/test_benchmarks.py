@@ -26,7 +26,7 @@ from gaitpref.criteria import load_criterion
 from gaitpref.loop import run_configured
 from gaitpref.rater_cfg import RaterCfg
 from gaitpref.rewards import criterion_context
-from policy.checkpoint import load_policy
+from policy.training.checkpoint import load_policy
 from rewardmodel.descriptors import describe
 from tests.foreign_robots import Drawing, mjcf
 from tests.small_loop import small_cfg

@@ -14,8 +14,8 @@ from gaitpref.cli import main
 from gaitpref.loop import run_configured
 from gaitpref.loop_cfg import LoopCfg
 from gaitpref.rounds import Round, seed_of
-from policy.checkpoint import load_policy
-from policy.features import OBS_DIM
+from policy.env.feature_row import OBS_DIM
+from policy.training.checkpoint import load_policy
 
 from .small_loop import small_cfg
 

@@ -22,11 +22,11 @@ from data.errors import DatasetError
 from data.features import column
 from gaitpref.cli import main
 from gaitpref.exchange.pickles import load_plain_pickle
-from policy.config import EnvCfg
-from policy.ppo import PpoCfg
-from policy.record import RecordCfg, record
-from policy.robot import load_robot
-from policy.train import TrainCfg, train
+from policy.env.env_cfg import EnvCfg
+from policy.robots.robot import load_robot
+from policy.rollouts.record import RecordCfg, record
+from policy.training.ppo import PpoCfg
+from policy.training.train import TrainCfg, train
 
 from .motion import trotting_dataset
 

@@ -19,7 +19,7 @@ from data.features import JOINTS, column, missing_features
 from gaitpref.cli import main
 from labeling_ui.motion import load_motion
 from labeling_ui.strips import curves, footfalls
-from policy.robot import Robot, load_robot
+from policy.robots.robot import Robot, load_robot
 from rewardmodel.cfg import FitCfg
 from rewardmodel.fit import fit_reward
 from rewardmodel.pairs import load_pairs

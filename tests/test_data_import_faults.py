@@ -21,7 +21,7 @@ from data.datasets.dataset import Dataset
 from data.episodes.episode import Episode
 from data.features import JOINTS, column
 from gaitpref.cli import main
-from policy.robot import Robot, load_robot
+from policy.robots.robot import Robot, load_robot
 
 pytest.importorskip("mcap_ros2.writer", reason="needs the extra `view`")
 

@@ -17,11 +17,11 @@ from gaitpref.criteria import Criterion, load_criterion
 from gaitpref.questions import ClipCfg, ask
 from gaitpref.rater import answer_pairs
 from gaitpref.rewards import criterion_context, score_of_criterion
-from policy.config import EnvCfg
-from policy.ppo import PpoCfg
-from policy.record import RecordCfg, record
-from policy.robot import load_robot
-from policy.train import TrainCfg, train
+from policy.env.env_cfg import EnvCfg
+from policy.robots.robot import load_robot
+from policy.rollouts.record import RecordCfg, record
+from policy.training.ppo import PpoCfg
+from policy.training.train import TrainCfg, train
 from rewardmodel import FitCfg, RewardModel, fit_reward, load_pairs, save_reward
 from rewardmodel.clips import pad_clips
 from rewardmodel.explain import explain

@@ -23,7 +23,7 @@ from gaitpref.loop import run_configured
 from gaitpref.rater_cfg import RaterCfg
 from gaitpref.report import read_rounds
 from gaitpref.report_trust import alarm_section
-from policy.checkpoint import load_policy
+from policy.training.checkpoint import load_policy
 from rewardmodel import FitCfg, fit_reward, load_reward
 from rewardmodel.support import Drift
 from rewardmodel.trust import Reach, alarms, prefers

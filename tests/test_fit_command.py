@@ -20,7 +20,7 @@ from rewardmodel.storage import load_reward
 pq = pytest.importorskip("pyarrow.parquet", reason="needs the extra `parquet`")
 
 BLOCKED = ("aiohttp", "gymnasium", "matplotlib", "mujoco", "rsl_rl", "viser", "policy")
-ALLOWED = ("policy", "policy.known_terms")
+ALLOWED = ("policy", "policy.env.known_terms")
 """A method says what a learned reward is added to; that needs no simulator."""
 WITHOUT = f"""
 import sys

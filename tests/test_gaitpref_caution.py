@@ -17,12 +17,12 @@ from gaitpref.method.paid import AsFitted, SurelyLiked
 from gaitpref.method.tracking import TrackingPrice
 from gaitpref.rewards import total_reward
 from gaitpref.tracking_limit import TrackingLimit, limit_beside, tracking_error
-from policy.checkpoint import load_policy
-from policy.config import EnvCfg
-from policy.known_terms import KnownTermsCfg
-from policy.ppo import PpoCfg
-from policy.robot import load_robot
-from policy.train import TrainCfg, train
+from policy.env.env_cfg import EnvCfg
+from policy.env.known_terms import KnownTermsCfg
+from policy.robots.robot import load_robot
+from policy.training.checkpoint import load_policy
+from policy.training.ppo import PpoCfg
+from policy.training.train import TrainCfg, train
 from rewardmodel import FitCfg, fit_reward
 from rewardmodel.caution import CautiousReward
 from rewardmodel.descriptors import DESCRIPTOR_NAMES, names_seen

@@ -16,10 +16,10 @@ import pytest
 from data.datasets.dataset import Dataset
 from gaitpref import options
 from gaitpref.cli import main, parse
-from policy.config import EnvCfg
-from policy.ppo import PpoCfg
-from policy.robot import load_robot
-from policy.train import TrainCfg, train
+from policy.env.env_cfg import EnvCfg
+from policy.robots.robot import load_robot
+from policy.training.ppo import PpoCfg
+from policy.training.train import TrainCfg, train
 
 COMMANDS = {
     "loop": (["--run", "r"], options.Loop(run=Path("r"))),

@@ -12,10 +12,10 @@ from data.features import FEATURE_DIM, column
 from gaitpref.criteria import BUILT_IN, CriterionContext, CriterionError, load_criterion
 from gaitpref.judging import better
 from gaitpref.rewards import score_of_criterion, total_reward
-from policy.config import EnvCfg
-from policy.known_terms import KnownTermsCfg
-from policy.reward import TaskRewardCfg
-from policy.robot import load_robot
+from policy.env.env_cfg import EnvCfg
+from policy.env.known_terms import KnownTermsCfg
+from policy.env.task_reward import TaskRewardCfg
+from policy.robots.robot import load_robot
 
 CONTEXT = CriterionContext(task=TaskRewardCfg(height_m=0.28), control_dt_s=0.02)
 

@@ -13,11 +13,11 @@ from gaitpref.by_method import Retraining, with_noise
 from gaitpref.method.context import RoundContext
 from gaitpref.method.exploration import Descending, Noise, PutBack, pays_for_rate
 from gaitpref.method.method import FROM_SCRATCH, STYLE, Method
-from gaitpref.setting import setting_of
-from policy.checkpoint import Policy, load_policy
-from policy.config import EnvCfg
-from policy.ppo import PpoCfg
-from policy.train import TrainCfg, train
+from policy.env.env_cfg import EnvCfg
+from policy.training.checkpoint import Policy, load_policy
+from policy.training.ppo import PpoCfg
+from policy.training.setup import setting_of
+from policy.training.train import TrainCfg, train
 from rewardmodel import FitCfg, RewardModel, fit_reward
 
 from .test_rewardmodel_curves import Taste, asked, best_height, best_rate

@@ -25,11 +25,11 @@ from gaitpref.rounds import Round
 from gaitpref.side_by_side import pairs_of_both
 from labeling_ui.controls import command_words
 from labeling_ui.motion import MotionCache
-from policy.checkpoint import load_policy
-from policy.config import EnvCfg
-from policy.ppo import PpoCfg
-from policy.robot import load_robot
-from policy.train import TrainCfg, train
+from policy.env.env_cfg import EnvCfg
+from policy.robots.robot import load_robot
+from policy.training.checkpoint import load_policy
+from policy.training.ppo import PpoCfg
+from policy.training.train import TrainCfg, train
 
 
 def test_the_robot_that_does_not_fall_is_the_known_answer(tmp_path: Path) -> None:

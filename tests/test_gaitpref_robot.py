@@ -14,9 +14,9 @@ from gaitpref.cli import main
 from gaitpref.play_command import live_policy
 from labeling_ui.geometry import instance_poses, robot_geometry
 from labeling_ui.live import Drive
-from policy.config import EnvCfg
-from policy.reward import TaskRewardCfg, size_of, task_reward_for
-from policy.robot import load_robot, load_robot_xml
+from policy.env.env_cfg import EnvCfg
+from policy.env.task_reward import TaskRewardCfg, size_of, task_reward_for
+from policy.robots.robot import load_robot, load_robot_xml
 from tests.foreign_robots import Drawing, mjcf, urdf
 
 

@@ -16,14 +16,14 @@ from gaitpref.criteria import load_criterion
 from gaitpref.loop import run_configured
 from gaitpref.rewards import criterion_context, score_of_criterion
 from gaitpref.sides import in_mirror
-from policy.babble import Babble
-from policy.checkpoint import load_policy
-from policy.config import EnvCfg
-from policy.env import QuadrupedEnv
+from policy.env.env import QuadrupedEnv
+from policy.env.env_cfg import EnvCfg
 from policy.extensions.kl_penalty import KlPenaltyCfg
-from policy.ppo import PpoCfg
-from policy.robot import Robot, load_robot
-from policy.rollout import first_episodes
+from policy.robots.robot import Robot, load_robot
+from policy.rollouts.babble import Babble
+from policy.rollouts.rollout import first_episodes
+from policy.training.checkpoint import load_policy
+from policy.training.ppo import PpoCfg
 
 from .small_loop import small_cfg
 

@@ -26,10 +26,10 @@ from gaitpref.gym_env import QuadrupedGymEnv, QuadrupedVectorEnv
 from gaitpref.gym_registration import ENV_ID
 from gaitpref.learned_vecenv import LearnedRewardEnv
 from gaitpref.step_reward import StepReward
-from policy.config import EnvCfg
-from policy.env import QuadrupedEnv
-from policy.ppo import PpoCfg, to_rsl_rl
-from policy.robot import load_robot
+from policy.env.env import QuadrupedEnv
+from policy.env.env_cfg import EnvCfg
+from policy.robots.robot import load_robot
+from policy.training.ppo import PpoCfg, to_rsl_rl
 from rewardmodel import FitCfg, fit_reward, save_reward
 from rewardmodel.storage import load_reward
 from tests.test_rewardmodel_fit import answered

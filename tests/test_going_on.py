@@ -16,10 +16,10 @@ from gaitpref.loop_cfg import LoopCfg
 from gaitpref.method.method import FROM_SCRATCH, STYLE, Method
 from gaitpref.method.start import BestLiked
 from gaitpref.rounds import Round, began_from
-from gaitpref.setting import setting_of
-from policy.checkpoint import holding_home
-from policy.ppo import PpoCfg
-from policy.train import TrainCfg, train
+from policy.training.checkpoint import holding_home
+from policy.training.ppo import PpoCfg
+from policy.training.setup import setting_of
+from policy.training.train import TrainCfg, train
 
 from .small_loop import small_cfg
 from .test_approval import wild

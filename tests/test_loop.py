@@ -22,8 +22,8 @@ from gaitpref.loop_cfg import RunError
 from gaitpref.method.budget import FrontLoaded
 from gaitpref.method.context import RoundContext
 from gaitpref.options import Loop
-from policy.checkpoint import load_policy
-from policy.config import getup_env
+from policy.env.env_cfg import getup_env
+from policy.training.checkpoint import load_policy
 
 from .small_loop import small_cfg
 

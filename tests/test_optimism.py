@@ -22,10 +22,10 @@ from gaitpref.retraining import policy_stage
 from gaitpref.rounds import Round
 from gaitpref.side_by_side import STRATEGY
 from gaitpref.standstill import seen_standing, standstill_before
-from policy.checkpoint import load_policy
-from policy.features import OBS_DIM
-from policy.robot import load_robot
-from policy.train import POLICY_NAME, TrainCfg, train
+from policy.env.feature_row import OBS_DIM
+from policy.robots.robot import load_robot
+from policy.training.checkpoint import load_policy
+from policy.training.train import POLICY_NAME, TrainCfg, train
 from rewardmodel.extensions.mlp import MlpScorer
 from rewardmodel.extensions.settings import MlpCfg
 from rewardmodel.linear import LinearScorer

@@ -16,10 +16,10 @@ import pytest
 from benchmarks.visitor import Visitor
 from gaitpref.play_command import live_policy
 from labeling_ui.live import Drive, LiveState, StepFn
-from policy.config import EnvCfg
-from policy.ppo import PpoCfg
-from policy.robot import load_robot
-from policy.train import TrainCfg, train
+from policy.env.env_cfg import EnvCfg
+from policy.robots.robot import load_robot
+from policy.training.ppo import PpoCfg
+from policy.training.train import TrainCfg, train
 
 LIMIT_S = 120.0
 """For anything to come: the machine may be busy."""

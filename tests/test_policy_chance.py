@@ -9,14 +9,14 @@ from typing import Any
 import pytest
 import torch
 
-from policy.chance import spawned
-from policy.config import EnvCfg, getup_env
-from policy.env import QuadrupedEnv
-from policy.ppo import PpoCfg
-from policy.record import RecordCfg, record
-from policy.robot import load_robot
-from policy.train import TrainCfg, train
-from policy.variation import VariationCfg
+from policy.env.env import QuadrupedEnv
+from policy.env.env_cfg import EnvCfg, getup_env
+from policy.env.seeding import spawned
+from policy.robots.robot import load_robot
+from policy.rollouts.record import RecordCfg, record
+from policy.rollouts.variation import VariationCfg
+from policy.training.ppo import PpoCfg
+from policy.training.train import TrainCfg, train
 
 PPO = PpoCfg(num_envs=4, hidden_sizes=(8,))
 CFG = TrainCfg(steps=PPO.steps_per_iteration, env=EnvCfg(episode_s=0.4), ppo=PPO)

@@ -10,13 +10,13 @@ import torch
 
 from data.features import FEATURE_DIM, column
 from gaitpref.cli import main
-from policy.checkpoint import load_policy, read_plain
-from policy.config import CommandCfg, EnvCfg
-from policy.curriculum import Curriculum, CurriculumCfg
-from policy.env import QuadrupedEnv
-from policy.ppo import IterationStats, PpoCfg
-from policy.robot import Robot, load_robot
-from policy.train import TrainCfg, train
+from policy.env.curriculum import Curriculum, CurriculumCfg
+from policy.env.env import QuadrupedEnv
+from policy.env.env_cfg import CommandCfg, EnvCfg
+from policy.robots.robot import Robot, load_robot
+from policy.training.checkpoint import load_policy, read_plain
+from policy.training.ppo import IterationStats, PpoCfg
+from policy.training.train import TrainCfg, train
 
 CFG = CurriculumCfg(start=0.4, end=1.0, widen=0.2, good=0.8, window_s=0.1)
 

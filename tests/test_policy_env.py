@@ -11,13 +11,13 @@ import pytest
 import torch
 
 from data.features import FEATURE_DIM, column
-from policy.config import CommandCfg, EnvCfg
-from policy.env import QuadrupedEnv
-from policy.features import OBS_DIM
-from policy.reward import TaskRewardCfg, task_reward_for, task_score, weighted
-from policy.robot import Robot, load_robot
+from policy.env.env import QuadrupedEnv
+from policy.env.env_cfg import CommandCfg, EnvCfg
+from policy.env.feature_row import OBS_DIM
+from policy.env.sim import BatchSim
+from policy.env.task_reward import TaskRewardCfg, task_reward_for, task_score, weighted
 from policy.robots.bare import bare_model
-from policy.sim import BatchSim
+from policy.robots.robot import Robot, load_robot
 
 CFG = EnvCfg(commands=CommandCfg(resample_s=math.inf))
 

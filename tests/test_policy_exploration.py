@@ -12,17 +12,17 @@ from torch import Tensor
 
 from benchmarks.exploration import coverage, settled_kl
 from data.features import FEATURE_DIM, column
-from policy.config import EnvCfg
-from policy.extensions.exploration import (
+from policy.env.env_cfg import EnvCfg
+from policy.extensions.bonus import (
     MOTION_SCALE,
     EntropyBonus,
     ExplorationBonusCfg,
     base_motion,
 )
 from policy.extensions.kl_penalty import KlPenalty, KlPenaltyCfg
-from policy.ppo import PpoCfg
-from policy.robot import Robot, load_robot
-from policy.train import TrainCfg, train
+from policy.robots.robot import Robot, load_robot
+from policy.training.ppo import PpoCfg
+from policy.training.train import TrainCfg, train
 
 ENV = EnvCfg(episode_s=0.4)
 PPO = PpoCfg(num_envs=4, hidden_sizes=(8,), init_std=0.1)

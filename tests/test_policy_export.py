@@ -12,12 +12,12 @@ import pytest
 import torch
 
 from gaitpref.cli import main
-from policy.checkpoint import Policy, load_policy
-from policy.config import EnvCfg
-from policy.env import QuadrupedEnv
-from policy.ppo import PpoCfg
-from policy.robot import load_robot, load_robot_xml
-from policy.train import TrainCfg, train
+from policy.env.env import QuadrupedEnv
+from policy.env.env_cfg import EnvCfg
+from policy.robots.robot import load_robot, load_robot_xml
+from policy.training.checkpoint import Policy, load_policy
+from policy.training.ppo import PpoCfg
+from policy.training.train import TrainCfg, train
 from tests.foreign_robots import Drawing, mjcf
 
 onnxruntime = pytest.importorskip(

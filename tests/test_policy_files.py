@@ -21,12 +21,12 @@ from torch import nn
 from data.errors import FileError
 from data.files.plain import to_plain
 from gaitpref.cli import main
-from policy.checkpoint import PolicyError, load_policy, read_plain
-from policy.config import EnvCfg
+from policy.env.env_cfg import EnvCfg
 from policy.extensions.kl_penalty import KlPenaltyCfg
-from policy.ppo import PpoCfg
-from policy.robot import load_robot
-from policy.train import TrainCfg, train
+from policy.robots.robot import load_robot
+from policy.training.checkpoint import PolicyError, load_policy, read_plain
+from policy.training.ppo import PpoCfg
+from policy.training.train import TrainCfg, train
 
 PPO = PpoCfg(num_envs=4, hidden_sizes=(8,))
 

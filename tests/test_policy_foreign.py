@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from data.features import LEGS
-from policy.commands import commands_for
-from policy.config import CommandCfg
-from policy.robot import Robot, RobotError, load_robot, load_robot_xml
+from policy.env.env_cfg import CommandCfg
+from policy.env.velocity_commands import commands_for
+from policy.robots.robot import Robot, RobotError, load_robot, load_robot_xml
 from tests.foreign_robots import Drawing, mjcf
 
 DT_S = 0.005

@@ -12,13 +12,18 @@ from data.datasets.dataset import Dataset
 from data.features import FEATURE_DIM, column
 from data.files.plain import from_plain, to_plain
 from gaitpref.cli import main
-from policy.checkpoint import load_policy
-from policy.config import EnvCfg, getup_env
-from policy.env import QuadrupedEnv
-from policy.reward import GETUP_TASK, TaskRewardCfg, getup_terms, task_reward_for
-from policy.robot import Robot, load_robot
-from policy.terrain import TerrainCfg
-from policy.world import in_world
+from policy.env.env import QuadrupedEnv
+from policy.env.env_cfg import EnvCfg, getup_env
+from policy.env.task_reward import (
+    GETUP_TASK,
+    TaskRewardCfg,
+    getup_terms,
+    task_reward_for,
+)
+from policy.env.terrain import TerrainCfg
+from policy.env.world import in_world
+from policy.robots.robot import Robot, load_robot
+from policy.training.checkpoint import load_policy
 
 CFG = getup_env(EnvCfg())
 

@@ -11,12 +11,12 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from policy.checkpoint import PolicyError
-from policy.config import EnvCfg
-from policy.identity import content_of, differences
-from policy.ppo import PpoCfg, ScoreFn
-from policy.robot import Robot, load_robot
-from policy.train import TrainCfg, train
+from policy.env.env_cfg import EnvCfg
+from policy.robots.robot import Robot, load_robot
+from policy.training.checkpoint import PolicyError
+from policy.training.identity import content_of, differences
+from policy.training.ppo import PpoCfg, ScoreFn
+from policy.training.train import TrainCfg, train
 
 PPO = PpoCfg(num_envs=4, hidden_sizes=(8,))
 CFG = TrainCfg(

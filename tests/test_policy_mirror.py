@@ -10,14 +10,14 @@ import pytest
 import torch
 
 from data.features import FEATURE_DIM, FEATURES, Feature, column
-from policy.checkpoint import load_policy
-from policy.config import EnvCfg
-from policy.env import QuadrupedEnv
-from policy.features import OBSERVATION, in_order, obs_column
-from policy.mirror import Mirror, has_mirror, mirror_of, mirrored
-from policy.ppo import PpoCfg
-from policy.robot import Robot, RobotError, load_robot
-from policy.train import TrainCfg, train
+from policy.env.env import QuadrupedEnv
+from policy.env.env_cfg import EnvCfg
+from policy.env.feature_row import OBSERVATION, in_order, obs_column
+from policy.robots.robot import Robot, RobotError, load_robot
+from policy.training.checkpoint import load_policy
+from policy.training.mirror import Mirror, has_mirror, mirror_of, mirrored
+from policy.training.ppo import PpoCfg
+from policy.training.train import TrainCfg, train
 
 ENV = EnvCfg()
 

@@ -12,13 +12,13 @@ import torch
 
 from data.features import column
 from gaitpref.cli import main
-from policy.checkpoint import PolicyError, load_policy
-from policy.config import RANDOMISE, EnvCfg, NoiseCfg, RandomiseCfg, ResetCfg
-from policy.env import QuadrupedEnv
-from policy.ppo import PpoCfg
-from policy.randomise import RandomisedEnv, make_env
-from policy.robot import Robot, load_robot
-from policy.train import TrainCfg, train
+from policy.env.env import QuadrupedEnv
+from policy.env.env_cfg import RANDOMISE, EnvCfg, NoiseCfg, RandomiseCfg, ResetCfg
+from policy.env.randomise import RandomisedEnv, make_env
+from policy.robots.robot import Robot, load_robot
+from policy.training.checkpoint import PolicyError, load_policy
+from policy.training.ppo import PpoCfg
+from policy.training.train import TrainCfg, train
 
 STILL = ResetCfg(
     joint_pos_rad=0,

@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 from data.features import JOINTS, LEGS
-from policy.robot import SHIPPED_XML, Robot, RobotError, load_robot, load_robot_xml
+from policy.robots.robot import (
+    SHIPPED_XML,
+    Robot,
+    RobotError,
+    load_robot,
+    load_robot_xml,
+)
 
 DT_S = 0.005
 TETRAHEDRON_OBJ = """

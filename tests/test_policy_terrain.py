@@ -21,12 +21,12 @@ from gaitpref.cli import main
 from gaitpref.play_command import live_policy
 from labeling_ui.live import Drive
 from labeling_ui.motion import load_motion
-from policy.checkpoint import load_policy
-from policy.config import RANDOMISE, EnvCfg
-from policy.env import QuadrupedEnv
-from policy.randomise import make_env
-from policy.robot import Robot, load_robot, load_robot_xml
-from policy.terrain import EDGE_M, TerrainCfg, heights, on_terrain, turned
+from policy.env.env import QuadrupedEnv
+from policy.env.env_cfg import RANDOMISE, EnvCfg
+from policy.env.randomise import make_env
+from policy.env.terrain import EDGE_M, TerrainCfg, heights, on_terrain, turned
+from policy.robots.robot import Robot, load_robot, load_robot_xml
+from policy.training.checkpoint import load_policy
 from tests.foreign_robots import Drawing, mjcf
 
 KINDS = ("slopes", "steps", "rough")

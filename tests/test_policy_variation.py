@@ -10,14 +10,14 @@ import pytest
 import torch
 
 from data.features import column
-from policy.config import EnvCfg
-from policy.env import QuadrupedEnv
-from policy.ppo import PpoCfg
-from policy.record import RecordCfg, record
-from policy.robot import Robot, load_robot
-from policy.rollout import first_episodes, hold_home
-from policy.train import TrainCfg, train
-from policy.variation import VariationCfg, Varied, joints_per_shift
+from policy.env.env import QuadrupedEnv
+from policy.env.env_cfg import EnvCfg
+from policy.robots.robot import Robot, load_robot
+from policy.rollouts.record import RecordCfg, record
+from policy.rollouts.rollout import first_episodes, hold_home
+from policy.rollouts.variation import VariationCfg, Varied, joints_per_shift
+from policy.training.ppo import PpoCfg
+from policy.training.train import TrainCfg, train
 
 ENV = EnvCfg(episode_s=1.0)
 ALL = VariationCfg(share=1.0)

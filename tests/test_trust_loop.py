@@ -23,15 +23,15 @@ from gaitpref.rater_cfg import RaterCfg
 from gaitpref.retraining import policy_stage
 from gaitpref.rewards import criterion_context, score_of_criterion, total_reward
 from gaitpref.rounds import Round
-from policy.checkpoint import holding_home, load_policy
-from policy.config import EnvCfg
-from policy.evaluate import rollout_features, summarise
-from policy.features import OBS_DIM
-from policy.known_terms import KnownTermsCfg
-from policy.ppo import PpoCfg
-from policy.record import RecordCfg, record
-from policy.robot import load_robot
-from policy.train import TrainCfg, train
+from policy.env.env_cfg import EnvCfg
+from policy.env.feature_row import OBS_DIM
+from policy.env.known_terms import KnownTermsCfg
+from policy.robots.robot import load_robot
+from policy.rollouts.evaluate import rollout_features, summarise
+from policy.rollouts.record import RecordCfg, record
+from policy.training.checkpoint import holding_home, load_policy
+from policy.training.ppo import PpoCfg
+from policy.training.train import TrainCfg, train
 from rewardmodel import AnsweredPairs, FitCfg, RewardModel, fit_reward, load_pairs
 from rewardmodel.descriptors import DESCRIPTOR_NAMES
 from rewardmodel.kinds import prepare

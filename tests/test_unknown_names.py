@@ -15,11 +15,11 @@ from torch import Tensor
 from gaitpref import cli, commands, fit_command
 from gaitpref.rewards import total_reward
 from gaitpref.step_reward import StepReward
-from policy.config import EnvCfg
-from policy.known_terms import KnownTermsCfg
-from policy.ppo import PpoCfg
-from policy.robot import load_robot
-from policy.train import TrainCfg, train
+from policy.env.env_cfg import EnvCfg
+from policy.env.known_terms import KnownTermsCfg
+from policy.robots.robot import load_robot
+from policy.training.ppo import PpoCfg
+from policy.training.train import TrainCfg, train
 from rewardmodel import FitCfg, RewardError, fit_reward, load_reward, save_reward
 from rewardmodel.ensemble import fit_ensemble
 from rewardmodel.kinds import kind_called, prepare

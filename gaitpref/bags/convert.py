@@ -14,7 +14,7 @@ import numpy as np
 from data.episodes.episode import Episode, EpisodeMeta
 from data.episodes.resample import overlaps, split_at_gaps
 from data.features import missing_features
-from policy.robot import Robot, load_robot
+from policy.robots.robot import Robot, load_robot
 
 from .bag_map import SHIPPED_ROBOT, BagError, BagMap
 from .clock import runs_of

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from data.features import JOINTS
-from policy.robot import Robot
+from policy.robots.robot import Robot
 
 from .bag_map import BagError
 from .findings import Findings

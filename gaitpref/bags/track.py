@@ -22,7 +22,7 @@ from data.episodes.resample import (
     rotate,
 )
 from data.features import FEATURE_DIM, column
-from policy.robot import Robot
+from policy.robots.robot import Robot
 
 from .bag_map import BagMap
 from .series import Bag, Series

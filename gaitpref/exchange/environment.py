@@ -15,7 +15,7 @@ def action_bound(largest: float) -> float:
     to the limit may lie beyond it.
     """
     try:
-        from policy.config import EnvCfg
+        from policy.env.env_cfg import EnvCfg
     except ModuleNotFoundError:
         return math.inf
     return max(EnvCfg().action_limit, largest)
@@ -33,8 +33,8 @@ def env_spec(source: Source) -> str | None:
         from gymnasium.wrappers import RescaleAction
 
         from gaitpref.gym_registration import ENV_ID
-        from policy.config import EnvCfg
-        from policy.robot import load_robot
+        from policy.env.env_cfg import EnvCfg
+        from policy.robots.robot import load_robot
     except ModuleNotFoundError:
         return None
     cfg = EnvCfg()

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from data.files.plain import ONE_OF
-from policy.known_terms import KnownTermsCfg
+from policy.env.known_terms import KnownTermsCfg
 from rewardmodel.cfg import FitCfg, LinearCfg, PosteriorCfg
 
 from .acceptance import Compared

@@ -12,7 +12,7 @@ from .context import RoundContext
 
 if TYPE_CHECKING:
     # A reward can be fitted where nothing is trained.
-    from policy.reward_ppo import RewardFn
+    from policy.training.reward_ppo import RewardFn
 
 
 @dataclass(frozen=True, kw_only=True)

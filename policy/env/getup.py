@@ -15,9 +15,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from policy.robots.robot import Robot, load_robot_xml
 from policy.robots.solid import make_legs_solid
 
-from .robot import Robot, load_robot_xml
 from .sim import BatchSim
 from .terrain import Starts
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from .config import EnvCfg
+from policy.robots.robot import Robot
+
+from .env_cfg import EnvCfg
 from .getup import with_solid_legs
-from .robot import Robot
 from .terrain import on_terrain
 
 

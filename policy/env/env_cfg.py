@@ -9,7 +9,7 @@ from data.files.plain import ADDED_LATER
 
 from .curriculum import CurriculumCfg
 from .getup import GetupCfg
-from .reward import GETUP_TASK, TaskRewardCfg
+from .task_reward import GETUP_TASK, TaskRewardCfg
 from .terrain import TerrainCfg
 
 Range = tuple[float, float]

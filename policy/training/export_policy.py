@@ -19,10 +19,10 @@ from torch import Tensor, nn
 
 from data.features import JOINTS
 from data.files.files import write_atomically
+from policy.env.feature_row import OBS_DIM, OBSERVATION, obs_column
+from policy.robots.robot import Robot
 
 from .checkpoint import Policy, PolicyInfo
-from .features import OBS_DIM, OBSERVATION, obs_column
-from .robot import Robot
 
 FORMAT_VERSION = 2
 """Of policy.json. In version 1 `kd_nm_s_per_rad` lacked the damping of the joints."""

@@ -18,14 +18,14 @@ from torch.utils.tensorboard.writer import SummaryWriter
 from data.files.files import sha256_file, write_atomically
 from data.files.plain import ADDED_LATER, to_plain
 from data.files.weights import misfits, not_finite
+from policy.env.env_cfg import EnvCfg
+from policy.env.randomise import make_env
+from policy.env.seeding import spawned
+from policy.robots.robot import Robot
 
-from .chance import spawned
 from .checkpoint import PolicyError, PolicyInfo, policy_info, read_plain, save_policy
-from .config import EnvCfg
 from .identity import content_of, differences
 from .ppo import IterationStats, PpoCfg, Runner, ScoreFn
-from .randomise import make_env
-from .robot import Robot
 from .written import as_written
 
 RESUME_NAME = "resume.pt"

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from policy.checkpoint import load_policy
-from policy.commands import env_for
-from policy.config import EnvCfg
-from policy.ppo import PpoCfg
-from policy.robot import Robot, load_robot
+from policy.env.env_cfg import EnvCfg
+from policy.env.velocity_commands import env_for
+from policy.robots.robot import Robot, load_robot
+
+from .checkpoint import load_policy
+from .ppo import PpoCfg
 
 
 @dataclass(frozen=True, eq=False)

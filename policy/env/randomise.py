@@ -18,11 +18,11 @@ from torch import Tensor
 
 from data.features import LEGS
 from policy.robots.anatomy import bodies_below
+from policy.robots.robot import Robot
 
-from .config import EnvCfg, NoiseCfg, RandomiseCfg
 from .env import QuadrupedEnv
-from .features import OBS_DIM, BaseState, obs_column
-from .robot import Robot
+from .env_cfg import EnvCfg, NoiseCfg, RandomiseCfg
+from .feature_row import OBS_DIM, BaseState, obs_column
 from .sim import BatchSim, SimState
 from .world import in_world
 

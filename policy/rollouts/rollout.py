@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .env import QuadrupedEnv
+from policy.env.env import QuadrupedEnv
 
 
 class Actor(Protocol):

@@ -15,14 +15,14 @@ import torch
 from data.episodes.episode import EndReason, Episode, EpisodeMeta
 from data.episodes.episode_records import COMMAND_CHANGE
 from data.files.plain import ADDED_LATER
+from policy.env.env import QuadrupedEnv
+from policy.env.env_cfg import CommandCfg, EnvCfg
+from policy.env.seeding import spawned
+from policy.training.checkpoint import Policy, load_policy
+from policy.training.train import CHECKPOINTS_NAME
 
 from .babble import BABBLE_SHA256, Babble
-from .chance import spawned
-from .checkpoint import Policy, load_policy
-from .config import CommandCfg, EnvCfg
-from .env import QuadrupedEnv
 from .rollout import Actor, RolloutStep, first_episodes
-from .train import CHECKPOINTS_NAME
 from .variation import VariationCfg, Varied
 
 LONGEST_S = 600.0

@@ -21,10 +21,10 @@ from torch import Tensor
 from data.ground import Ground
 from policy.robots.anatomy import bodies_below
 from policy.robots.foot import collides
-from policy.robots.ground import TERRAIN_NAME, forget
+from policy.robots.ground_shape import TERRAIN_NAME, forget
+from policy.robots.robot import Robot, RobotError, load_robot_xml
 
-from .reward import size_of
-from .robot import Robot, RobotError, load_robot_xml
+from .task_reward import size_of
 
 TerrainKind = Literal["flat", "slopes", "steps", "rough"]
 

@@ -15,11 +15,11 @@ from tensordict import TensorDict
 
 from data.features import column
 from data.files.plain import ADDED_LATER, KIND_NONE
-from policy.extensions.exploration import ExplorationBonusCfg
+from policy.env.env import QuadrupedEnv
+from policy.extensions.bonus import ExplorationBonusCfg
 from policy.extensions.kl_penalty import KlPenaltyCfg
 from policy.robots.hints import RobotError
 
-from .env import QuadrupedEnv
 from .mirror import mirror_of
 from .reward_ppo import RewardFn as RewardFn
 from .reward_ppo import RewardPpo as RewardPpo

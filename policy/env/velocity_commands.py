@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from .config import CommandCfg, EnvCfg, Range
-from .reward import size_of
-from .robot import Robot
+from policy.robots.robot import Robot
+
+from .env_cfg import CommandCfg, EnvCfg, Range
+from .task_reward import size_of
 
 
 def commands_for(robot: Robot, cfg: CommandCfg) -> CommandCfg:

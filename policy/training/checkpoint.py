@@ -20,12 +20,12 @@ from data.files.limits import POLICY_BYTES
 from data.files.plain import from_plain, to_plain
 from data.files.unpacking import require_stored
 from data.files.weights import misfits, not_finite
+from policy.env.env_cfg import EnvCfg
+from policy.env.feature_row import OBS_DIM
+from policy.robots.robot import Robot, load_robot_xml
 
-from .config import EnvCfg
-from .features import OBS_DIM
 from .others import writer_of_bytes, writer_of_payload, writer_without_description
 from .ppo import PpoCfg, RewardPpo, to_rsl_rl
-from .robot import Robot, load_robot_xml
 from .written import as_written
 
 FORMAT_VERSION = 1

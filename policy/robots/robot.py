@@ -20,24 +20,19 @@ import numpy as np
 from data.files.files import require_regular
 from data.files.limits import ROBOT_BYTES
 from data.ground import Ground
-from policy.robots.additions import add_sites_and_sensors, is_complete
-from policy.robots.anatomy import Skeleton, find_anatomy, find_base, find_joints
-from policy.robots.frozen import freeze_other_joints, make_feet_collide
-from policy.robots.ground import ensure_floor, ground_of
-from policy.robots.hints import (
-    Hints,
-    embed_hints,
-    embedded_hints,
-    hints_path,
-    read_hints,
-)
-from policy.robots.hints import RobotError as RobotError
-from policy.robots.inline import flatten
-from policy.robots.servos import ensure_servos
-from policy.robots.stance import ensure_home
-from policy.robots.urdf import require_floating_base
 
-SHIPPED_XML = Path(__file__).parent / "robots" / "go1.xml"
+from .additions import add_sites_and_sensors, is_complete
+from .anatomy import Skeleton, find_anatomy, find_base, find_joints
+from .frozen import freeze_other_joints, make_feet_collide
+from .ground_shape import ensure_floor, ground_of
+from .hints import Hints, embed_hints, embedded_hints, hints_path, read_hints
+from .hints import RobotError as RobotError
+from .inline import flatten
+from .servos import ensure_servos
+from .stance import ensure_home
+from .urdf import require_floating_base
+
+SHIPPED_XML = Path(__file__).parent / "go1.xml"
 """The robot that is used when none is brought."""
 
 MIN_ITERATIONS, MIN_LS_ITERATIONS = 10, 20

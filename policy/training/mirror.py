@@ -18,10 +18,9 @@ import torch
 from torch import Tensor
 
 from data.features import FEATURES, Feature
+from policy.env.feature_row import OBSERVATION
 from policy.robots.hints import RobotError
-
-from .features import OBSERVATION
-from .robot import Robot
+from policy.robots.robot import Robot
 
 _SWAPPED = np.array([3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8])
 """Joint of the other side for every joint; legs are FR, FL, RR, RL."""
@@ -142,7 +141,8 @@ def mirrored(
             factor = np.array(_SIGNS[part.name])
         elif part.name not in _OF_NO_SIDE:
             raise ValueError(
-                f"policy/mirror.py does not say what the mirror makes of {part.name!r}"
+                "policy/training/mirror.py does not say what the mirror makes of "
+                f"{part.name!r}"
             )
         if not len(own) == len(factor) == part.width:
             raise ValueError(

@@ -14,15 +14,15 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from data.features import column
+from policy.robots.robot import Robot
 
-from .chance import spawned
-from .config import EnvCfg, Range
 from .curriculum import Curriculum
-from .features import BaseState, base_state, feature_row, observation
+from .env_cfg import EnvCfg, Range
+from .feature_row import BaseState, base_state, feature_row, observation
 from .getup import Lying
-from .reward import task_reward_for, weighted
-from .robot import Robot
+from .seeding import spawned
 from .sim import BatchSim, Sim, SimState
+from .task_reward import task_reward_for, weighted
 from .terrain import Starts, near_edge
 from .world import in_world
 

@@ -19,8 +19,7 @@ from torch import Tensor
 
 from data.features import LEGS
 from policy.robots.bare import bare_model
-
-from .robot import Robot
+from policy.robots.robot import Robot
 
 logger = logging.getLogger(__name__)
 

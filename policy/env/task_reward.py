@@ -15,9 +15,9 @@ from torch import Tensor
 
 from data.features import column
 from data.files.plain import ADDED_LATER
+from policy.robots.robot import Robot
 
 from .known_terms import KnownTermsCfg
-from .robot import Robot
 
 _SHIPPED_HEIGHT_M, _SHIPPED_MASS_KG = 0.2945, 12.744
 

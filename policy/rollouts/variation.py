@@ -16,8 +16,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .reward import size_of
-from .robot import Robot
+from policy.env.task_reward import size_of
+from policy.robots.robot import Robot
+
 from .rollout import Actor
 
 _DAMPING = 1e-4

@@ -12,12 +12,12 @@ import torch
 from torch import Tensor
 
 from data.features import column
+from policy.env.env import QuadrupedEnv
+from policy.env.env_cfg import EnvCfg
+from policy.robots.robot import Robot
+from policy.training.checkpoint import Policy, PolicyError
+from policy.training.reward_ppo import ScoreFn, require_finite
 
-from .checkpoint import Policy, PolicyError
-from .config import EnvCfg
-from .env import QuadrupedEnv
-from .reward_ppo import ScoreFn, require_finite
-from .robot import Robot
 from .rollout import Actor, first_episodes
 
 GRID_SPEEDS = 8

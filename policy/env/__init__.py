@@ -1,0 +1,1 @@
+"""The simulated robot: physics, feature row, task reward, commands, ground."""

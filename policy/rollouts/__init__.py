@@ -1,0 +1,1 @@
+"""What a policy does: episodes recorded, variations of them, and figures."""

@@ -1,0 +1,1 @@
+"""PPO on RSL-RL, its networks, checkpoints and what can be done with them."""
