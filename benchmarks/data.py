@@ -35,7 +35,7 @@ from policy.robots.robot import load_robot
 from policy.rollouts.record import RecordCfg, record
 from policy.training.ppo import PpoCfg
 from policy.training.train import TrainCfg, train
-from rewardmodel.pairs import load_pairs
+from rewardmodel.answers.answered_pairs import load_pairs
 
 from .harness import Figure, gaitpref, median, publish
 

@@ -26,19 +26,19 @@ from gaitpref.by_method import recorded_by
 from gaitpref.criteria import CriterionContext, load_criterion
 from gaitpref.judging import said_why
 from gaitpref.method.method import STYLE
-from gaitpref.questions import ClipCfg, ask, clips_of
 from gaitpref.rater_cfg import RaterCfg
 from gaitpref.rewards import criterion_context, score_of_criterion
 from policy.rollouts.record import RecordCfg, record
 from policy.training.checkpoint import load_policy
 from policy.training.ppo import ScoreFn
 from rewardmodel.acquisition import asked_for
+from rewardmodel.answers.answered_pairs import gather_pairs
+from rewardmodel.answers.clip_batch import ClipBatch, read_clips
+from rewardmodel.answers.recorded import RecordedClips, recorded_clips
+from rewardmodel.asking.clip_questions import ClipCfg, ask, clips_of
 from rewardmodel.cfg import FitCfg, KindName
-from rewardmodel.clips import ClipBatch, read_clips
-from rewardmodel.fit import fit_reward
-from rewardmodel.model import RewardModel
-from rewardmodel.pairs import gather_pairs
-from rewardmodel.recorded import RecordedClips, recorded_clips
+from rewardmodel.fitting.fit_reward import fit_reward
+from rewardmodel.models.model import RewardModel
 
 from .preference_plan import ABOUT, TASKS
 

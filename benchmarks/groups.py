@@ -18,8 +18,8 @@ from gaitpref.criteria import load_criterion
 from gaitpref.method.method import STYLE
 from gaitpref.rewards import criterion_context, score_of_criterion
 from policy.training.checkpoint import load_policy
-from rewardmodel.pairs import AnsweredPairs, gather_pairs
-from rewardmodel.posterior.groups import group_raters
+from rewardmodel.answers.answered_pairs import AnsweredPairs, gather_pairs
+from rewardmodel.posterior.group_raters import group_raters
 
 from .few_answers import CUT, FewAnswers, Recording, recordings
 from .preference_plan import TASKS
@@ -61,7 +61,7 @@ def answered(
     rng: np.random.Generator,
 ) -> AnsweredPairs:
     """Answers of raters who want `wish`, about pairs of equal commands."""
-    from gaitpref.questions import ask
+    from rewardmodel.asking.clip_questions import ask
 
     entries = list(recording.entries.values())
     pairs, targets, raters, times = [], [], [], []

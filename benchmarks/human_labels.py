@@ -29,9 +29,9 @@ from torch import Tensor
 
 from data.datasets.segments import Segments, TableAnswer
 from data.errors import GaitprefError
-from rewardmodel.calibration import calibration
-from rewardmodel.prediction import Prediction
-from rewardmodel.tables import TableKind, fit_table
+from rewardmodel.fitting.tables import TableKind, fit_table
+from rewardmodel.measures.calibration import calibration
+from rewardmodel.models.prediction import Prediction
 
 from .published_labels import labelled_segments
 from .published_mlp import EPOCHS, published_leads

@@ -25,10 +25,10 @@ from gaitpref.rewards import criterion_context, score_of_criterion
 from gaitpref.run_config import read_config
 from policy.training.checkpoint import load_policy
 from policy.training.reward_ppo import ScoreFn
-from rewardmodel.clips import pad_clips
-from rewardmodel.explain import explain
-from rewardmodel.model import RewardModel
-from rewardmodel.storage import load_reward
+from rewardmodel.answers.clip_batch import pad_clips
+from rewardmodel.explain.attribution import explain
+from rewardmodel.models.model import RewardModel
+from rewardmodel.models.storage import load_reward
 
 from .harness import spearman
 

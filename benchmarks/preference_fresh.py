@@ -22,13 +22,13 @@ from data.datasets.dataset import Dataset
 from gaitpref.criteria import Criterion
 from gaitpref.judging import judge
 from gaitpref.loop_cfg import LoopCfg
-from gaitpref.questions import clips_of
 from gaitpref.rater import ClipScores, standards_among
 from rewardmodel import RewardModel, Uniform, choose_pairs
-from rewardmodel.calibration import Calibration, calibration
-from rewardmodel.clips import ClipBatch, read_clips
-from rewardmodel.held_out_report import accuracy_of
-from rewardmodel.storage import load_reward
+from rewardmodel.answers.clip_batch import ClipBatch, read_clips
+from rewardmodel.asking.clip_questions import clips_of
+from rewardmodel.measures.calibration import Calibration, calibration
+from rewardmodel.models.storage import load_reward
+from rewardmodel.trust.held_out_report import accuracy_of
 
 PAIRS = 400
 _SEED = 1_000_004

@@ -33,10 +33,10 @@ from policy.env.env_cfg import EnvCfg
 from policy.robots.bare import bare_model
 from policy.robots.robot import load_robot
 from policy.training.ppo import PpoCfg, Runner, ScoreFn
+from rewardmodel.answers.answered_pairs import AnsweredPairs
+from rewardmodel.answers.clip_batch import ClipBatch
 from rewardmodel.cfg import FitCfg
-from rewardmodel.clips import ClipBatch
-from rewardmodel.fit import fit_reward
-from rewardmodel.pairs import AnsweredPairs
+from rewardmodel.fitting.fit_reward import fit_reward
 
 from .harness import Figure, publish
 

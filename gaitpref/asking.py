@@ -13,9 +13,10 @@ from data.datasets.dataset import Dataset, EpisodeEntry
 from data.files.files import read_json
 from gaitpref.method.context import RoundContext
 from policy.rollouts.babble import BABBLE_SHA256
-from rewardmodel.fit import fit_reward
-from rewardmodel.pairs import MIN_ANSWERS, count_evidence, load_pairs
-from rewardmodel.stopping import remaining
+from rewardmodel.answers.answered_pairs import MIN_ANSWERS, count_evidence, load_pairs
+from rewardmodel.asking.clip_questions import ask, with_known_answer
+from rewardmodel.fitting.fit_reward import fit_reward
+from rewardmodel.fitting.stopping import remaining
 
 from .collecting import Collector, asked_and_left
 from .criteria import Criterion
@@ -23,7 +24,6 @@ from .fit_summary import what_remains
 from .loop_cfg import LoopCfg
 from .people import People
 from .progress import console
-from .questions import ask, with_known_answer
 from .rounds import Round, seed_of
 from .side_by_side import STRATEGY, labels_kept, pairs_of_both, to_compare
 

@@ -16,7 +16,7 @@ from gaitpref.method.context import RoundContext
 from gaitpref.method.method import FROM_SCRATCH, STYLE, Method
 from gaitpref.method.noisy import NoisyAnswers
 from rewardmodel.cfg import FitCfg
-from rewardmodel.storage import load_reward
+from rewardmodel.models.storage import load_reward
 
 MethodName = Literal["scratch", "style"]
 METHODS: dict[MethodName, Method] = {"scratch": FROM_SCRATCH, "style": STYLE}

@@ -25,7 +25,7 @@ from policy.rollouts.variation import VariationCfg
 from policy.training.checkpoint import Policy
 from policy.training.ppo import ScoreFn
 from policy.training.train import TrainCfg
-from rewardmodel.model import RewardModel
+from rewardmodel.models.model import RewardModel
 
 from .rewards import TotalReward, total_reward
 from .sides import in_mirror

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from data.answers.store import AnswerStore
 from data.datasets.dataset import Dataset
-from rewardmodel.pairs import MIN_ANSWERS, count_evidence
+from rewardmodel.answers.answered_pairs import MIN_ANSWERS, count_evidence
 
 from .criteria import Criterion
 from .loop_cfg import LoopCfg

@@ -13,15 +13,15 @@ from data.datasets.dataset import Dataset, EpisodeEntry
 from data.episodes.clips import Clip
 from data.errors import GaitprefError
 from data.files.files import write_atomically
-from rewardmodel.clips import fill_clips, mean_over, read_clips, with_past
-from rewardmodel.curves import Curve, learned_curves
-from rewardmodel.explain import Explanation, explain
-from rewardmodel.model import RewardModel
-from rewardmodel.storage import load_reward
+from rewardmodel.answers.clip_batch import fill_clips, mean_over, read_clips, with_past
+from rewardmodel.asking.clip_questions import ClipCfg, clips_of
+from rewardmodel.explain.attribution import Explanation, explain
+from rewardmodel.explain.learned_curves import Curve, learned_curves
+from rewardmodel.models.model import RewardModel
+from rewardmodel.models.storage import load_reward
 
 from . import options
 from .pictures import save_picture
-from .questions import ClipCfg, clips_of
 from .strips import clip_picture, curves_picture
 from .terminal import say
 

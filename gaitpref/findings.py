@@ -11,11 +11,9 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from data.answers.rater_habits import Sides
-from rewardmodel.held_out_report import Accuracy
-from rewardmodel.reliability import HARDLY_LOOKS
-from rewardmodel.report import FitReport
-from rewardmodel.support import PIECE_STEPS, Drift
-from rewardmodel.trust import (
+from rewardmodel.measures.rater_reliability import HARDLY_LOOKS
+from rewardmodel.models.fit_report import FitReport
+from rewardmodel.trust.alarms import (
     ENOUGH,
     ENOUGH_NEWEST,
     FAR_SHARE,
@@ -27,6 +25,8 @@ from rewardmodel.trust import (
     spelled,
     tells,
 )
+from rewardmodel.trust.held_out_report import Accuracy
+from rewardmodel.trust.support import PIECE_STEPS, Drift
 
 NO_ALARM = "no alarm: nothing says that the learned reward misleads"
 _OLDER = dict.fromkeys((field.name for field in fields(Drift)), 0)

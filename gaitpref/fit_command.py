@@ -17,13 +17,13 @@ from data.datasets.manifest_file import writable
 from data.errors import GaitprefError
 from data.files.files import require_directory
 from data.files.lock import LOCK_NAME, only_writer
+from rewardmodel.answers.answered_pairs import load_pairs
 from rewardmodel.cfg import FitCfg
-from rewardmodel.extensions.settings import LabelFilterCfg, SemiSupervisedCfg
-from rewardmodel.extensions.unanswered import unanswered_pairs
-from rewardmodel.fit import fit_reward
-from rewardmodel.pairs import load_pairs
-from rewardmodel.reliability import HARDLY_LOOKS
-from rewardmodel.storage import load_reward, save_reward
+from rewardmodel.extensions.questions.unanswered import unanswered_pairs
+from rewardmodel.extensions_cfg import LabelFilterCfg, SemiSupervisedCfg
+from rewardmodel.fitting.fit_reward import fit_reward
+from rewardmodel.measures.rater_reliability import HARDLY_LOOKS
+from rewardmodel.models.storage import load_reward, save_reward
 
 from . import options
 from .by_hand import refuse_beside_method, stage_of, told_without_method

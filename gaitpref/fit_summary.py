@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rewardmodel.report import FitReport
+from rewardmodel.models.fit_report import FitReport
 
 
 def fit_summary(report: FitReport) -> str:

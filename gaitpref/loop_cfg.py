@@ -10,9 +10,9 @@ from gaitpref.method.method import Method
 from policy.env.env_cfg import EnvCfg
 from policy.rollouts.record import RecordCfg
 from policy.training.ppo import PpoCfg
-from rewardmodel.pairs import MIN_ANSWERS
+from rewardmodel.answers.answered_pairs import MIN_ANSWERS
+from rewardmodel.asking.clip_questions import ClipCfg
 
-from .questions import ClipCfg
 from .rater_cfg import RaterCfg
 
 

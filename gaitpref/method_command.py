@@ -15,7 +15,7 @@ from data.files.files import read_json
 from data.files.plain import to_plain
 from gaitpref.method.method import Method
 from rewardmodel.cfg import FitCfg
-from rewardmodel.kinds import KINDS
+from rewardmodel.models.kinds import KINDS
 
 from . import options
 from .by_hand import METHODS

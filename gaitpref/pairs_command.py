@@ -13,14 +13,14 @@ from data.answers.answer_records import Pair
 from data.datasets.dataset import Dataset
 from data.datasets.gone import pairs_gone
 from gaitpref.method.questions import Questions
-from rewardmodel.model import RewardModel
-from rewardmodel.storage import load_reward
-from rewardmodel.strategies import make_strategy
+from rewardmodel.asking.clip_questions import ClipCfg, ask, with_known_answer
+from rewardmodel.asking.strategies import make_strategy
+from rewardmodel.models.model import RewardModel
+from rewardmodel.models.storage import load_reward
 
 from . import options
 from .opening import open_dataset
 from .progress import console
-from .questions import ClipCfg, ask, with_known_answer
 
 
 def run(command: options.Pairs) -> int:

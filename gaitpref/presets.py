@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from gaitpref.method.method import FROM_SCRATCH, STYLE
 from policy.rollouts.record import LONGEST_S, RecordCfg
+from rewardmodel.asking.clip_questions import ClipCfg
 
 from .loop_cfg import LoopCfg, RunError, StepsCfg
 from .options import Erring, Loop
-from .questions import ClipCfg
 from .rater_cfg import erring_rater
 
 _SCRATCH_EPISODES = 192

@@ -15,9 +15,9 @@ import torch
 
 from data.datasets.dataset import Dataset
 from gaitpref.method.method import STYLE
+from rewardmodel.answers.answered_pairs import MIN_ANSWERS, AnsweredPairs, load_pairs
 from rewardmodel.errors import RewardError
-from rewardmodel.pairs import MIN_ANSWERS, AnsweredPairs, load_pairs
-from rewardmodel.posterior.groups import Group, Grouping, group_raters
+from rewardmodel.posterior.group_raters import Group, Grouping, group_raters
 
 from .progress import working
 

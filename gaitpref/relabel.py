@@ -13,7 +13,7 @@ import torch
 
 from data.datasets.dataset import Dataset
 from data.files.files import fsync_directory, require_replaceable
-from rewardmodel.model import RewardModel
+from rewardmodel.models.model import RewardModel
 
 from .extras import require
 

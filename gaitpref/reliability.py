@@ -5,9 +5,9 @@ from __future__ import annotations
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rewardmodel.calibration import Bin, Calibration
-from rewardmodel.held_out_report import Foreseen
-from rewardmodel.report import wilson_interval
+from rewardmodel.measures.calibration import Bin, Calibration
+from rewardmodel.models.fit_report import wilson_interval
+from rewardmodel.trust.held_out_report import Foreseen
 
 from .pictures import BLUE, GREY, plain_axes
 

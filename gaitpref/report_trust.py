@@ -9,10 +9,10 @@ from typing import Any
 
 from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
-from rewardmodel.clips import read_clips
-from rewardmodel.curves import learned_curves
-from rewardmodel.explain import explain
-from rewardmodel.storage import load_reward
+from rewardmodel.answers.clip_batch import read_clips
+from rewardmodel.explain.attribution import explain
+from rewardmodel.explain.learned_curves import learned_curves
+from rewardmodel.models.storage import load_reward
 
 from .explain_command import extremes
 from .findings import NO_ALARM, findings_of_run

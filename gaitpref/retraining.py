@@ -16,7 +16,7 @@ from policy.robots.robot import Robot
 from policy.training.checkpoint import holding_home, load_policy
 from policy.training.ppo import IterationStats, ScoreFn
 from policy.training.train import POLICY_NAME, SUMMARY_NAME, TrainCfg, train
-from rewardmodel.storage import load_reward
+from rewardmodel.models.storage import load_reward
 
 from .by_method import Retraining, rows_of
 from .going_on import choose_start

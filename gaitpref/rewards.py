@@ -23,7 +23,7 @@ from policy.env.task_reward import (
 )
 from policy.robots.robot import Robot
 from policy.training.ppo import ScoreFn, history_of
-from rewardmodel.storage import load_reward
+from rewardmodel.models.storage import load_reward
 
 from .criteria import Criterion, CriterionContext, SequenceCriterion, load_criterion
 from .tracking_limit import TrackingLimit

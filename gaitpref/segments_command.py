@@ -15,8 +15,8 @@ from typing import Any, cast
 from data.datasets.segments import Segments, read_answers, read_segments
 from data.errors import GaitprefError
 from data.files.files import replace_directory, write_atomically
-from rewardmodel.reliability import HARDLY_LOOKS
-from rewardmodel.tables import TABLE_KINDS, TableKind, TableReward, fit_table
+from rewardmodel.fitting.tables import TABLE_KINDS, TableKind, TableReward, fit_table
+from rewardmodel.measures.rater_reliability import HARDLY_LOOKS
 
 from . import options
 from .findings import findings_of_fit

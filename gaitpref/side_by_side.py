@@ -21,11 +21,11 @@ from policy.rollouts.record import record
 from policy.training.checkpoint import Policy, load_policy
 from policy.training.train import POLICY_NAME
 from rewardmodel.acquisition import asked_for, in_step
+from rewardmodel.asking.clip_questions import clips_of
 
 from .by_method import recorded_by
 from .loop_cfg import LoopCfg
 from .people import People
-from .questions import clips_of
 from .rounds import Round, began_from, place_of, seed_of
 
 STRATEGY = "approval"

@@ -21,9 +21,9 @@ from policy.rollouts.record import record
 from policy.training.checkpoint import load_policy
 from policy.training.ppo import ScoreFn
 from policy.training.train import SUMMARY_NAME
-from rewardmodel.fit import fit_reward, no_reward
-from rewardmodel.pairs import load_pairs
-from rewardmodel.storage import load_reward, save_reward
+from rewardmodel.answers.answered_pairs import load_pairs
+from rewardmodel.fitting.fit_reward import fit_reward, no_reward
+from rewardmodel.models.storage import load_reward, save_reward
 
 from .by_method import recorded_by
 from .criteria import Criterion

@@ -20,8 +20,8 @@ from gaitpref.method.context import RoundContext
 from gaitpref.method.unstick import Optimism
 from policy.rollouts.evaluate import rollout_features
 from policy.training.checkpoint import load_policy
-from rewardmodel.model import RewardModel
-from rewardmodel.optimism import OptimisticReward
+from rewardmodel.models.model import RewardModel
+from rewardmodel.paid.optimism import OptimisticReward
 
 from .loop_cfg import LoopCfg
 from .rounds import STANDSTILL_NAME, Round, approved, seed_of

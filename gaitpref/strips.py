@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 
 from data.datasets.dataset import EpisodeEntry
 from data.episodes.clips import Clip
-from rewardmodel.curves import Curve
-from rewardmodel.explain import Explanation
+from rewardmodel.explain.attribution import Explanation
+from rewardmodel.explain.learned_curves import Curve
 
 from .pictures import BLUE, GREY, plain_axes
 

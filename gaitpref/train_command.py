@@ -20,7 +20,7 @@ from policy.training.checkpoint import PolicyError, load_policy
 from policy.training.ppo import PpoCfg, ScoreFn
 from policy.training.setup import Setting, setting_of
 from policy.training.train import POLICY_NAME, RESUME_NAME, TrainCfg, train
-from rewardmodel.model import RewardModel
+from rewardmodel.models.model import RewardModel
 
 from . import options
 from .by_hand import Stage, refuse_beside_method, stage_of, told_without_method

@@ -9,10 +9,10 @@ from typing import Any
 from data.datasets.gone import told_gone
 from policy.rollouts.evaluate import rollout_features
 from policy.training.checkpoint import load_policy
-from rewardmodel.held_out_report import Foreseen, foresee
-from rewardmodel.pairs import AnsweredPairs, load_pairs
-from rewardmodel.storage import load_reward
-from rewardmodel.trust import Reach, alarms, reach, spelled
+from rewardmodel.answers.answered_pairs import AnsweredPairs, load_pairs
+from rewardmodel.models.storage import load_reward
+from rewardmodel.trust.alarms import Reach, alarms, reach, spelled
+from rewardmodel.trust.held_out_report import Foreseen, foresee
 
 from . import options
 from .findings import about_raters, findings_of_trust

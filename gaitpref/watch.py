@@ -12,10 +12,10 @@ from torch import Tensor
 
 from data.datasets.dataset import Dataset
 from data.files.files import read_json
-from rewardmodel.held_out_report import Foreseen, foresee
-from rewardmodel.pairs import AnsweredPairs, load_pairs
-from rewardmodel.storage import load_reward
-from rewardmodel.trust import alarms, disagree, prefers, reach, unforeseen_sides
+from rewardmodel.answers.answered_pairs import AnsweredPairs, load_pairs
+from rewardmodel.models.storage import load_reward
+from rewardmodel.trust.alarms import alarms, disagree, prefers, reach, unforeseen_sides
+from rewardmodel.trust.held_out_report import Foreseen, foresee
 
 from .findings import about_raters
 from .loop_cfg import LoopCfg

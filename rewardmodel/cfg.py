@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, TypeVar, get_args
 
 from data.files.plain import ADDED_LATER, to_plain
-from rewardmodel.extensions.settings import (
+
+from .extensions_cfg import (
     MODELS,
     LabelFilterCfg,
     ModelCfg,

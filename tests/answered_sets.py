@@ -14,7 +14,7 @@ from data.answers.answer_records import Answer, Choice, Pair, Side
 from data.datasets.dataset import Dataset
 from data.episodes.clips import Clip
 from rewardmodel import fold_of
-from rewardmodel.clips import read_clips
+from rewardmodel.answers.clip_batch import read_clips
 
 from .test_rewardmodel_fit import gait, taste
 

@@ -17,8 +17,8 @@ from data.answers.rater_habits import Sides, guesses
 from data.datasets.dataset import Dataset
 from gaitpref.cli import main
 from rewardmodel import FitCfg, fit_reward, load_pairs, load_reward, save_reward
+from rewardmodel.answers.answered_pairs import MIN_ANSWERS, count_evidence
 from rewardmodel.cfg import KIND_NAMES
-from rewardmodel.pairs import MIN_ANSWERS, count_evidence
 
 from .answered_sets import Say, at_random, fill, gaits, honest
 from .test_rewardmodel_fit import answered

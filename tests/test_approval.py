@@ -23,7 +23,7 @@ from gaitpref.stages import began_with
 from gaitpref.verdict import Verdict
 from policy.rollouts.evaluate import evaluate
 from policy.training.checkpoint import holding_home, load_policy, read_plain
-from rewardmodel.storage import load_reward
+from rewardmodel.models.storage import load_reward
 
 from .small_loop import small_cfg
 

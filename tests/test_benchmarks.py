@@ -27,7 +27,7 @@ from gaitpref.loop import run_configured
 from gaitpref.rater_cfg import RaterCfg
 from gaitpref.rewards import criterion_context
 from policy.training.checkpoint import load_policy
-from rewardmodel.descriptors import describe
+from rewardmodel.descriptors.table import describe
 from tests.foreign_robots import Drawing, mjcf
 from tests.small_loop import small_cfg
 

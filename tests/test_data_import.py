@@ -20,9 +20,9 @@ from gaitpref.cli import main
 from labeling_ui.motion import load_motion
 from labeling_ui.strips import curves, footfalls
 from policy.robots.robot import Robot, load_robot
+from rewardmodel.answers.answered_pairs import load_pairs
 from rewardmodel.cfg import FitCfg
-from rewardmodel.fit import fit_reward
-from rewardmodel.pairs import load_pairs
+from rewardmodel.fitting.fit_reward import fit_reward
 
 from .motion import trot
 

@@ -14,7 +14,6 @@ from data.datasets.dataset import Dataset
 from data.features import column
 from gaitpref.cli import main
 from gaitpref.criteria import Criterion, load_criterion
-from gaitpref.questions import ClipCfg, ask
 from gaitpref.rater import answer_pairs
 from gaitpref.rewards import criterion_context, score_of_criterion
 from policy.env.env_cfg import EnvCfg
@@ -23,9 +22,10 @@ from policy.rollouts.record import RecordCfg, record
 from policy.training.ppo import PpoCfg
 from policy.training.train import TrainCfg, train
 from rewardmodel import FitCfg, RewardModel, fit_reward, load_pairs, save_reward
-from rewardmodel.clips import pad_clips
-from rewardmodel.explain import explain
-from rewardmodel.extensions.settings import MlpCfg
+from rewardmodel.answers.clip_batch import pad_clips
+from rewardmodel.asking.clip_questions import ClipCfg, ask
+from rewardmodel.explain.attribution import explain
+from rewardmodel.extensions_cfg import MlpCfg
 
 HELD_OUT_SEED = 99
 

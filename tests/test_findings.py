@@ -25,8 +25,8 @@ from gaitpref.report import read_rounds
 from gaitpref.report_trust import alarm_section
 from policy.training.checkpoint import load_policy
 from rewardmodel import FitCfg, fit_reward, load_reward
-from rewardmodel.support import Drift
-from rewardmodel.trust import Reach, alarms, prefers
+from rewardmodel.trust.alarms import Reach, alarms, prefers
+from rewardmodel.trust.support import Drift
 
 from .small_loop import small_cfg
 from .test_rewardmodel_fit import answered, gait

@@ -24,16 +24,16 @@ from policy.training.checkpoint import load_policy
 from policy.training.ppo import PpoCfg
 from policy.training.train import TrainCfg, train
 from rewardmodel import FitCfg, fit_reward
-from rewardmodel.caution import CautiousReward
-from rewardmodel.descriptors import DESCRIPTOR_NAMES, names_seen
-from rewardmodel.extensions.mlp import MlpScorer
-from rewardmodel.extensions.settings import MlpCfg
-from rewardmodel.habits import UNSTEADY
-from rewardmodel.linear import LinearScorer
-from rewardmodel.model import RewardModel
-from rewardmodel.normaliser import Normaliser
-from rewardmodel.posterior.scorer import PosteriorScorer
-from rewardmodel.storage import load_reward, save_reward
+from rewardmodel.descriptors.habits import UNSTEADY
+from rewardmodel.descriptors.normaliser import Normaliser
+from rewardmodel.descriptors.table import DESCRIPTOR_NAMES, names_seen
+from rewardmodel.extensions.models.mlp import MlpScorer
+from rewardmodel.extensions_cfg import MlpCfg
+from rewardmodel.linear.linear import LinearScorer
+from rewardmodel.models.model import RewardModel
+from rewardmodel.models.storage import load_reward, save_reward
+from rewardmodel.paid.caution import CautiousReward
+from rewardmodel.posterior.curve_scorer import PosteriorScorer
 
 from .test_rewardmodel_acquisition import model_of
 from .test_rewardmodel_fit import answered

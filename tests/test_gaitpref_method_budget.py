@@ -10,8 +10,8 @@ from gaitpref.method.budget import FrontLoaded
 from gaitpref.method.context import RoundContext
 from gaitpref.method.expectations import OnceItWalks
 from gaitpref.method.method import FROM_SCRATCH, STYLE
+from rewardmodel.answers.answered_pairs import MIN_ANSWERS
 from rewardmodel.cfg import FitCfg
-from rewardmodel.pairs import MIN_ANSWERS
 
 BUDGETS = {
     "style": STYLE.budget,

@@ -22,8 +22,8 @@ from gaitpref.rounds import Round, context_of, decided_before
 from gaitpref.run_inputs import inputs_of
 from gaitpref.stages import fit_stage
 from rewardmodel import FitCfg
-from rewardmodel.noise_level import takes_to_err
-from rewardmodel.storage import load_reward
+from rewardmodel.linear.noise_level import takes_to_err
+from rewardmodel.models.storage import load_reward
 
 from .small_loop import small_cfg
 from .test_rewardmodel_acquisition import model_of

@@ -20,7 +20,6 @@ from data.features import column
 from gaitpref.cli import main
 from gaitpref.options import Loop
 from gaitpref.presets import resolve
-from gaitpref.questions import ClipCfg, ask, with_known_answer
 from gaitpref.rounds import Round
 from gaitpref.side_by_side import pairs_of_both
 from labeling_ui.controls import command_words
@@ -30,6 +29,7 @@ from policy.robots.robot import load_robot
 from policy.training.checkpoint import load_policy
 from policy.training.ppo import PpoCfg
 from policy.training.train import TrainCfg, train
+from rewardmodel.asking.clip_questions import ClipCfg, ask, with_known_answer
 
 
 def test_the_robot_that_does_not_fall_is_the_known_answer(tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot
 from policy.training.ppo import PpoCfg, to_rsl_rl
 from rewardmodel import FitCfg, fit_reward, save_reward
-from rewardmodel.storage import load_reward
+from rewardmodel.models.storage import load_reward
 from tests.test_rewardmodel_fit import answered
 
 

@@ -86,7 +86,7 @@ WITH_EFFECTS = {
     "pathlib",
     "policy.training.checkpoint",
     "policy.training.train",
-    "rewardmodel.storage",
+    "rewardmodel.models.storage",
     "rich",
     "shutil",
     "sqlite3",

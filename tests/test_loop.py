@@ -143,8 +143,8 @@ def test_a_round_stops_asking_where_answers_are_enough(
 ) -> None:
     """After a batch and not in the middle of one; going on again asks nothing more."""
     for name, never_missed in (("SETTLED", -1.0), ("FORESEEN", -1.0)):
-        monkeypatch.setattr(f"rewardmodel.stopping.{name}", never_missed)
-    monkeypatch.setattr("rewardmodel.stopping.MIN_HELD_OUT", 1)
+        monkeypatch.setattr(f"rewardmodel.fitting.stopping.{name}", never_missed)
+    monkeypatch.setattr("rewardmodel.fitting.stopping.MIN_HELD_OUT", 1)
     cfg = replace(small_cfg(), stop_asking=True)
     cfg = replace(cfg, method=replace(cfg.method, accept=None))
     batch = cfg.method.questions.batch

@@ -21,7 +21,7 @@ from data.datasets.dataset import Dataset
 from gaitpref.run_config import claim
 from gaitpref.run_inputs import inputs_of
 from labeling_ui.tokens import TokenStore
-from rewardmodel.pairs import count_evidence
+from rewardmodel.answers.answered_pairs import count_evidence
 
 from .small_loop import human_cfg
 

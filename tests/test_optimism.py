@@ -26,12 +26,12 @@ from policy.env.feature_row import OBS_DIM
 from policy.robots.robot import load_robot
 from policy.training.checkpoint import load_policy
 from policy.training.train import POLICY_NAME, TrainCfg, train
-from rewardmodel.extensions.mlp import MlpScorer
-from rewardmodel.extensions.settings import MlpCfg
-from rewardmodel.linear import LinearScorer
-from rewardmodel.model import RewardModel
-from rewardmodel.normaliser import Normaliser
-from rewardmodel.optimism import OptimisticReward
+from rewardmodel.descriptors.normaliser import Normaliser
+from rewardmodel.extensions.models.mlp import MlpScorer
+from rewardmodel.extensions_cfg import MlpCfg
+from rewardmodel.linear.linear import LinearScorer
+from rewardmodel.models.model import RewardModel
+from rewardmodel.paid.optimism import OptimisticReward
 
 from .small_loop import small_cfg
 from .test_rewardmodel_acquisition import model_of

@@ -14,9 +14,9 @@ import torch
 from gaitpref.cli import main
 from gaitpref.rater_groups import answers_for
 from rewardmodel import FitCfg
+from rewardmodel.answers.answered_pairs import AnsweredPairs
 from rewardmodel.errors import RewardError
-from rewardmodel.pairs import AnsweredPairs
-from rewardmodel.posterior.groups import group_raters
+from rewardmodel.posterior.group_raters import group_raters
 
 from .answered_sets import fill, gaits
 from .test_rewardmodel_curves import Taste, asked, best_height, one_foot

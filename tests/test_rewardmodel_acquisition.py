@@ -30,14 +30,14 @@ from rewardmodel import (
     fold_of,
 )
 from rewardmodel.acquisition import Strategy
-from rewardmodel.clips import ClipRows
-from rewardmodel.descriptors import DESCRIPTOR_NAMES
-from rewardmodel.extensions.batches import Dpp, KCenter, Medoids
-from rewardmodel.extensions.informative import Bald, Entropy, Improvement
-from rewardmodel.linear import LinearScorer
-from rewardmodel.model import Provenance
-from rewardmodel.normaliser import Normaliser
-from rewardmodel.strategies import STRATEGIES, make_strategy
+from rewardmodel.answers.clip_batch import ClipRows
+from rewardmodel.asking.strategies import STRATEGIES, make_strategy
+from rewardmodel.descriptors.normaliser import Normaliser
+from rewardmodel.descriptors.table import DESCRIPTOR_NAMES
+from rewardmodel.extensions.questions.batches import Dpp, KCenter, Medoids
+from rewardmodel.extensions.questions.informative import Bald, Entropy, Improvement
+from rewardmodel.linear.linear import LinearScorer
+from rewardmodel.models.model import Provenance
 
 
 def entry(

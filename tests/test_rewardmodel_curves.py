@@ -15,17 +15,17 @@ from torch import Tensor
 from data.episodes.clips import Clip
 from data.features import FEATURE_DIM, LEGS, column
 from rewardmodel import AnsweredPairs, FitCfg, RewardModel, fit_reward
+from rewardmodel.answers.clip_batch import pad_clips, read_clips
 from rewardmodel.cfg import PosteriorCfg, ReliabilityCfg
-from rewardmodel.clips import pad_clips, read_clips
-from rewardmodel.curves import learned_curves
-from rewardmodel.descriptors import describe, names_seen
-from rewardmodel.explain import explain
-from rewardmodel.habits import TOLD
-from rewardmodel.held_out_report import foresee
-from rewardmodel.kinds import prepare
-from rewardmodel.posterior.ranges import HABITS, Ranges
-from rewardmodel.reliability import HARDLY_LOOKS, judge
-from rewardmodel.stride_rate import stride_rate
+from rewardmodel.descriptors.habits import TOLD
+from rewardmodel.descriptors.stride_rate import stride_rate
+from rewardmodel.descriptors.table import describe, names_seen
+from rewardmodel.explain.attribution import explain
+from rewardmodel.explain.learned_curves import learned_curves
+from rewardmodel.measures.rater_reliability import HARDLY_LOOKS, judge
+from rewardmodel.models.kinds import prepare
+from rewardmodel.opinions.ranges import HABITS, Ranges
+from rewardmodel.trust.held_out_report import foresee
 
 from .test_rewardmodel_fit import accuracy, answered, gait
 

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from data.features import FEATURE_DIM, column
-from rewardmodel.clips import ClipBatch, mean_over, pad_clips
-from rewardmodel.descriptors import DESCRIPTOR_NAMES, DESCRIPTORS, describe
+from rewardmodel.answers.clip_batch import ClipBatch, mean_over, pad_clips
+from rewardmodel.descriptors.table import DESCRIPTOR_NAMES, DESCRIPTORS, describe
 
 
 def standing_row() -> Tensor:

@@ -30,18 +30,23 @@ from rewardmodel import (
     load_reward,
     save_reward,
 )
+from rewardmodel.answers.clip_batch import ClipBatch, mean_over, pad_clips
 from rewardmodel.cfg import LinearCfg, ReliabilityCfg
-from rewardmodel.clips import ClipBatch, mean_over, pad_clips
-from rewardmodel.descriptors import DESCRIPTOR_NAMES, describe
-from rewardmodel.explain import explain
-from rewardmodel.extensions.model_choice import choose_kind
-from rewardmodel.extensions.settings import GpCfg, HistoryCfg, LabelFilterCfg, MlpCfg
-from rewardmodel.habits import FEET, HURRIED, TOLD, UNSTEADY
-from rewardmodel.kinds import KINDS, prepare
-from rewardmodel.linear import LinearScorer, expected_weights, fit_linear, members_for
-from rewardmodel.prepared import MIN_SPREAD, Prepared
-from rewardmodel.report import wilson_interval
-from rewardmodel.trust import judged_spread
+from rewardmodel.descriptors.habits import FEET, HURRIED, TOLD, UNSTEADY
+from rewardmodel.descriptors.table import DESCRIPTOR_NAMES, describe
+from rewardmodel.explain.attribution import explain
+from rewardmodel.extensions.answers.model_choice import choose_kind
+from rewardmodel.extensions_cfg import GpCfg, HistoryCfg, LabelFilterCfg, MlpCfg
+from rewardmodel.linear.linear import (
+    LinearScorer,
+    expected_weights,
+    fit_linear,
+    members_for,
+)
+from rewardmodel.models.fit_report import wilson_interval
+from rewardmodel.models.kinds import KINDS, prepare
+from rewardmodel.prepared.prepared import MIN_SPREAD, Prepared
+from rewardmodel.trust.alarms import judged_spread
 
 EPISODES = [hashlib.sha256(bytes([index])).hexdigest() for index in range(60)]
 HABITS = (

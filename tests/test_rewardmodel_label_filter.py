@@ -9,9 +9,9 @@ import torch
 from torch import Tensor
 
 from rewardmodel import AnsweredPairs, FitCfg, fit_reward
-from rewardmodel.extensions.label_filter import likelihoods
-from rewardmodel.extensions.settings import LabelFilterCfg
-from rewardmodel.kinds import prepare
+from rewardmodel.extensions.answers.label_filter import likelihoods
+from rewardmodel.extensions_cfg import LabelFilterCfg
+from rewardmodel.models.kinds import prepare
 
 from .test_rewardmodel_fit import accuracy, answered
 

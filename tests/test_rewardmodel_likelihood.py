@@ -9,7 +9,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rewardmodel.likelihood import (
+from rewardmodel.answers.likelihood import (
     answer_log_probabilities,
     log_likelihood,
     log_likelihood_derivatives,

@@ -9,15 +9,15 @@ import pytest
 import torch
 
 from rewardmodel import fit_reward
+from rewardmodel.answers.answered_pairs import AnsweredPairs
+from rewardmodel.answers.clip_batch import ClipBatch, mean_over
 from rewardmodel.cfg import FitCfg, LinearCfg
-from rewardmodel.clips import ClipBatch, mean_over
-from rewardmodel.descriptors import DESCRIPTOR_NAMES, describe
-from rewardmodel.habits import EFFORT, FEET, QUIET, TOLD, named
-from rewardmodel.kinds import prepare
-from rewardmodel.laplace import evidence
-from rewardmodel.linear import LinearScorer, prior_factor
-from rewardmodel.noise_level import FEW_ERRORS, Found, settled, takes_to_err
-from rewardmodel.pairs import AnsweredPairs
+from rewardmodel.descriptors.habits import EFFORT, FEET, QUIET, TOLD, named
+from rewardmodel.descriptors.table import DESCRIPTOR_NAMES, describe
+from rewardmodel.linear.laplace import evidence
+from rewardmodel.linear.linear import LinearScorer, prior_factor
+from rewardmodel.linear.noise_level import FEW_ERRORS, Found, settled, takes_to_err
+from rewardmodel.models.kinds import prepare
 
 from .test_rewardmodel_fit import DISLIKED, accuracy, answered, taste
 

@@ -14,7 +14,7 @@ from data.episodes.clips import Clip
 from data.episodes.episode import Episode, EpisodeMeta
 from data.features import FEATURE_DIM, column
 from rewardmodel import RewardError, load_pairs
-from rewardmodel.clips import PAST_STEPS
+from rewardmodel.answers.clip_batch import PAST_STEPS
 
 
 def episode(seed: int, steps: int, *, falls: bool = False) -> Episode:

@@ -11,18 +11,18 @@ import torch
 
 from rewardmodel import FitCfg, fit_reward, load_reward, save_reward
 from rewardmodel.acquisition.information import information
-from rewardmodel.aspects import aspect_of
 from rewardmodel.errors import RewardError
-from rewardmodel.kinds import prepare
-from rewardmodel.noise_level import FEW_ERRORS
-from rewardmodel.posterior.fit import answers_seen, probably_chance
+from rewardmodel.linear.noise_level import FEW_ERRORS
+from rewardmodel.models.kinds import prepare
+from rewardmodel.opinions.aspects import aspect_of
+from rewardmodel.opinions.occupancy import NODES, along, occupancy
+from rewardmodel.opinions.opinions import SHAPES, Opinions, habit_of
+from rewardmodel.opinions.ranges import HABITS
+from rewardmodel.posterior.curve_scorer import PosteriorScorer
+from rewardmodel.posterior.fit_posterior import answers_seen, probably_chance
 from rewardmodel.posterior.hypotheses import Hypotheses, Prior, drawn
-from rewardmodel.posterior.occupancy import NODES, along, occupancy
-from rewardmodel.posterior.opinions import SHAPES, Opinions, habit_of
-from rewardmodel.posterior.ranges import HABITS
 from rewardmodel.posterior.sampler import Answers, sampled
-from rewardmodel.posterior.scorer import PosteriorScorer
-from rewardmodel.trust import MOST_BY_CHANCE
+from rewardmodel.trust.alarms import MOST_BY_CHANCE
 
 from .test_rewardmodel_curves import (
     Taste,

@@ -7,8 +7,8 @@ import torch
 from torch import Tensor
 
 from rewardmodel import FitCfg, fit_reward
-from rewardmodel.calibration import calibration, fit_temperature
-from rewardmodel.prediction import Prediction
+from rewardmodel.measures.calibration import calibration, fit_temperature
+from rewardmodel.models.prediction import Prediction
 
 from .test_rewardmodel_fit import answered
 

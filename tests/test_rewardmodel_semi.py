@@ -14,17 +14,17 @@ from benchmarks.data import answered_dataset
 from data.datasets.dataset import Dataset
 from gaitpref.cli import main
 from rewardmodel import RewardError
+from rewardmodel.answers.answered_pairs import AnsweredPairs, load_pairs
+from rewardmodel.answers.likelihood import Errors
 from rewardmodel.cfg import FitCfg
+from rewardmodel.descriptors.normaliser import Normaliser
+from rewardmodel.extensions.questions.unanswered import unanswered_pairs
 from rewardmodel.extensions.semi_supervised import Unanswered, with_opinions
-from rewardmodel.extensions.settings import SemiSupervisedCfg
-from rewardmodel.extensions.unanswered import unanswered_pairs
-from rewardmodel.fit import fit_reward
-from rewardmodel.held_out import fold_of
-from rewardmodel.likelihood import Errors
-from rewardmodel.normaliser import Normaliser
-from rewardmodel.pairs import AnsweredPairs, load_pairs
-from rewardmodel.storage import load_reward
-from rewardmodel.training import DescribedPairs
+from rewardmodel.extensions_cfg import SemiSupervisedCfg
+from rewardmodel.fitting.fit_reward import fit_reward
+from rewardmodel.measures.held_out import fold_of
+from rewardmodel.models.storage import load_reward
+from rewardmodel.prepared.described import DescribedPairs
 
 SEMI = SemiSupervisedCfg(confidence=0.9, error_share=0.6, pairs_per_answer=2)
 CFG = FitCfg(semi_supervised=SEMI)

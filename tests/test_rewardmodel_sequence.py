@@ -21,11 +21,11 @@ from rewardmodel import (
     load_reward,
     save_reward,
 )
+from rewardmodel.answers.clip_batch import pad_clips
 from rewardmodel.cfg import KindName, PosteriorCfg
-from rewardmodel.clips import pad_clips
-from rewardmodel.explain import explain
-from rewardmodel.extensions.settings import HistoryCfg, MlpCfg, TransformerCfg
-from rewardmodel.posterior.scorer import PosteriorScorer
+from rewardmodel.explain.attribution import explain
+from rewardmodel.extensions_cfg import HistoryCfg, MlpCfg, TransformerCfg
+from rewardmodel.posterior.curve_scorer import PosteriorScorer
 
 from .test_rewardmodel_curves import asked, best_rate
 from .test_rewardmodel_fit import answered, gait

@@ -10,12 +10,12 @@ import torch
 
 from data.features import FEATURE_DIM, column
 from rewardmodel import FitCfg, fit_reward
-from rewardmodel.calibration import calibration, counting, fit_temperature
-from rewardmodel.held_out import held_out_predictions
-from rewardmodel.held_out_report import accuracy_of, foresee, opinion_of
-from rewardmodel.kinds import prepare
-from rewardmodel.support import PIECE_STEPS, Drift, support_of
-from rewardmodel.trust import Reach, alarms, reach
+from rewardmodel.measures.calibration import calibration, counting, fit_temperature
+from rewardmodel.measures.held_out import held_out_predictions
+from rewardmodel.models.kinds import prepare
+from rewardmodel.trust.alarms import Reach, alarms, reach
+from rewardmodel.trust.held_out_report import accuracy_of, foresee, opinion_of
+from rewardmodel.trust.support import PIECE_STEPS, Drift, support_of
 
 from .test_rewardmodel_fit import answered, gait
 

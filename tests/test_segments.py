@@ -16,7 +16,7 @@ import pytest
 from data.datasets.segments import Segments, TableError, read_answers, read_segments
 from gaitpref.cli import main
 from rewardmodel.errors import RewardError
-from rewardmodel.tables import fit_table
+from rewardmodel.fitting.tables import fit_table
 
 SEGMENTS, STEPS = 60, 7
 NAMES = ("speed", "tilt", "noise")

@@ -17,7 +17,6 @@ from gaitpref.loop import run_configured
 from gaitpref.method.budget import FrontLoaded
 from gaitpref.method.context import RoundContext
 from gaitpref.people import People
-from gaitpref.questions import ClipCfg, ask
 from gaitpref.rater import answer_pairs
 from gaitpref.rater_cfg import RaterCfg
 from gaitpref.retraining import policy_stage
@@ -33,10 +32,11 @@ from policy.training.checkpoint import holding_home, load_policy
 from policy.training.ppo import PpoCfg
 from policy.training.train import TrainCfg, train
 from rewardmodel import AnsweredPairs, FitCfg, RewardModel, fit_reward, load_pairs
-from rewardmodel.descriptors import DESCRIPTOR_NAMES
-from rewardmodel.kinds import prepare
-from rewardmodel.linear import LinearScorer
-from rewardmodel.trust import alarms, reach
+from rewardmodel.asking.clip_questions import ClipCfg, ask
+from rewardmodel.descriptors.table import DESCRIPTOR_NAMES
+from rewardmodel.linear.linear import LinearScorer
+from rewardmodel.models.kinds import prepare
+from rewardmodel.trust.alarms import alarms, reach
 
 from .small_loop import small_cfg
 

@@ -21,9 +21,9 @@ from policy.robots.robot import load_robot
 from policy.training.ppo import PpoCfg
 from policy.training.train import TrainCfg, train
 from rewardmodel import FitCfg, RewardError, fit_reward, load_reward, save_reward
-from rewardmodel.ensemble import fit_ensemble
-from rewardmodel.kinds import kind_called, prepare
-from rewardmodel.strategies import make_strategy
+from rewardmodel.asking.strategies import make_strategy
+from rewardmodel.models.ensemble import fit_ensemble
+from rewardmodel.models.kinds import kind_called, prepare
 
 from .test_rewardmodel_fit import answered
 
@@ -143,7 +143,7 @@ import sys
 
 class Refuse:
     def find_spec(self, name, path=None, target=None):
-        if name == "rewardmodel.used":
+        if name == "rewardmodel.answers.used":
             raise ModuleNotFoundError(f"no {name} here", name=name)
 
 sys.meta_path.insert(0, Refuse())
@@ -151,7 +151,7 @@ from gaitpref.cli import main
 sys.exit(main(["fit", "--dataset", "d", "--out", "o"]))
 """)
     assert done.returncode == 1
-    assert "no rewardmodel.used here" in done.stderr
+    assert "no rewardmodel.answers.used here" in done.stderr
     assert "pip install" not in done.stderr
 
 
@@ -173,15 +173,16 @@ def test_any_module_of_the_reward_model_can_be_imported_first() -> None:
 import importlib, pathlib, sys, types
 
 root = pathlib.Path({str(ROOT)!r}) / "rewardmodel"
-for file in sorted(root.glob("*.py")):
+for file in sorted(root.rglob("*.py")):
     if file.stem == "__init__":
         continue
-    for name in [name for name in sys.modules if name.split(".")[0] == "rewardmodel"]:
-        del sys.modules[name]
+    name = ".".join(("rewardmodel", *file.relative_to(root).with_suffix("").parts))
+    for old in [old for old in sys.modules if old.split(".")[0] == "rewardmodel"]:
+        del sys.modules[old]
     package = types.ModuleType("rewardmodel")
     package.__path__ = [str(root)]
     sys.modules["rewardmodel"] = package
-    importlib.import_module("rewardmodel." + file.stem)
+    importlib.import_module(name)
 print("all")
 """)
     assert done.stdout.strip() == "all", done.stderr

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 
-from rewardmodel.pairs import MIN_ANSWERS
+from rewardmodel.answers.answered_pairs import MIN_ANSWERS
 
 from .acceptance import LEAST_LAST
 from .context import RoundContext

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from rewardmodel.model import RewardModel
+from rewardmodel.models.model import RewardModel
 
 from .context import RoundContext
 

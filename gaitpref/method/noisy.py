@@ -1,16 +1,17 @@
 """Whether the answers of a run err, decided once.
 
 The first fit finds how many of its answers are random by the evidence for each share
-(`rewardmodel.noise_level`). More than a tenth, and the odds for any errors more than e
-to 1: the answers err, and everything that depends on it does so for the whole run.
+(`rewardmodel.linear.noise_level`). More than a tenth, and the odds for any errors more
+than e to 1: the answers err, and everything that depends on it does so for the whole
+run.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rewardmodel.model import RewardModel
-from rewardmodel.noise_level import FEW_ERRORS, takes_to_err
+from rewardmodel.linear.noise_level import FEW_ERRORS, takes_to_err
+from rewardmodel.models.model import RewardModel
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from rewardmodel.caution import CautiousReward
-from rewardmodel.model import RewardModel
+from rewardmodel.models.model import RewardModel
+from rewardmodel.paid.caution import CautiousReward
 
 from .context import RoundContext
 

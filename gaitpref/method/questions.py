@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from data.answers.strategy_names import StrategyName
-from rewardmodel.pairs import MIN_ANSWERS
+from rewardmodel.answers.answered_pairs import MIN_ANSWERS
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,7 +15,7 @@ from data.answers.answer_records import Pair
 from data.datasets.dataset import EpisodeEntry
 from data.episodes.clips import Clip
 from rewardmodel.errors import RewardError
-from rewardmodel.held_out import fold_of
+from rewardmodel.measures.held_out import fold_of
 
 from .phase import overlapping
 from .strategy import Strategy

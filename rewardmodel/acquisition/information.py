@@ -18,10 +18,10 @@ import torch
 from torch import Tensor
 
 from data.episodes.clips import Clip
-from rewardmodel.clips import ClipRows, read_clips
-from rewardmodel.model import RewardModel
-from rewardmodel.normaliser import fill_missing
-from rewardmodel.posterior.scorer import PosteriorScorer
+from rewardmodel.answers.clip_batch import ClipRows, read_clips
+from rewardmodel.descriptors.normaliser import fill_missing
+from rewardmodel.models.model import RewardModel
+from rewardmodel.posterior.curve_scorer import PosteriorScorer
 
 _PARTICLES = 400
 _TARGETS = 300

@@ -17,7 +17,7 @@ from data.answers.answer_records import Pair
 from data.datasets.dataset import EpisodeEntry
 from data.episodes.clips import Clip
 from data.features import column
-from rewardmodel.clips import ClipRows
+from rewardmodel.answers.clip_batch import ClipRows
 
 LEAD_LEG = 0
 """The foot that begins: the first of `data.features.LEGS`."""

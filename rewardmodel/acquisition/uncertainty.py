@@ -12,8 +12,8 @@ import numpy as np
 from torch import Tensor
 
 from data.episodes.clips import Clip
-from rewardmodel.clips import ClipBatch, ClipRows, read_clips
-from rewardmodel.model import RewardModel
+from rewardmodel.answers.clip_batch import ClipBatch, ClipRows, read_clips
+from rewardmodel.models.model import RewardModel
 
 
 @dataclass(frozen=True)

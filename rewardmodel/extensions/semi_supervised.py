@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from rewardmodel.answers.likelihood import Errors
 from rewardmodel.cfg import FitCfg
-from rewardmodel.likelihood import Errors
-from rewardmodel.training import DescribedPairs
+from rewardmodel.prepared.described import DescribedPairs
 
 
 @dataclass(frozen=True, eq=False)

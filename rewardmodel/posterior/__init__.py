@@ -1,7 +1,5 @@
-"""A wish as one to three habits, each with a curve; what answers leave probable of it.
+"""What answers leave probable of a wish: one to three habits, each with a curve.
 
-`ranges` says where a step lies on what was recorded, `occupancy` where a clip is,
-`opinions` which curves there are and how probable each is beforehand, `sampler` what
-answers make of that, `information` which question would tell most, `scorer` what is
-paid.
+`hypotheses` holds the particles, `sampler` what answers make of them, `fit_posterior`
+and `curve_scorer` what is learned and paid, `group_raters` who wants the same.
 """

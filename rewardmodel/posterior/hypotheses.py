@@ -16,7 +16,7 @@ from typing import Self
 import torch
 from torch import Tensor
 
-from .opinions import ASPECT_OF_OPINION, Opinions, habit_of
+from rewardmodel.opinions.opinions import ASPECT_OF_OPINION, Opinions, habit_of
 
 SLOTS = 3
 """Opinions at most."""

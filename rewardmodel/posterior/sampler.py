@@ -16,8 +16,15 @@ import torch
 from torch import Tensor
 
 from data.answers.answer_records import ASPECTS
-from rewardmodel.aspects import UNSAID
-from rewardmodel.likelihood import Errors, answer_weights, weighted
+from rewardmodel.answers.likelihood import Errors, answer_weights, weighted
+from rewardmodel.opinions.aspects import UNSAID
+from rewardmodel.opinions.opinions import (
+    ASPECT_OF_OPINION,
+    SHAPE_PROBABLE,
+    SHAPES,
+    Opinions,
+    habit_of,
+)
 
 from .hypotheses import (
     ANOTHER,
@@ -29,7 +36,6 @@ from .hypotheses import (
     drawn_sharpness,
     drawn_weights,
 )
-from .opinions import ASPECT_OF_OPINION, SHAPE_PROBABLE, SHAPES, Opinions, habit_of
 
 _MOVES = 12
 """Of every particle after a resampling."""

@@ -1,0 +1,1 @@
+"""Answers and the clips they are about, as tensors, and how likely an answer is."""

@@ -1,0 +1,1 @@
+"""Questions for people, by the name of the strategy that chose them."""

@@ -1,0 +1,1 @@
+"""Why a reward likes a clip."""

@@ -1,0 +1,210 @@
+"""Which moment and which habit a reward likes.
+
+The shares of a step's descriptors add up to its reward minus the reward of an average
+step of the judged clips: exactly for a linear model, up to the error of the integral
+for integrated gradients, and not at all for occlusion, which asks what would change if
+a group of habits were average.
+
+Shapes: K steps, D descriptors, G groups.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from data.features import LEGS
+from rewardmodel.answers.clip_batch import ClipBatch
+from rewardmodel.descriptors.normaliser import fill_missing
+from rewardmodel.descriptors.per_leg import CONTACTS, ENDS, SINGLE, TOGETHER
+from rewardmodel.errors import RewardError
+from rewardmodel.models.model import RewardModel
+
+Method = Literal["auto", "exact", "gradients", "occlusion"]
+
+GROUPS = {
+    "tracking": (
+        "planar_error",
+        "planar_error_sq",
+        "yaw_rate_error",
+        "yaw_rate_error_sq",
+        "forward_speed",
+        "leftward_speed",
+        "yaw_rate",
+    ),
+    "steadiness": ("vertical_speed_sq", "roll_rate_sq", "pitch_rate_sq", "tilt_sq"),
+    "posture": ("height", "height_sq", "joint_offset_sq", "nose_down", "left_down"),
+    "effort": ("joint_speed_sq", "torque_sq", "power"),
+    "shaking": ("action_sq", "action_rate_sq"),
+    "feet": (
+        "contacts",
+        "clearance",
+        "foot_height_mean",
+        "foot_height_max",
+        "foot_speed_mean",
+        "slip",
+        "air_time_mean",
+        "air_time_max",
+        "lift_offs",
+        *(item.name for item in SINGLE if item.name.endswith(LEGS)),
+        *(item.name for item in ENDS),
+    ),
+    "stepping": (
+        *(
+            item.name
+            for item in (*CONTACTS, *TOGETHER)
+            if item.name not in ("clearance", "nose_down")
+        ),
+    ),
+}
+"""Habits that belong together; correlated descriptors share a reward by chance, their
+group does not."""
+OTHER = "other"
+"""Group of the descriptors named nowhere above."""
+
+_INTEGRATION_STEPS = 32
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """A stretch of motion as a reward sees it, step by step."""
+
+    reward: np.ndarray
+    """[K] reward of each step."""
+    spread: np.ndarray
+    """[K] standard deviation over the ensemble."""
+    groups: tuple[str, ...]
+    shares: np.ndarray
+    """[K, G] what each group adds to the reward of an average judged step."""
+    descriptors: np.ndarray
+    """[K, D] the same by descriptor, as `names`; NaN where occlusion asked only
+    about groups."""
+    names: tuple[str, ...]
+    """Of the descriptors."""
+    average: float
+    """Reward of an average judged step."""
+    method: str
+
+
+def group_of(name: str) -> str:
+    """The group of a descriptor."""
+    return next((g for g, names in GROUPS.items() if name in names), OTHER)
+
+
+def explain(
+    model: RewardModel, clip: ClipBatch, *, method: Method = "auto"
+) -> Explanation:
+    """Share the reward of the steps of one clip.
+
+    It is seen as the fit saw clips; what nobody measured counts as average.
+
+    Raises:
+        ValueError: the batch holds more than one clip.
+        RewardError: `exact` was asked of a model that is not linear, `gradients` of
+            one that looks back, or without captum.
+    """
+    if len(clip) != 1:
+        raise ValueError(f"one clip is explained at a time, got {len(clip)}")
+    reward, spread = model.clip_rewards(clip)
+    steps = fill_missing(model.standardised(clip.features[0]))  # [K, D]
+    chosen = _chosen(model, method)
+    match chosen:
+        case "exact":
+            assert model.scorer.linear_weights is not None
+            weights = model.scorer.linear_weights.mean(dim=0)
+            shares = steps * weights / model.reward_std
+        case "gradients":
+            shares = _gradients(model, steps)
+        case "occlusion":
+            shares = torch.full_like(steps, torch.nan)
+        case _:
+            raise ValueError(f"no way to explain is called {chosen!r}")
+    groups = tuple(dict.fromkeys(map(group_of, model.names)))
+    members = [[group_of(n) == group for n in model.names] for group in groups]
+    if chosen == "occlusion":
+        by_group = torch.stack(
+            [
+                _occluded(model, steps, torch.tensor(own), clip.lift_offs_before)
+                for own in members
+            ],
+            dim=1,
+        )
+    else:
+        by_group = torch.stack([shares[:, own].sum(dim=1) for own in members], dim=1)
+    return Explanation(
+        reward=reward[0].numpy(),
+        spread=spread[0].numpy(),
+        groups=groups,
+        shares=by_group.numpy(),
+        descriptors=shares.numpy(),
+        names=model.names,
+        average=_average(model, steps.shape[1]),
+        method=chosen,
+    )
+
+
+def _chosen(model: RewardModel, method: Method) -> str:
+    linear = model.scorer.linear_weights is not None
+    if method == "exact" and not linear:
+        raise RewardError(
+            "only a linear model has exact shares; take --method gradients or occlusion"
+        )
+    if method == "gradients" and model.history_steps:
+        raise RewardError(
+            "a step of a model that looks back is several inputs, of which gradients "
+            "would name only one; take --method occlusion"
+        )
+    if method != "auto":
+        return method
+    if linear:
+        return "exact"
+    if model.history_steps:
+        return "occlusion"
+    return "gradients" if _integrated_gradients() else "occlusion"
+
+
+def _reward(model: RewardModel, steps: Tensor) -> Tensor:
+    """Reward [K] of consecutive steps, standardised [K, D]."""
+    return model.reward_of(model.payer(steps))
+
+
+def _average(model: RewardModel, num_descriptors: int) -> float:
+    """Reward of an average judged step, which also steps at the average rate."""
+    return float(model.reward_of(model.payer.of_average(num_descriptors)))
+
+
+def _occluded(
+    model: RewardModel, steps: Tensor, hidden: Tensor, before: Tensor | None
+) -> Tensor:
+    """Loss of reward [K] where the descriptors `hidden` [D] are average ones."""
+    scorer, before = model.payer, None if before is None else before[0]
+    paid = scorer.of_clips(steps, None, before)
+    left = scorer.hiding(steps, hidden, before)
+    return model.reward_of(paid) - model.reward_of(left)
+
+
+def _gradients(model: RewardModel, steps: Tensor) -> Tensor:
+    """Integrated gradients [K, D] on the way from an average judged step."""
+    method = _integrated_gradients()
+    if method is None:
+        raise RewardError(
+            "--method gradients needs the package captum: pip install -e '.[explain]' "
+            "-c constraints.txt; or take --method occlusion"
+        )
+    found = method(lambda inputs: _reward(model, inputs)).attribute(
+        steps.requires_grad_(), n_steps=_INTEGRATION_STEPS
+    )
+    return found.detach().to(torch.float32)
+
+
+def _integrated_gradients() -> Callable | None:
+    try:
+        from captum.attr import IntegratedGradients
+    except ModuleNotFoundError:
+        return None
+    return IntegratedGradients

@@ -1,0 +1,1 @@
+"""Networks and a Gaussian process, for where answers are many."""

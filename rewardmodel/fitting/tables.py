@@ -1,0 +1,174 @@
+"""A reward for segments of anything: rows of named numbers in place of a robot's.
+
+Each column and its square, standardised, is what a reward sees of a step. Nothing is
+expected of any of them before the answers.
+
+Shapes: B answers, S segments, T steps, F columns, D = 2 F descriptors, M members,
+R raters.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import torch
+from torch import Tensor
+
+from data.datasets.segments import Segments, TableAnswer
+from rewardmodel.answers.answered_pairs import MIN_ANSWERS
+from rewardmodel.answers.clip_batch import mean_over
+from rewardmodel.answers.likelihood import Errors
+from rewardmodel.cfg import FitCfg, LinearCfg
+from rewardmodel.descriptors.normaliser import Normaliser
+from rewardmodel.errors import RewardError
+from rewardmodel.linear.noise_level import errors_alike, noise_level, settled
+from rewardmodel.measures.held_out import held_out_predictions
+from rewardmodel.models.ensemble import fit_ensemble
+from rewardmodel.models.fit_report import FitReport
+from rewardmodel.models.kinds import KINDS
+from rewardmodel.models.model import leads_of_pairs
+from rewardmodel.models.prediction import Prediction
+from rewardmodel.prepared.described import DescribedPairs
+from rewardmodel.prepared.prepared import Prepared
+from rewardmodel.scorer import Scorer
+
+from .fit_reward import report_of
+
+TableKind = Literal["linear", "gp", "mlp"]
+TABLE_KINDS: tuple[TableKind, ...] = get_args(TableKind)
+"""Models that see a step, whatever it is of."""
+TABLE_FIT = FitCfg(linear=LinearCfg(unsteady_logit=0.0), fall_logit=0.0)
+"""How segments are fitted."""
+_SHARES = (0.02, 0.1, 0.2, 0.3, 0.5, 0.7, 0.95)
+
+
+class PreparedTable(Prepared):
+    """Every model sees all of it."""
+
+    def seen_by(self, sight: str) -> PreparedTable:
+        return self
+
+
+@dataclass(frozen=True, eq=False)
+class TableReward:
+    """A reward for segments, and how well it foresees answers."""
+
+    names: tuple[str, ...]
+    """[D] of what it sees of a step."""
+    normaliser: Normaliser
+    scorer: Scorer
+    cfg: FitCfg
+    report: FitReport
+
+    def worth(self, segments: Segments) -> tuple[Tensor, Tensor]:
+        """Mean reward [S] of segments in logits, and its deviation over members."""
+        of_members = self.of_members(segments)
+        return of_members.mean(dim=0), of_members.std(dim=0)
+
+    def of_members(self, segments: Segments) -> Tensor:
+        """Mean reward [M, S] of segments in logits."""
+        steps, scored = described(segments)
+        rewards = self.scorer.of_clips(self.normaliser(steps), scored, None)
+        return mean_over(rewards, scored)
+
+
+def described(segments: Segments) -> tuple[Tensor, Tensor]:
+    """Descriptors [S, T, D] of segments, and which steps there are, [S, T] bool."""
+    rows = torch.from_numpy(segments.rows).nan_to_num()
+    scored = torch.from_numpy(segments.valid)
+    std, mean = torch.std_mean(rows[scored], dim=0, correction=0)
+    usual = (rows - mean) / std.clamp_min(1e-6)
+    return torch.cat([usual, usual.square()], dim=-1) * scored[..., None], scored
+
+
+def fit_table(
+    segments: Segments,
+    answers: Sequence[TableAnswer],
+    kind: TableKind,
+    *,
+    seed: int,
+    cfg: FitCfg = TABLE_FIT,
+) -> TableReward:
+    """Fit a reward to answers about segments, and measure it on segments that a model
+    has not seen.
+
+    Args:
+        segments: What was judged.
+        answers: In any order.
+        kind: Which model.
+        seed: Bootstrap draws and first weights.
+        cfg: How it is fitted.
+
+    Raises:
+        RewardError: too few answers prefer a segment.
+    """
+    started_s = time.perf_counter()
+    preferences = sum(answer.target != 0.5 for answer in answers)
+    if preferences < MIN_ANSWERS:
+        raise RewardError(
+            f"{preferences} of {len(answers)} answers prefer a segment; a fit needs at "
+            f"least {MIN_ANSWERS}"
+        )
+    cfg = replace(cfg, kind=kind)
+    prepared = PreparedTable.of(_pairs(segments, answers, cfg))
+    found = settled(
+        cfg, noise_level(prepared, cfg), tells_errors=KINDS[kind].tells_errors
+    )
+    errors = errors_alike(prepared, found, found.error_share)
+    prepared = replace(prepared, described=replace(prepared.described, errors=errors))
+    normaliser, scorer = fit_ensemble(prepared, found, seed)
+    standardised = prepared.by(normaliser)
+    names = tuple((segments.ids[a.left], segments.ids[a.right]) for a in answers)
+    asked, foreseen = held_out_predictions(prepared, names, found, seed)
+    report = report_of(
+        standardised,
+        leads_of_pairs(scorer.payer, standardised).mean(dim=0),
+        asked,
+        foreseen,
+        found,
+        time.perf_counter() - started_s,
+        at_random=torch.ones(len(answers), dtype=torch.bool),
+    )
+    kept = [answer for answer, was in zip(answers, asked.tolist(), strict=True) if was]
+    report = replace(report, raters=_raters(kept, foreseen, report.temperature))
+    names = (*segments.names, *(f"{name} squared" for name in segments.names))
+    return TableReward(names, normaliser, scorer, found, report)
+
+
+def _pairs(
+    segments: Segments, answers: Sequence[TableAnswer], cfg: FitCfg
+) -> DescribedPairs:
+    steps, scored = described(segments)
+    sides = torch.tensor([[answer.left, answer.right] for answer in answers]).mT
+    count = len(answers)
+    return DescribedPairs(
+        steps=steps[sides],
+        scored=scored[sides],
+        fall_lead=torch.zeros(count),
+        target=torch.tensor([answer.target for answer in answers]),
+        errors=Errors.alike(cfg.error_share, count, tie_threshold=cfg.tie_threshold),
+    )
+
+
+def _raters(
+    answers: Sequence[TableAnswer], foreseen: Prediction, temperature: float
+) -> tuple[tuple[str, float], ...]:
+    """Of several raters, the share of preferences that is most likely random beside
+    what models foresaw of them; nobody of one."""
+    names = sorted({answer.rater for answer in answers})
+    if len(names) < 2:
+        return ()
+    right = (foreseen.logit / temperature).sigmoid()
+    found = []
+    for name in names:
+        own = torch.tensor([a.rater == name and a.target != 0.5 for a in answers])
+        target = torch.tensor([answer.target for answer in answers])[own]
+        likely = torch.where(target > 0.5, right[own], 1 - right[own])
+        heights = [
+            float(((1 - share) * likely + share / 2).log().sum()) for share in _SHARES
+        ]
+        found.append((name, _SHARES[max(range(len(_SHARES)), key=heights.__getitem__)]))
+    return tuple(found)

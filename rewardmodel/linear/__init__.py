@@ -1,0 +1,1 @@
+"""A reward linear in descriptors: mode, evidence, and how often answers err."""

@@ -1,0 +1,1 @@
+"""How well a model foresees answers it has not seen."""

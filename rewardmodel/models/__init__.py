@@ -1,0 +1,1 @@
+"""Kinds of reward model, ensembles of them, and their files."""

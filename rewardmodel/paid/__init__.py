@@ -1,0 +1,1 @@
+"""What of a reward a training is paid."""

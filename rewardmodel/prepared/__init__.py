@@ -1,0 +1,1 @@
+"""Answers as a fit wants them: described, standardised and scaled once."""

@@ -1,0 +1,1 @@
+"""How far a reward can be trusted: held-out answers, support, alarms."""
