@@ -15,7 +15,7 @@ from pathlib import Path
 import aiohttp
 import msgspec
 
-from labeling_ui.tokens import TokenStore
+from labeling_ui.web.tokens import TokenStore
 
 from .attack_rater import Honest, Target
 from .visitor import CAMERA

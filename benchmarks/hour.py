@@ -20,10 +20,10 @@ from pathlib import Path
 import tyro
 
 from data.datasets.dataset import Dataset
-from labeling_ui.guard import GuardCfg
-from labeling_ui.queue import QueueCfg
-from labeling_ui.server import LabelCfg, LabelServer
-from labeling_ui.tokens import TokenStore
+from labeling_ui.label_server import LabelCfg, LabelServer
+from labeling_ui.questions.key_repeat import GuardCfg
+from labeling_ui.questions.rater_session import QueueCfg
+from labeling_ui.web.tokens import TokenStore
 
 from .harness import publish
 from .visitor import Visitor

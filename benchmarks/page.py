@@ -20,11 +20,11 @@ import numpy as np
 import tyro
 
 from data.datasets.dataset import Dataset
-from labeling_ui.desk import Desk
-from labeling_ui.judgement import Judgement, Outcome
-from labeling_ui.server import LabelCfg, LabelServer
-from labeling_ui.tokens import TokenStore
-from labeling_ui.worker import Worker
+from labeling_ui.label_server import LabelCfg, LabelServer
+from labeling_ui.page.page_access import Desk
+from labeling_ui.page.store_thread import Worker
+from labeling_ui.questions.judgement import Judgement, Outcome
+from labeling_ui.web.tokens import TokenStore
 
 from .visitor import Visitor
 from .walks import walking_dataset

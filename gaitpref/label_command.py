@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from labeling_ui.public_url import parse_public_url
-from labeling_ui.server import LabelCfg, LabelServer
+from labeling_ui.label_server import LabelCfg, LabelServer
+from labeling_ui.web.public_url import parse_public_url
 
 from . import options
 from .opening import open_dataset

@@ -18,8 +18,8 @@ from pathlib import Path
 
 from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
-from labeling_ui.server import LabelCfg, LabelServer
-from labeling_ui.status import LoopStatus
+from labeling_ui.label_server import LabelCfg, LabelServer
+from labeling_ui.page.loop_status import LoopStatus
 
 _START_S = 120.0
 _STOP_S = 20.0

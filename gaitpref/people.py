@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from labeling_ui.status import LoopStatus
+from labeling_ui.page.loop_status import LoopStatus
 
 
 @dataclass(frozen=True, kw_only=True)

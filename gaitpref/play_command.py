@@ -10,11 +10,11 @@ import viser
 
 from data.errors import GaitprefError
 from data.features import column
-from labeling_ui.geometry import robot_geometry
-from labeling_ui.live import Drive, LivePolicy, LiveState, StepFn
-from labeling_ui.play_page import PlayPage, play_site
-from labeling_ui.tokens import TokenStore
-from labeling_ui.visit import Visit
+from labeling_ui.play_server import PlayPage, play_site
+from labeling_ui.scene.geometry import robot_geometry
+from labeling_ui.scene.live_robot import Drive, LivePolicy, LiveState, StepFn
+from labeling_ui.web.tokens import TokenStore
+from labeling_ui.web.visit import Visit
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg
 from policy.env.sim import BatchSim

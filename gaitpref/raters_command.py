@@ -9,9 +9,15 @@ from typing import Any
 from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from data.files.shown import shown
-from labeling_ui.doubts import doubts
-from labeling_ui.figures import RaterFigures, Share, all_figures, figures, human_rows
-from labeling_ui.tokens import TokenStore, require_name
+from labeling_ui.questions.rater_doubts import doubts
+from labeling_ui.questions.rater_figures import (
+    RaterFigures,
+    Share,
+    all_figures,
+    figures,
+    human_rows,
+)
+from labeling_ui.web.tokens import TokenStore, require_name
 
 from . import options
 from .extras import require

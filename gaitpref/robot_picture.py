@@ -14,7 +14,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from data.features import LEGS
-from labeling_ui.geometry import instance_poses, robot_geometry
+from labeling_ui.scene.geometry import instance_poses, robot_geometry
 from policy.robots.robot import Robot
 
 _SUN_W = np.array([0.3, -0.5, 0.8])

@@ -19,18 +19,24 @@ from typing import Any, TypeVar
 
 import viser
 
-from .figures import RaterFigures
-from .log_limit import limited_log
-from .proxied import lock_down, new_secret, only_for, proxied_rater, proxied_visit
-from .proxy import Proxy
-from .proxy_cfg import ProxyCfg
-from .scene import FOV_RAD, SHOTS
-from .status import StatusSource
-from .theme import set_theme
-from .ticker import Ticker, Ticking
-from .tokens import TokenStore
-from .visit import Visit
-from .worker import Work, Worker, logged
+from labeling_ui.page.frame_thread import Ticker, Ticking
+from labeling_ui.page.loop_status import StatusSource
+from labeling_ui.page.store_thread import Work, Worker, logged
+from labeling_ui.page.theme import set_theme
+from labeling_ui.questions.rater_figures import RaterFigures
+from labeling_ui.scene.scene import FOV_RAD, SHOTS
+from labeling_ui.web.log_limit import limited_log
+from labeling_ui.web.proxied import (
+    lock_down,
+    new_secret,
+    only_for,
+    proxied_rater,
+    proxied_visit,
+)
+from labeling_ui.web.proxy import Proxy
+from labeling_ui.web.proxy_cfg import ProxyCfg
+from labeling_ui.web.tokens import TokenStore
+from labeling_ui.web.visit import Visit
 
 logger = logging.getLogger(__name__)
 T = TypeVar("T")

@@ -13,9 +13,9 @@ import msgspec
 import viser
 import zstandard
 
-from labeling_ui.figures import RaterFigures, figures
-from labeling_ui.proxy import Proxy, ProxyCfg
-from labeling_ui.tokens import TokenStore
+from labeling_ui.questions.rater_figures import RaterFigures, figures
+from labeling_ui.web.proxy import Proxy, ProxyCfg
+from labeling_ui.web.tokens import TokenStore
 
 PROTOCOL = f"viser-v{viser.__version__}"
 CAMERA = {

@@ -17,8 +17,8 @@ from data.episodes.clips import Clip
 from data.episodes.episode import Episode
 from data.features import JOINTS, column, missing_features
 from gaitpref.cli import main
-from labeling_ui.motion import load_motion
-from labeling_ui.strips import curves, footfalls
+from labeling_ui.page.footfall_svg import curves, footfalls
+from labeling_ui.scene.clip_motion import load_motion
 from policy.robots.robot import Robot, load_robot
 from rewardmodel.answers.answered_pairs import load_pairs
 from rewardmodel.cfg import FitCfg

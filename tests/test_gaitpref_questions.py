@@ -22,8 +22,8 @@ from gaitpref.options import Loop
 from gaitpref.presets import resolve
 from gaitpref.rounds import Round
 from gaitpref.side_by_side import pairs_of_both
-from labeling_ui.controls import command_words
-from labeling_ui.motion import MotionCache
+from labeling_ui.page.controls import command_words
+from labeling_ui.scene.clip_motion import MotionCache
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot
 from policy.training.checkpoint import load_policy

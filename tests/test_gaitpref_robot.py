@@ -12,8 +12,8 @@ from matplotlib.image import imread
 from data.datasets.dataset import Dataset
 from gaitpref.cli import main
 from gaitpref.play_command import live_policy
-from labeling_ui.geometry import instance_poses, robot_geometry
-from labeling_ui.live import Drive
+from labeling_ui.scene.geometry import instance_poses, robot_geometry
+from labeling_ui.scene.live_robot import Drive
 from policy.env.env_cfg import EnvCfg
 from policy.env.task_reward import TaskRewardCfg, size_of, task_reward_for
 from policy.robots.robot import load_robot, load_robot_xml

@@ -12,9 +12,9 @@ import aiohttp
 import pytest
 import viser
 
-from labeling_ui.proxied import lock_down, new_secret, only_for, proxied_rater
-from labeling_ui.relay import CLOSE_LOGGED_OUT, CLOSE_REPLACED
-from labeling_ui.tokens import TokenStore
+from labeling_ui.web.proxied import lock_down, new_secret, only_for, proxied_rater
+from labeling_ui.web.tokens import TokenStore
+from labeling_ui.web.websocket_relay import CLOSE_LOGGED_OUT, CLOSE_REPLACED
 
 from .labeling_visitor import (
     House,

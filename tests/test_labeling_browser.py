@@ -16,10 +16,10 @@ import pytest
 from benchmarks.walks import walking_dataset
 from data.answers.answer_records import Answer
 from data.datasets.dataset import Dataset
-from labeling_ui.guard import GuardCfg
-from labeling_ui.queue import QueueCfg
-from labeling_ui.server import LabelCfg, LabelServer
-from labeling_ui.tokens import TokenStore
+from labeling_ui.label_server import LabelCfg, LabelServer
+from labeling_ui.questions.key_repeat import GuardCfg
+from labeling_ui.questions.rater_session import QueueCfg
+from labeling_ui.web.tokens import TokenStore
 
 pytestmark = pytest.mark.browser
 

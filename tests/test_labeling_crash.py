@@ -15,7 +15,7 @@ import pytest
 from benchmarks.visitor import Visitor
 from benchmarks.walks import walking_dataset
 from data.datasets.dataset import Dataset
-from labeling_ui.tokens import TokenStore
+from labeling_ui.web.tokens import TokenStore
 
 RATERS = 8
 KEYS = ("A better", "B better", "Equally good", "A much better", "B much better")

@@ -9,7 +9,13 @@ import pytest
 from data.answers.answer_records import Answer, Choice, Pair
 from data.answers.store import AnswerStore
 from data.episodes.clips import Clip
-from labeling_ui.figures import Row, all_figures, alpha, figures, rater_figures
+from labeling_ui.questions.rater_figures import (
+    Row,
+    all_figures,
+    alpha,
+    figures,
+    rater_figures,
+)
 
 START = datetime.datetime(2030, 1, 31, 12, tzinfo=datetime.UTC)
 CHOICES: dict[float | None, Choice] = {1.0: "a", 0.75: "a", 0.5: "equal"}

@@ -10,11 +10,11 @@ from benchmarks.walks import ROBOT_XML, walk, walking_dataset
 from data.datasets.dataset import Dataset
 from data.episodes.clips import Clip
 from data.errors import DatasetError, EpisodeError
-from labeling_ui.geometry import instance_poses, robot_geometry
-from labeling_ui.glb import LEFT_RGB, RIGHT_RGB, tinted, tinted_glbs
-from labeling_ui.motion import MotionCache, load_motion
-from labeling_ui.solids import box, capsule, cylinder, ellipsoid, rotation_matrix
-from labeling_ui.strips import curves, footfalls, stance_phases
+from labeling_ui.page.footfall_svg import curves, footfalls, stance_phases
+from labeling_ui.scene.clip_motion import MotionCache, load_motion
+from labeling_ui.scene.geometry import instance_poses, robot_geometry
+from labeling_ui.scene.glb import LEFT_RGB, RIGHT_RGB, tinted, tinted_glbs
+from labeling_ui.scene.solids import box, capsule, cylinder, ellipsoid, rotation_matrix
 
 SHAPES = """
 <mujoco>

@@ -4,8 +4,8 @@ import datetime
 
 import pytest
 
-from labeling_ui.guard import GuardCfg, GuardState, weigh
-from labeling_ui.judgement import Judgement, Verdict
+from labeling_ui.questions.judgement import Judgement, Verdict
+from labeling_ui.questions.key_repeat import GuardCfg, GuardState, weigh
 
 CFG = GuardCfg()
 START = datetime.datetime(2030, 1, 31, 12, tzinfo=datetime.UTC)

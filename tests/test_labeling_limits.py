@@ -20,15 +20,19 @@ from benchmarks import attack_page
 from benchmarks.attack_inputs import FOREIGN, WRONG
 from benchmarks.visitor import Visitor
 from benchmarks.walks import walking_dataset
-from labeling_ui import limits
-from labeling_ui.guard import GuardCfg
-from labeling_ui.log_limit import LogLimit, limited_log
-from labeling_ui.messages import NotOurs, read, spelled
-from labeling_ui.pace import Bucket
-from labeling_ui.queue import QueueCfg
-from labeling_ui.relay import CLOSE_FLOOD, CLOSE_LOGGED_OUT, CLOSE_REPLACED
-from labeling_ui.server import LabelCfg, LabelServer
-from labeling_ui.tokens import TokenStore
+from labeling_ui.label_server import LabelCfg, LabelServer
+from labeling_ui.limits import page_limits as limits
+from labeling_ui.limits.pace import Bucket
+from labeling_ui.questions.key_repeat import GuardCfg
+from labeling_ui.questions.rater_session import QueueCfg
+from labeling_ui.web.browser_messages import NotOurs, read, spelled
+from labeling_ui.web.log_limit import LOGGERS, LogLimit, limited_log
+from labeling_ui.web.tokens import TokenStore
+from labeling_ui.web.websocket_relay import (
+    CLOSE_FLOOD,
+    CLOSE_LOGGED_OUT,
+    CLOSE_REPLACED,
+)
 
 from .labeling_visitor import CAMERA, close_code, house, open_socket, send
 
@@ -359,3 +363,13 @@ def test_what_the_page_does_not_say_is_none_of_ours(name: str) -> None:
     data = FOREIGN.get(name, WRONG.get(name))
     with pytest.raises(NotOurs):
         read(data.encode() if isinstance(data, str) else data or b"")
+
+
+def test_whatever_the_page_writes_to_the_log_is_limited() -> None:
+    root = Path(limits.__file__).parents[1]
+    writing = {
+        ".".join(("labeling_ui", *path.relative_to(root).with_suffix("").parts))
+        for path in root.rglob("*.py")
+        if "getLogger(__name__)" in path.read_text()
+    }
+    assert writing == {name for name in LOGGERS if name.startswith("labeling_ui")}

@@ -15,11 +15,11 @@ from benchmarks.visitor import Visitor
 from benchmarks.walks import walking_dataset
 from data.answers.answer_records import Answer
 from data.files.limits import NOTE_CHARS
-from labeling_ui.guard import GuardCfg
-from labeling_ui.page import REFRESH_S
-from labeling_ui.queue import QueueCfg
-from labeling_ui.server import LabelCfg, LabelServer
-from labeling_ui.worker import Worker
+from labeling_ui.label_server import LabelCfg, LabelServer
+from labeling_ui.page.rater_page import REFRESH_S
+from labeling_ui.page.store_thread import Worker
+from labeling_ui.questions.key_repeat import GuardCfg
+from labeling_ui.questions.rater_session import QueueCfg
 
 AT_ONCE = GuardCfg(min_shown_s=0.0, repeat_gap_s=0.0, same_verdict_s=0.0)
 

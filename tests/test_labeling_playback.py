@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labeling_ui.playback import HOLD_S, SPEEDS, Playback
+from labeling_ui.page.playback import HOLD_S, SPEEDS, Playback
 
 CLOCK = Playback(duration_s=1.2, frame_s=0.02)
 

@@ -16,11 +16,11 @@ from aiohttp import web
 from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from gaitpref.cli import main
-from labeling_ui.figures import figures
-from labeling_ui.tokens import TokenStore
-from labeling_ui.visitors import Attempts, Visitors
-from labeling_ui.web_checks import address_block, host_name, is_loopback, same_origin
-from labeling_ui.web_pages import guidelines_page, login_page
+from labeling_ui.questions.rater_figures import figures
+from labeling_ui.web.checks import address_block, host_name, is_loopback, same_origin
+from labeling_ui.web.pages import guidelines_page, login_page
+from labeling_ui.web.tokens import TokenStore
+from labeling_ui.web.visitors import Attempts, Visitors
 
 from .labeling_visitor import PROTOCOL, house
 from .test_labeling_figures import row

@@ -24,10 +24,10 @@ from data.datasets.dataset import Dataset
 from gaitpref import options
 from gaitpref.cli import main, parse
 from gaitpref.loop import page_of_loop
-from labeling_ui.public_url import parse_public_url
-from labeling_ui.relay import CLOSE_GOING_AWAY
-from labeling_ui.tokens import TokenStore
-from labeling_ui.web_checks import address_block, visitor_address
+from labeling_ui.web.checks import address_block, visitor_address
+from labeling_ui.web.public_url import parse_public_url
+from labeling_ui.web.tokens import TokenStore
+from labeling_ui.web.websocket_relay import CLOSE_GOING_AWAY
 
 from .labeling_visitor import PROTOCOL, House, house
 from .reverse_proxy import NAME, ReverseProxy, free_port, reverse_proxy

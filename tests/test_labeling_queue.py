@@ -15,10 +15,10 @@ from data.answers.answer_records import Pair
 from data.answers.question_board import Overlap
 from data.answers.store import AnswerStore
 from data.episodes.clips import Clip
-from labeling_ui.guard import GuardCfg
-from labeling_ui.judgement import Judgement, Outcome, Question, Verdict
-from labeling_ui.plan import PlanCfg, slot
-from labeling_ui.queue import QueueCfg, RaterSession
+from labeling_ui.questions.judgement import Judgement, Outcome, Question, Verdict
+from labeling_ui.questions.key_repeat import GuardCfg
+from labeling_ui.questions.plan import PlanCfg, slot
+from labeling_ui.questions.rater_session import QueueCfg, RaterSession
 
 NO_GUARD = GuardCfg(min_shown_s=0.0, repeat_gap_s=0.0, same_verdict_s=0.0)
 PLAIN = PlanCfg(repeat_share=0.0, gold_share=0.0, overlap=Overlap(share=0.0))

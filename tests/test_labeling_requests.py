@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from aiohttp import web
 
-from labeling_ui.tokens import TokenStore
+from labeling_ui.web.tokens import TokenStore
 
 from .labeling_visitor import house
 

@@ -11,7 +11,7 @@ from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from data.files.limits import RATERS_BYTES
 from gaitpref.cli import main
-from labeling_ui.tokens import TokenError, TokenStore
+from labeling_ui.web.tokens import TokenError, TokenStore
 
 
 @pytest.fixture

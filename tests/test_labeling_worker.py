@@ -4,7 +4,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 
-from labeling_ui.worker import Worker
+from labeling_ui.page.store_thread import Worker
 
 Together = Callable[[], AbstractContextManager[None]]
 

@@ -20,7 +20,7 @@ from benchmarks.visitor import Visitor
 from data.datasets.dataset import Dataset
 from gaitpref.run_config import claim
 from gaitpref.run_inputs import inputs_of
-from labeling_ui.tokens import TokenStore
+from labeling_ui.web.tokens import TokenStore
 from rewardmodel.answers.answered_pairs import count_evidence
 
 from .small_loop import human_cfg

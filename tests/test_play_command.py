@@ -15,7 +15,7 @@ import pytest
 
 from benchmarks.visitor import Visitor
 from gaitpref.play_command import live_policy
-from labeling_ui.live import Drive, LiveState, StepFn
+from labeling_ui.scene.live_robot import Drive, LiveState, StepFn
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot
 from policy.training.ppo import PpoCfg

@@ -19,8 +19,8 @@ from data.files.plain import from_plain, to_plain
 from data.ground import Ground
 from gaitpref.cli import main
 from gaitpref.play_command import live_policy
-from labeling_ui.live import Drive
-from labeling_ui.motion import load_motion
+from labeling_ui.scene.clip_motion import load_motion
+from labeling_ui.scene.live_robot import Drive
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import RANDOMISE, EnvCfg
 from policy.env.randomise import make_env

@@ -9,7 +9,7 @@ import pytest
 
 from data.datasets.dataset import Dataset
 from gaitpref.cli import main
-from labeling_ui.tokens import TokenStore
+from labeling_ui.web.tokens import TokenStore
 
 from .test_labeling_figures import row
 

@@ -20,7 +20,7 @@ from data.episodes.episode import Episode
 from data.errors import DatasetError
 from data.files.files import write_atomically
 from gaitpref.extras import require
-from labeling_ui.geometry import multiply_wxyz, robot_geometry
+from labeling_ui.scene.geometry import multiply_wxyz, robot_geometry
 
 from .layout import foxglove_layout
 from .messages import (

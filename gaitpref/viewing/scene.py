@@ -8,7 +8,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from labeling_ui.solids import mesh
+from labeling_ui.scene.solids import mesh
 
 from .messages import Message, header, quaternion, vector
 

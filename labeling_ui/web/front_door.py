@@ -20,8 +20,9 @@ from typing import Any
 
 from aiohttp import web
 
-from . import limits
-from .web_checks import address_block
+from labeling_ui.limits import page_limits as limits
+
+from .checks import address_block
 
 logger = logging.getLogger(__name__)
 _SWEEP_S = 1.0

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import viser
 
-from .actions import SHORTCUTS
+from labeling_ui.scene.clip_motion import Motion
+
 from .controls import CLOCK_BUTTONS, Post, floating_width_px, posts_value
-from .motion import Motion
+from .footfall_svg import curve_playheads, curves, footfalls, playhead
 from .playback import Playback
-from .strips import curve_playheads, curves, footfalls, playhead
+from .shortcuts import SHORTCUTS
 
 _ECHO_S = 0.2
 _SLIDER_REST_S = 0.6

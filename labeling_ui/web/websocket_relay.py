@@ -15,10 +15,11 @@ from aiohttp import ClientWebSocketResponse, WSMsgType, web
 from yarl import URL
 
 from data.errors import GaitprefError
+from labeling_ui.limits import page_limits as limits
+from labeling_ui.limits.pace import Bucket
 
-from . import limits
-from .messages import NotOurs, read, spelled
-from .pace import Bucket
+from .browser_messages import NotOurs, read, spelled
+from .checks import is_page_parameter, page_policy, viser_protocol
 from .proxied import RATER_HEADER, SECRET_HEADER, VISIT_HEADER
 from .proxy_cfg import ProxyCfg
 from .pump import pump
@@ -26,7 +27,6 @@ from .responses import redirect, refused
 from .visit import CLOSE_LOGGED_OUT as CLOSE_LOGGED_OUT
 from .visit import Visit
 from .visitors import Visitors
-from .web_checks import is_page_parameter, page_policy, viser_protocol
 
 logger = logging.getLogger(__name__)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from data.errors import GaitprefError
 
-from .web_checks import is_loopback
+from .checks import is_loopback
 
 _URL = re.compile(
     r"(?P<scheme>https?)://"

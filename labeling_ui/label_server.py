@@ -10,20 +10,20 @@ import numpy as np
 import viser
 
 from data.datasets.dataset import Dataset
+from labeling_ui.page.loop_status import StatusSource, no_status
+from labeling_ui.page.page_access import Desk
+from labeling_ui.page.rater_page import Page, Shared
+from labeling_ui.questions.key_repeat import GuardCfg
+from labeling_ui.questions.rater_figures import rater_figures
+from labeling_ui.questions.rater_session import QueueCfg, RaterSession
+from labeling_ui.scene.clip_motion import MotionCache
+from labeling_ui.web.guidelines import load_guidelines
+from labeling_ui.web.proxy_cfg import ProxyCfg
+from labeling_ui.web.public_url import PublicUrl
+from labeling_ui.web.tokens import TokenStore
+from labeling_ui.web.visit import Visit
 
-from .desk import Desk
-from .figures import rater_figures
-from .guard import GuardCfg
-from .guidelines import load_guidelines
-from .motion import MotionCache
-from .page import Page, Shared
-from .proxy_cfg import ProxyCfg
-from .public_url import PublicUrl
-from .queue import QueueCfg, RaterSession
 from .site import Site
-from .status import StatusSource, no_status
-from .tokens import TokenStore
-from .visit import Visit
 
 _GUARD = GuardCfg(repeat_gap_s=0.6)
 """A browser that draws in software sends the repeats of a held key in bursts."""

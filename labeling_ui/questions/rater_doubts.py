@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from data.answers.rater_habits import guesses, sides_of
 
-from .figures import RaterFigures, Row, Share, agreement_of
+from .rater_figures import RaterFigures, Row, Share, agreement_of
 
 GOLD = 0.8
 """Known answers that a rater who looks gives, at least: one of the robots falls."""

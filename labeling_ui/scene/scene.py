@@ -12,10 +12,10 @@ import numpy as np
 import viser
 from viser import BatchedGlbHandle, SceneApi
 
+from .fast_updates import Mover
 from .floor import DARK, LIGHT, Floor, Rectangle
 from .geometry import Rgb, RobotGeometry
 from .glb import LEFT_RGB, RIGHT_RGB, tinted_glbs
-from .moves import Mover
 
 View = Literal["treadmill", "lanes"]
 """`treadmill`: side by side, seen from the side, each on its own floor. `lanes`: one

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Protocol
 
-from .status import LoopStatus, StatusSource
+from .loop_status import LoopStatus, StatusSource
 
 logger = logging.getLogger(__name__)
 

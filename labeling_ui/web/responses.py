@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from aiohttp import web
 
-from .web_checks import SECURITY_HEADERS, text_policy
-from .web_pages import CSS
+from .checks import SECURITY_HEADERS, text_policy
+from .pages import CSS
 
 
 def page(text: str, *, status: int = 200) -> web.Response:

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from data.answers.answer_records import Aspect
-
-from .judgement import Verdict
+from labeling_ui.questions.judgement import Verdict
 
 Key = Literal[
     "0", "1", "2", "3", "4", "5", "7", "8", "9", "Z", "F", "H", "R", "J", "K", "L", "U",

@@ -21,7 +21,7 @@ from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers, MultipleValuesError
 from websockets.http11 import Request, Response
 
-from .limits import INNER_WAITING
+from labeling_ui.limits.page_limits import INNER_WAITING
 
 SECRET_HEADER = "X-Proxy-Secret"
 RATER_HEADER = "X-Rater"

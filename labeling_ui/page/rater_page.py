@@ -16,22 +16,27 @@ from typing import Any
 import viser
 
 from data.answers.answer_records import Aspect
+from labeling_ui.limits.pace import Bucket
+from labeling_ui.limits.page_limits import (
+    ACTIONS_WAITING,
+    CHANGES_AT_ONCE,
+    CHANGES_PER_S,
+    EVENTS_PER_TURN,
+)
+from labeling_ui.questions.judgement import Judgement, Verdict
+from labeling_ui.scene.clip_motion import Motion
+from labeling_ui.scene.fast_updates import Frames
+from labeling_ui.scene.scene import PairScene, Pose
 
-from .actions import ASPECT_OF_LABEL, CONFIDENCE_OF, CONFIDENCES, Name
 from .controls import Controls
-from .desk import Act, Desk, Look, Showing
 from .dialogs import Dialog, bad_clip_dialog, guidelines_dialog
-from .judgement import Judgement, Verdict
-from .limits import ACTIONS_WAITING, CHANGES_AT_ONCE, CHANGES_PER_S, EVENTS_PER_TURN
-from .motion import Motion
-from .moves import Frames
-from .pace import Bucket
+from .loop_status import LoopStatus
+from .page_access import Act, Desk, Look, Showing
 from .playback import Playback
-from .scene import PairScene, Pose
-from .status import LoopStatus
+from .shortcuts import ASPECT_OF_LABEL, CONFIDENCE_OF, CONFIDENCES, Name
+from .store_thread import Worker
 from .theme import set_theme
 from .transport import Transport
-from .worker import Worker
 
 ACTIVE_S = 300.0
 """Without an event for longer than this, nobody is there."""

@@ -16,22 +16,22 @@ from functools import partial
 from aiohttp import web
 
 from data.errors import GaitprefError
+from labeling_ui.limits import page_limits as limits
+from labeling_ui.limits.pace import Bucket
+from labeling_ui.questions.rater_figures import RaterFigures
 
-from . import limits
-from .figures import RaterFigures
+from .checks import host_name, is_handshake
 from .front_door import FrontDoor
 from .guidelines import load_guidelines
 from .http_log import shorten_http_log
 from .login import Login
-from .pace import Bucket
+from .pages import figures_page, guidelines_page
 from .proxy_cfg import IN_CLEAR, refuse_unsafe, tls_context
 from .proxy_cfg import ProxyCfg as ProxyCfg
-from .relay import Relay
 from .responses import add_security_headers, page, redirect, refused
 from .tokens import TokenStore
 from .visit import Visit
-from .web_checks import host_name, is_handshake
-from .web_pages import figures_page, guidelines_page
+from .websocket_relay import Relay
 
 logger = logging.getLogger(__name__)
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]

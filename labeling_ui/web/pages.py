@@ -6,7 +6,7 @@ import html
 
 from markdown_it import MarkdownIt
 
-from .figures import RaterFigures, Share
+from labeling_ui.questions.rater_figures import RaterFigures, Share
 
 CSS = """
 :root { color-scheme: light dark; --ink: #1a1d21; --soft: #5c6570; --paper: #fff;

@@ -9,16 +9,22 @@ from typing import Any, Literal
 import numpy as np
 import viser
 
-from .controls import PANEL_WIDTH_PX, floating_width_px, posts, posts_value
-from .figures import RaterFigures
-from .live import HISTORY_S, Drive, LivePolicy, LiveRobot
-from .proxy_cfg import ProxyCfg
-from .scene import NAMES, PairScene
+from labeling_ui.page.controls import (
+    PANEL_WIDTH_PX,
+    floating_width_px,
+    posts,
+    posts_value,
+)
+from labeling_ui.page.footfall_svg import live_footfalls
+from labeling_ui.page.loop_status import LoopStatus, no_status
+from labeling_ui.page.theme import set_theme
+from labeling_ui.questions.rater_figures import RaterFigures
+from labeling_ui.scene.live_robot import HISTORY_S, Drive, LivePolicy, LiveRobot
+from labeling_ui.scene.scene import NAMES, PairScene
+from labeling_ui.web.proxy_cfg import ProxyCfg
+from labeling_ui.web.tokens import TokenStore
+
 from .site import Site
-from .status import LoopStatus, no_status
-from .strips import live_footfalls
-from .theme import set_theme
-from .tokens import TokenStore
 
 COMMAND_RANGES = (
     ("forward, m/s", -0.5, 1.5, 0.5),

@@ -13,7 +13,7 @@ from viser import (
     GuiTextHandle,
 )
 
-from .messages import Camera, Command, Message
+from .browser_messages import Camera, Command, Message
 
 Fit = Literal["fits", "late", "wrong"]
 """`late`: an honest page may send it about what has just changed or gone."""

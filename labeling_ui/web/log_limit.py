@@ -10,22 +10,24 @@ from contextlib import contextmanager
 
 from aiohttp.http_exceptions import HttpProcessingError, PayloadEncodingError
 
-from .limits import LOG_LINES_PER_MINUTE
+from labeling_ui.limits.page_limits import LOG_LINES_PER_MINUTE
 
 _MINUTE_S = 60.0
-_LOGGERS = (
-    *(
-        f"labeling_ui.{name}"
-        for name in (
-            "desk", "front_door", "login", "proxy", "relay", "site", "ticker", "visit",
-            "worker",
-        )
-    ),
+LOGGERS = (
+    "labeling_ui.page.frame_thread",
+    "labeling_ui.page.page_access",
+    "labeling_ui.page.store_thread",
+    "labeling_ui.site",
+    "labeling_ui.web.front_door",
+    "labeling_ui.web.login",
+    "labeling_ui.web.proxy",
+    "labeling_ui.web.visit",
+    "labeling_ui.web.websocket_relay",
     "aiohttp.server",
     "aiohttp.web",
     "aiohttp.websocket",
     "asyncio",
-)  # fmt: skip
+)
 
 
 class LogLimit(logging.Filter):
@@ -66,10 +68,10 @@ def _shorten(record: logging.LogRecord) -> None:
 def limited_log() -> Iterator[None]:
     """Limit what the page and its libraries write."""
     limit = LogLimit()
-    for name in _LOGGERS:
+    for name in LOGGERS:
         logging.getLogger(name).addFilter(limit)
     try:
         yield
     finally:
-        for name in _LOGGERS:
+        for name in LOGGERS:
             logging.getLogger(name).removeFilter(limit)

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 
 from data.answers.answer_records import Answer, Pair
 from data.errors import GaitprefError
-
-from .judgement import Judgement, Outcome, Past, Progress, Question
-from .motion import Motion, MotionCache
-from .queue import RaterSession
+from labeling_ui.questions.judgement import Judgement, Outcome, Past, Progress, Question
+from labeling_ui.questions.rater_session import RaterSession
+from labeling_ui.scene.clip_motion import Motion, MotionCache
 
 logger = logging.getLogger(__name__)
 

@@ -8,12 +8,12 @@ from collections.abc import Callable
 
 from aiohttp import web
 
+from .checks import address_block, form_field, visitor_address
+from .pages import login_page
 from .proxy_cfg import ProxyCfg
 from .responses import page, redirect
 from .tokens import TokenStore
 from .visitors import Attempts, Ended
-from .web_checks import address_block, form_field, visitor_address
-from .web_pages import login_page
 
 logger = logging.getLogger(__name__)
 _DAY_S = 86_400

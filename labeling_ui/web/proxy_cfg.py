@@ -9,11 +9,11 @@ from pathlib import Path
 
 from data.errors import GaitprefError
 from data.files.files import require_regular
+from labeling_ui.limits import page_limits as limits
 
-from . import limits
+from .checks import is_loopback, same_origin
 from .public_url import PublicUrl
 from .tokens import TokenStore
-from .web_checks import is_loopback, same_origin
 
 
 @dataclass(frozen=True, kw_only=True)

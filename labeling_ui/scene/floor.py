@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from viser import BatchedMeshHandle, SceneApi
 
+from .fast_updates import Mover
 from .geometry import Rgb, linear_rgb
-from .moves import Mover
 from .solids import box
 
 LINE_SPACING_M = 0.25

@@ -17,10 +17,10 @@ from data.answers.answer_records import Answer, Pair
 from data.answers.store import AnswerStore
 from data.answers.typed_text import plain_text, too_long
 
-from .guard import GuardCfg, GuardState, weigh
 from .judgement import Judgement, Outcome, Past, Progress, Question, to_choice
-from .pile import Pile, PileCfg, new_id
+from .key_repeat import GuardCfg, GuardState, weigh
 from .plan import plan
+from .question_stack import Pile, PileCfg, new_id
 
 
 @dataclass(frozen=True, kw_only=True)

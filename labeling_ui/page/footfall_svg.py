@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from data.features import LEGS
+from labeling_ui.scene.clip_motion import Motion
+from labeling_ui.scene.scene import COLOURS, NAMES, rgb8
 
-from .motion import Motion
 from .playback import Playback
-from .scene import COLOURS, NAMES, rgb8
 
 FALL_CSS = "#e03131"
 _ROW = 9.0

@@ -9,8 +9,8 @@ import viser
 from data.answers.typed_text import too_long
 from data.files.limits import NOTE_CHARS
 
-from .actions import BAD_REASONS
 from .controls import Post, boxed, posts, warning
+from .shortcuts import BAD_REASONS
 
 
 class Dialog(Protocol):

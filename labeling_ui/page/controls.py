@@ -12,8 +12,13 @@ from viser import GuiButtonHandle, GuiEvent
 
 from data.answers.answer_records import Aspect
 from data.files.limits import NOTE_CHARS
+from labeling_ui.questions.judgement import Past, Verdict
+from labeling_ui.scene.clip_motion import Command
+from labeling_ui.scene.scene import side_colour
 
-from .actions import (
+from .loop_status import LoopStatus
+from .page_access import HISTORY_LENGTH, Showing
+from .shortcuts import (
     ASPECT_KEYS,
     ASPECT_OF_LABEL,
     CONFIDENCES,
@@ -22,11 +27,6 @@ from .actions import (
     WORDS,
     Name,
 )
-from .desk import HISTORY_LENGTH, Showing
-from .judgement import Past, Verdict
-from .motion import Command
-from .scene import side_colour
-from .status import LoopStatus
 
 Post = Callable[..., None]
 """Takes the name of an event and its value; never blocks."""

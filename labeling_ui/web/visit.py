@@ -13,8 +13,8 @@ from aiohttp import web
 
 from data.errors import GaitprefError
 
+from .browser_messages import Message, NotOurs
 from .elements import fit
-from .messages import Message, NotOurs
 
 logger = logging.getLogger(__name__)
 

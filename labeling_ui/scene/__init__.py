@@ -1,0 +1,1 @@
+"""Robots, ground and clips as meshes that move."""

@@ -1,0 +1,1 @@
+"""The way to the page: login, checks, and the proxy before viser."""
