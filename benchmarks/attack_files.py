@@ -26,7 +26,9 @@ from typing import Any
 import tyro
 import zstandard
 
-from gaitpref import cli, label_command, play_command
+from gaitpref.cli import main as cli
+from gaitpref.cli.commands import label as label_command
+from gaitpref.cli.commands import play as play_command
 from tests.command_table import Typed, make_world
 
 MEMORY_BYTES = 1_500 * 2**20

@@ -222,7 +222,14 @@ async def ground(folder: Path, slow_s: float) -> AsyncIterator[Ground]:
     root = folder / "set"
     walking_dataset(root, pairs=400, clip_steps=60, steps=300)
     token = TokenStore(root).add("honest")
-    command = [sys.executable, "-m", "gaitpref.cli", "label", "--dataset", str(root)]
+    command = [
+        sys.executable,
+        "-m",
+        "gaitpref",
+        "label",
+        "--dataset",
+        str(root),
+    ]
     limited = ["sh", "-c", f'ulimit -n {OPEN_FILES} && exec "$@"', "sh"]
     with (folder / "log").open("w") as log:
         process = subprocess.Popen(

@@ -22,12 +22,12 @@ from data.answers.answer_records import Aspect, Pair
 from data.answers.strategy_names import StrategyName
 from data.datasets.dataset import Dataset
 from data.episodes.clips import Clip
-from gaitpref.by_method import recorded_by
-from gaitpref.criteria import CriterionContext, load_criterion
-from gaitpref.judging import said_why
 from gaitpref.method.method import STYLE
-from gaitpref.rater_cfg import RaterCfg
-from gaitpref.rewards import criterion_context, score_of_criterion
+from gaitpref.raters.criteria import CriterionContext, load_criterion
+from gaitpref.raters.criterion_scores import criterion_context, score_of_criterion
+from gaitpref.raters.error_model import said_why
+from gaitpref.raters.rater_cfg import RaterCfg
+from gaitpref.training.by_method import recorded_by
 from policy.rollouts.record import RecordCfg, record
 from policy.training.checkpoint import load_policy
 from policy.training.ppo import ScoreFn

@@ -14,9 +14,9 @@ import numpy as np
 import torch
 import tyro
 
-from gaitpref.criteria import load_criterion
 from gaitpref.method.method import STYLE
-from gaitpref.rewards import criterion_context, score_of_criterion
+from gaitpref.raters.criteria import load_criterion
+from gaitpref.raters.criterion_scores import criterion_context, score_of_criterion
 from policy.training.checkpoint import load_policy
 from rewardmodel.answers.answered_pairs import AnsweredPairs, gather_pairs
 from rewardmodel.posterior.group_raters import group_raters

@@ -43,7 +43,7 @@ def gaitpref(*args: str | Path) -> Run:
     Raises:
         RuntimeError: it failed.
     """
-    command = [sys.executable, "-m", "gaitpref.cli", *map(str, args)]
+    command = [sys.executable, "-m", "gaitpref", *map(str, args)]
     start_s = time.perf_counter()
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None

@@ -17,10 +17,10 @@ from typing import Annotated
 import torch
 import tyro
 
-from gaitpref.loop import run_configured
-from gaitpref.options import Loop
-from gaitpref.presets import resolve
-from gaitpref.rewards import score_of_criterion
+from gaitpref.cli.options.options import Loop
+from gaitpref.cli.shared.presets import resolve
+from gaitpref.loop.run import run_configured
+from gaitpref.raters.criterion_scores import score_of_criterion
 from policy.env.task_reward import task_reward_for, task_score
 from policy.rollouts.evaluate import Evaluation, evaluate_actor
 from policy.rollouts.rollout import Actor, hold_home

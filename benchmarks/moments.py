@@ -20,9 +20,9 @@ import tyro
 
 from data.datasets.dataset import Dataset
 from data.features import column
-from gaitpref.criteria import load_criterion
-from gaitpref.rewards import criterion_context, score_of_criterion
-from gaitpref.run_config import read_config
+from gaitpref.loop.run_config import read_config
+from gaitpref.raters.criteria import load_criterion
+from gaitpref.raters.criterion_scores import criterion_context, score_of_criterion
 from policy.training.checkpoint import load_policy
 from policy.training.reward_ppo import ScoreFn
 from rewardmodel.answers.clip_batch import pad_clips

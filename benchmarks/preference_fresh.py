@@ -19,10 +19,10 @@ from torch import Tensor
 
 from data.answers.answer_records import Pair
 from data.datasets.dataset import Dataset
-from gaitpref.criteria import Criterion
-from gaitpref.judging import judge
-from gaitpref.loop_cfg import LoopCfg
-from gaitpref.rater import ClipScores, standards_among
+from gaitpref.loop.loop_cfg import LoopCfg
+from gaitpref.raters.criteria import Criterion
+from gaitpref.raters.error_model import judge
+from gaitpref.raters.simulated import ClipScores, standards_among
 from rewardmodel import RewardModel, Uniform, choose_pairs
 from rewardmodel.answers.clip_batch import ClipBatch, read_clips
 from rewardmodel.asking.clip_questions import clips_of

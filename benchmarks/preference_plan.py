@@ -11,16 +11,16 @@ from pathlib import Path
 from typing import Any
 
 from data.answers.answer_records import Aspect
-from gaitpref.loop_cfg import LoopCfg, StepsCfg
+from gaitpref.cli.options.options import Loop
+from gaitpref.cli.shared.presets import resolve
+from gaitpref.loop.loop_cfg import LoopCfg, StepsCfg
 from gaitpref.method.budget import FrontLoaded
 from gaitpref.method.expectations import OnceItWalks
 from gaitpref.method.exploration import PutBack
 from gaitpref.method.method import STYLE, Method
 from gaitpref.method.paid import AsFitted, SurelyLiked
 from gaitpref.method.questions import Questions
-from gaitpref.options import Loop
-from gaitpref.presets import resolve
-from gaitpref.rater_cfg import RaterCfg
+from gaitpref.raters.rater_cfg import RaterCfg
 from policy.env.env_cfg import getup_env
 from policy.rollouts.record import RecordCfg
 from policy.training.ppo import PpoCfg

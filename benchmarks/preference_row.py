@@ -19,20 +19,16 @@ import torch
 from torch import Tensor
 
 from data.files.files import write_atomically
-from gaitpref.by_method import with_noise
-from gaitpref.criteria import Criterion, SequenceCriterion, load_criterion
-from gaitpref.loop import run_configured
-from gaitpref.loop_cfg import LoopCfg
+from gaitpref.loop.loop_cfg import LoopCfg
+from gaitpref.loop.run import run_configured
 from gaitpref.method.context import RoundContext
 from gaitpref.method.exploration import PutBack
-from gaitpref.rewards import (
-    TotalReward,
-    criterion_context,
-    score_of_criterion,
-    total_reward,
-)
-from gaitpref.sides import in_mirror
-from gaitpref.tracking_limit import limit_beside
+from gaitpref.raters.criteria import Criterion, SequenceCriterion, load_criterion
+from gaitpref.raters.criterion_scores import criterion_context, score_of_criterion
+from gaitpref.training.by_method import with_noise
+from gaitpref.training.symmetry import in_mirror
+from gaitpref.training.total_reward import TotalReward, total_reward
+from gaitpref.training.tracking_limit import limit_beside
 from policy.env.velocity_commands import env_for
 from policy.rollouts.evaluate import Evaluation, rollout_features, summarise
 from policy.rollouts.rollout import Actor, hold_home

@@ -21,8 +21,8 @@ import numpy as np
 
 from data.datasets.segments import Segments, TableAnswer
 from data.errors import GaitprefError
-from gaitpref.exchange.pickles import load_plain_pickle
-from gaitpref.extras import require
+from gaitpref.console.extras import require
+from gaitpref.formats.pickles import load_plain_pickle
 
 PUBLISHED_LABELS = (
     "labels are published in https://github.com/csmile-1006/PreferenceTransformer, "

@@ -19,7 +19,8 @@ import torch
 import tyro
 
 from data.errors import GaitprefError
-from gaitpref.rewards import criterion_context, load_score
+from gaitpref.raters.criterion_scores import criterion_context
+from gaitpref.training.total_reward import load_score
 from policy.rollouts.evaluate import Evaluation, evaluate
 from policy.training.checkpoint import load_policy
 from policy.training.ppo import PpoCfg

@@ -19,7 +19,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
-from gaitpref.gym_registration import ENV_ID
+from gaitpref.adapters.gym_registration import ENV_ID
 
 
 @dataclass(frozen=True, kw_only=True)

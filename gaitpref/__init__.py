@@ -2,7 +2,7 @@
 
 # A labeler's machine has no Gymnasium; all others find the environment by its name.
 try:
-    from .gym_registration import register
+    from .adapters.gym_registration import register
 except ModuleNotFoundError as error:
     if (error.name or "").partition(".")[0] == __name__:
         raise

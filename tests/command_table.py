@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from data.features import JOINTS
-from gaitpref.cli import main
-from gaitpref.run_config import claim
-from gaitpref.run_inputs import inputs_of
+from gaitpref.cli.main import main
+from gaitpref.loop.run_config import claim
+from gaitpref.loop.run_inputs import inputs_of
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot
 from policy.training.ppo import PpoCfg

@@ -25,9 +25,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import gaitpref.label_command
-import gaitpref.play_command
-from gaitpref.cli import main
+import gaitpref.cli.commands.label
+import gaitpref.cli.commands.play
+from gaitpref.cli.main import main
 
 from .command_table import TABLE, Typed
 
@@ -361,7 +361,7 @@ PLACES: dict[str, Callable[[Path], dict[str, Outcome]]] = {
 
 def run(world: Path, place: str, found: Path) -> int:
     """Write what became of every command in one place; gives the exit code."""
-    for module in (gaitpref.label_command, gaitpref.play_command):
+    for module in (gaitpref.cli.commands.label, gaitpref.cli.commands.play):
         module.wait_until_stopped = lambda _: None  # type: ignore[attr-defined]
     with tempfile.TemporaryDirectory() as folder:
         os.chmod(folder, 0o755)

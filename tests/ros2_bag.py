@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from mcap_ros2.writer import Writer
 
-from gaitpref.viewing.messages import definitions, header, quaternion, vector
+from gaitpref.formats.viewers.messages import definitions, header, quaternion, vector
 from policy.robots.robot import Robot
 
 _LINE = "=" * 80

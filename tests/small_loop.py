@@ -14,10 +14,11 @@ from typing import Annotated
 import torch
 import tyro
 
-from gaitpref.loop import page_of_loop, run_configured
-from gaitpref.loop_cfg import LoopCfg, StepsCfg
-from gaitpref.options import Loop, Serving
-from gaitpref.presets import resolve
+from gaitpref.cli.commands.loop import page_of_loop
+from gaitpref.cli.options.options import Loop, Serving
+from gaitpref.cli.shared.presets import resolve
+from gaitpref.loop.loop_cfg import LoopCfg, StepsCfg
+from gaitpref.loop.run import run_configured
 from policy.rollouts.record import RecordCfg
 from policy.training.ppo import PpoCfg
 

@@ -15,7 +15,7 @@ import torch
 from data.answers.answer_records import Choice, Side
 from data.answers.rater_habits import Sides, guesses
 from data.datasets.dataset import Dataset
-from gaitpref.cli import main
+from gaitpref.cli.main import main
 from rewardmodel import FitCfg, fit_reward, load_pairs, load_reward, save_reward
 from rewardmodel.answers.answered_pairs import MIN_ANSWERS, count_evidence
 from rewardmodel.cfg import KIND_NAMES

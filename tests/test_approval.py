@@ -13,14 +13,14 @@ import pytest
 import torch
 
 from data.datasets.dataset import Dataset
-from gaitpref.loop import run_configured
-from gaitpref.loop_cfg import LoopCfg
+from gaitpref.loop.loop_cfg import LoopCfg
+from gaitpref.loop.report_stage import began_with
+from gaitpref.loop.run import run_configured
+from gaitpref.loop.run_dir import Round, seed_of
+from gaitpref.loop.show_stage import STRATEGY
 from gaitpref.method.acceptance import Compared, Duel
-from gaitpref.rater_cfg import RaterCfg
-from gaitpref.rounds import Round, seed_of
-from gaitpref.side_by_side import STRATEGY
-from gaitpref.stages import began_with
-from gaitpref.verdict import Verdict
+from gaitpref.method.verdict import Verdict
+from gaitpref.raters.rater_cfg import RaterCfg
 from policy.rollouts.evaluate import evaluate
 from policy.training.checkpoint import holding_home, load_policy, read_plain
 from rewardmodel.models.storage import load_reward
@@ -53,7 +53,7 @@ def before_approval(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small loop, killed when its last policy was trained and not yet judged."""
     run = tmp_path_factory.mktemp("loop") / "run"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gaitpref.loop.show_stage", _killed_at_the_end)
+        patch.setattr("gaitpref.loop.run.show_stage", _killed_at_the_end)
         with pytest.raises(_Killed):
             run_configured(run, erring_cfg())
     return run
@@ -153,7 +153,7 @@ def test_a_style_is_judged_at_its_end_and_not_before(
     cfg = replace(small_cfg(), labels=40, rounds=1)
     run = tmp_path / "run"
     with monkeypatch.context() as patch:
-        patch.setattr("gaitpref.loop.show_stage", _killed_at_the_end)
+        patch.setattr("gaitpref.loop.run.show_stage", _killed_at_the_end)
         with pytest.raises(_Killed):
             run_configured(run, cfg)
     (run / "rounds/01/candidate/policy.pt").write_bytes(
@@ -173,7 +173,7 @@ def test_a_policy_that_no_clip_shows_does_not_stay(
     before_approval: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As where every simulation of it diverges."""
-    monkeypatch.setattr("gaitpref.approval.shown_by", lambda *_: False)
+    monkeypatch.setattr("gaitpref.loop.verdict_stage.shown_by", lambda *_: False)
     run = tmp_path / "run"
     shutil.copytree(before_approval, run)
     run_configured(run, erring_cfg())

@@ -22,10 +22,10 @@ from benchmarks.preference_plan import HELD_BACK, loop_cfg, plan
 from benchmarks.preference_table import BEGIN, END, publish_rows, together
 from benchmarks.wishes import carried_right_foot, nose_up_when_slow
 from data.features import FEATURE_DIM, column
-from gaitpref.criteria import load_criterion
-from gaitpref.loop import run_configured
-from gaitpref.rater_cfg import RaterCfg
-from gaitpref.rewards import criterion_context
+from gaitpref.loop.run import run_configured
+from gaitpref.raters.criteria import load_criterion
+from gaitpref.raters.criterion_scores import criterion_context
+from gaitpref.raters.rater_cfg import RaterCfg
 from policy.training.checkpoint import load_policy
 from rewardmodel.descriptors.table import describe
 from tests.foreign_robots import Drawing, mjcf

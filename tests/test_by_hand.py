@@ -10,10 +10,10 @@ import pytest
 import torch
 
 from data.files.files import read_json
-from gaitpref.cli import main
-from gaitpref.loop import run_configured
-from gaitpref.loop_cfg import LoopCfg
-from gaitpref.rounds import Round, seed_of
+from gaitpref.cli.main import main
+from gaitpref.loop.loop_cfg import LoopCfg
+from gaitpref.loop.run import run_configured
+from gaitpref.loop.run_dir import Round, seed_of
 from policy.env.feature_row import OBS_DIM
 from policy.training.checkpoint import load_policy
 
@@ -53,7 +53,7 @@ def looped(tmp_path_factory: pytest.TempPathFactory, method: str) -> tuple[Path,
     run, fitted = folder / "run", folder / "fitted"
     for number, stage in ((0, "report_stage"), (1, "record_stage")):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(f"gaitpref.loop.{stage}", _kill_in(number))
+            patch.setattr(f"gaitpref.loop.run.{stage}", _kill_in(number))
             with pytest.raises(_Killed):
                 run_configured(run, cfg_of(method))
         if number == 0:

@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 
 import gaitpref
-import gaitpref.label_command
-import gaitpref.play_command
-from gaitpref.cli import main
-from gaitpref.usage import commands
+import gaitpref.cli.commands.label
+import gaitpref.cli.commands.play
+from gaitpref.cli.main import main
+from gaitpref.cli.usage import commands
 
 pytest.importorskip("mcap_ros2.writer", reason="needs the extra `view`")
 pytest.importorskip("h5py", reason="needs the extra `export`")
@@ -146,7 +146,7 @@ def test_who_reads_needs_no_right_to_write(
 def own_world(world: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A world that may be changed; pages are closed as soon as they are open."""
     monkeypatch.chdir(tmp_path)
-    for module in (gaitpref.label_command, gaitpref.play_command):
+    for module in (gaitpref.cli.commands.label, gaitpref.cli.commands.play):
         monkeypatch.setattr(module, "wait_until_stopped", lambda _: None)
     return Path(shutil.copytree(world, tmp_path / "wörld"))
 
@@ -184,7 +184,7 @@ def test_an_output_of_few_letters(
 @pytest.mark.parametrize("redirected", [">/dev/full", ">&-"])
 def test_an_output_that_takes_nothing(redirected: str, world: Path) -> None:
     """Standard output that is full or closed is an error that is told, in one line."""
-    program = [sys.executable, "-m", "gaitpref.cli"]
+    program = [sys.executable, "-m", "gaitpref"]
     for args in (
         Typed("data info --dataset {dataset}").args(world, world),
         ["--help"],

@@ -20,8 +20,8 @@ from data.episodes.clips import Clip
 from data.episodes.schema import feature_columns
 from data.errors import DatasetError
 from data.features import column
-from gaitpref.cli import main
-from gaitpref.exchange.pickles import load_plain_pickle
+from gaitpref.cli.main import main
+from gaitpref.formats.pickles import load_plain_pickle
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot
 from policy.rollouts.record import RecordCfg, record

@@ -16,7 +16,7 @@ from data.datasets.verify import verify
 from data.episodes.clips import Clip
 from data.episodes.episode import Episode
 from data.features import JOINTS, column, missing_features
-from gaitpref.cli import main
+from gaitpref.cli.main import main
 from labeling_ui.page.footfall_svg import curves, footfalls
 from labeling_ui.scene.clip_motion import load_motion
 from policy.robots.robot import Robot, load_robot

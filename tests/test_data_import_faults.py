@@ -20,12 +20,12 @@ from mcap.writer import MCAP0_MAGIC
 from data.datasets.dataset import Dataset
 from data.episodes.episode import Episode
 from data.features import JOINTS, column
-from gaitpref.cli import main
+from gaitpref.cli.main import main
 from policy.robots.robot import Robot, load_robot
 
 pytest.importorskip("mcap_ros2.writer", reason="needs the extra `view`")
 
-from gaitpref.viewing.messages import header
+from gaitpref.formats.viewers.messages import header
 
 from .ros2_bag import START_S, Alter, Motion, write_bag
 
@@ -509,7 +509,7 @@ def test_a_chunk_that_unpacks_to_gigabytes_costs_no_memory(
     code = (
         "import resource, sys\n"
         f"resource.setrlimit(resource.RLIMIT_DATA, ({MOST_MEMORY_BYTES},) * 2)\n"
-        "from gaitpref.cli import main\n"
+        "from gaitpref.cli.main import main\n"
         "sys.exit(main(sys.argv[1:]))"
     )
     done = subprocess.run(

@@ -18,7 +18,7 @@ from data.datasets.manifest import encode_manifest
 from data.datasets.transfer import part_of, split, transfer
 from data.datasets.verify import verify
 from data.errors import DatasetError, GaitprefError
-from gaitpref.cli import main
+from gaitpref.cli.main import main
 
 from .test_data_dataset import META, STORED
 from .test_data_decay import everything, make_dataset

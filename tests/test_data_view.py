@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from data.datasets.dataset import Dataset
-from gaitpref.cli import main
+from gaitpref.cli.main import main
 
 from .motion import trotting_dataset
 

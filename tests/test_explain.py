@@ -12,10 +12,10 @@ import torch
 from benchmarks.moments import share_found
 from data.datasets.dataset import Dataset
 from data.features import column
-from gaitpref.cli import main
-from gaitpref.criteria import Criterion, load_criterion
-from gaitpref.rater import answer_pairs
-from gaitpref.rewards import criterion_context, score_of_criterion
+from gaitpref.cli.main import main
+from gaitpref.raters.criteria import Criterion, load_criterion
+from gaitpref.raters.criterion_scores import criterion_context, score_of_criterion
+from gaitpref.raters.simulated import answer_pairs
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot
 from policy.rollouts.record import RecordCfg, record

@@ -17,12 +17,12 @@ import torch
 
 from data.datasets.dataset import Dataset
 from data.features import column
-from gaitpref.cli import main
-from gaitpref.findings import NO_ALARM, findings_of_run
-from gaitpref.loop import run_configured
-from gaitpref.rater_cfg import RaterCfg
-from gaitpref.report import read_rounds
-from gaitpref.report_trust import alarm_section
+from gaitpref.cli.main import main
+from gaitpref.loop.run import run_configured
+from gaitpref.loop.run_report import read_rounds
+from gaitpref.raters.rater_cfg import RaterCfg
+from gaitpref.report.findings import NO_ALARM, findings_of_run
+from gaitpref.report.trust_section import alarm_section
 from policy.training.checkpoint import load_policy
 from rewardmodel import FitCfg, fit_reward, load_reward
 from rewardmodel.trust.alarms import Reach, alarms, prefers
@@ -49,7 +49,7 @@ def nothing(tmp_path_factory: pytest.TempPathFactory) -> Told:
     run = tmp_path_factory.mktemp("loop") / "run"
     code = (
         "import sys; from pathlib import Path; import torch; "
-        "torch.set_num_threads(1); from gaitpref.loop import run_configured; "
+        "torch.set_num_threads(1); from gaitpref.loop.run import run_configured; "
         "from tests.test_findings import CFG; run_configured(Path(sys.argv[1]), CFG)"
     )
     done = subprocess.run(

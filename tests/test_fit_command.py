@@ -14,7 +14,7 @@ import torch
 from benchmarks.data import answered_dataset, noise_episode
 from data.datasets.dataset import Dataset
 from data.datasets.verify import verify
-from gaitpref.cli import main
+from gaitpref.cli.main import main
 from rewardmodel.models.storage import load_reward
 
 pq = pytest.importorskip("pyarrow.parquet", reason="needs the extra `parquet`")
@@ -32,7 +32,7 @@ class Refuse:
             raise ModuleNotFoundError(f"no {{package}} here", name=package)
 
 sys.meta_path.insert(0, Refuse())
-from gaitpref.cli import main
+from gaitpref.cli.main import main
 sys.exit(main(sys.argv[1:]))
 """
 

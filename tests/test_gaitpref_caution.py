@@ -15,8 +15,8 @@ from gaitpref.method.context import RoundContext
 from gaitpref.method.method import FROM_SCRATCH, STYLE
 from gaitpref.method.paid import AsFitted, SurelyLiked
 from gaitpref.method.tracking import TrackingPrice
-from gaitpref.rewards import total_reward
-from gaitpref.tracking_limit import TrackingLimit, limit_beside, tracking_error
+from gaitpref.training.total_reward import total_reward
+from gaitpref.training.tracking_limit import TrackingLimit, limit_beside, tracking_error
 from policy.env.env_cfg import EnvCfg
 from policy.env.known_terms import KnownTermsCfg
 from policy.robots.robot import load_robot

@@ -14,8 +14,8 @@ from typing import Union, get_args, get_origin, get_type_hints
 import pytest
 
 from data.datasets.dataset import Dataset
-from gaitpref import options
-from gaitpref.cli import main, parse
+from gaitpref.cli.main import main, parse
+from gaitpref.cli.options import options
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot
 from policy.training.ppo import PpoCfg
@@ -319,7 +319,7 @@ def test_bad_usage_exits_with_2(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_json_is_all_there_is_on_standard_output(policy: Path) -> None:
     """In a process of its own, nothing else is printed there."""
-    command = [sys.executable, "-m", "gaitpref.cli", "evaluate", "--json"]
+    command = [sys.executable, "-m", "gaitpref", "evaluate", "--json"]
     done = subprocess.run(
         [*command, "--policy", str(policy), "--episodes", "2"],
         capture_output=True,
@@ -337,7 +337,7 @@ def test_a_reader_who_has_had_enough_is_no_error(tmp_path: Path, asked: str) -> 
     os.close(read)
     with os.fdopen(write, "wb") as gone:
         done = subprocess.run(
-            [sys.executable, "-m", "gaitpref.cli", *asked.split()],
+            [sys.executable, "-m", "gaitpref", *asked.split()],
             stdout=gone,
             stderr=subprocess.PIPE,
             text=True,

@@ -9,9 +9,15 @@ import torch
 from torch import Tensor
 
 from data.features import FEATURE_DIM, column
-from gaitpref.criteria import BUILT_IN, CriterionContext, CriterionError, load_criterion
-from gaitpref.judging import better
-from gaitpref.rewards import score_of_criterion, total_reward
+from gaitpref.raters.criteria import (
+    BUILT_IN,
+    CriterionContext,
+    CriterionError,
+    load_criterion,
+)
+from gaitpref.raters.criterion_scores import score_of_criterion
+from gaitpref.raters.error_model import better
+from gaitpref.training.total_reward import total_reward
 from policy.env.env_cfg import EnvCfg
 from policy.env.known_terms import KnownTermsCfg
 from policy.env.task_reward import TaskRewardCfg

@@ -9,10 +9,10 @@ import pytest
 import torch
 
 from data.features import FEATURE_DIM
-from gaitpref.by_method import Retraining, with_noise
 from gaitpref.method.context import RoundContext
 from gaitpref.method.exploration import Descending, Noise, PutBack, pays_for_rate
 from gaitpref.method.method import FROM_SCRATCH, STYLE, Method
+from gaitpref.training.by_method import Retraining, with_noise
 from policy.env.env_cfg import EnvCfg
 from policy.training.checkpoint import Policy, load_policy
 from policy.training.ppo import PpoCfg

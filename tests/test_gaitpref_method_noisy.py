@@ -9,18 +9,18 @@ from pathlib import Path
 import pytest
 
 from data.datasets.dataset import Dataset
-from gaitpref import loop
-from gaitpref.asking import questions_stage
-from gaitpref.loop import run_configured
-from gaitpref.loop_cfg import LoopCfg
+from gaitpref.loop import run as loop
+from gaitpref.loop.fit_stage import fit_stage
+from gaitpref.loop.loop_cfg import LoopCfg
+from gaitpref.loop.people import People
+from gaitpref.loop.questions_stage import questions_stage
+from gaitpref.loop.run import run_configured
+from gaitpref.loop.run_dir import Round, context_of, decided_before
+from gaitpref.loop.run_inputs import inputs_of
 from gaitpref.method.context import RoundContext
 from gaitpref.method.method import FROM_SCRATCH, STYLE
 from gaitpref.method.noisy import NoisyAnswers
-from gaitpref.people import People
-from gaitpref.rater_cfg import RaterCfg
-from gaitpref.rounds import Round, context_of, decided_before
-from gaitpref.run_inputs import inputs_of
-from gaitpref.stages import fit_stage
+from gaitpref.raters.rater_cfg import RaterCfg
 from rewardmodel import FitCfg
 from rewardmodel.linear.noise_level import takes_to_err
 from rewardmodel.models.storage import load_reward
@@ -59,7 +59,7 @@ def told_to_rounds(
         return found[-1]
 
     with monkeypatch.context() as patch:
-        patch.setattr("gaitpref.loop.context_of", kept)
+        patch.setattr("gaitpref.loop.run.context_of", kept)
         run_configured(run, cfg)
     return found
 
@@ -146,7 +146,7 @@ def test_killed_before_its_reward_is_kept_it_decides_the_same(tmp_path: Path) ->
         def killed(*others: object) -> None:
             raise _Killed
 
-        patch.setattr("gaitpref.stages.save_reward", killed)
+        patch.setattr("gaitpref.loop.fit_stage.save_reward", killed)
         with pytest.raises(_Killed):
             run_configured(run, cfg)
     decided = Round(run, 0).decided

@@ -17,11 +17,11 @@ from data.episodes.clips import Clip
 from data.episodes.episode import Episode
 from data.errors import GaitprefError
 from data.features import column
-from gaitpref.cli import main
-from gaitpref.options import Loop
-from gaitpref.presets import resolve
-from gaitpref.rounds import Round
-from gaitpref.side_by_side import pairs_of_both
+from gaitpref.cli.main import main
+from gaitpref.cli.options.options import Loop
+from gaitpref.cli.shared.presets import resolve
+from gaitpref.loop.run_dir import Round
+from gaitpref.loop.show_stage import pairs_of_both
 from labeling_ui.page.controls import command_words
 from labeling_ui.scene.clip_motion import MotionCache
 from policy.env.env_cfg import EnvCfg

@@ -16,14 +16,21 @@ from data.answers.answer_records import ASPECTS, Choice
 from data.episodes.clips import Clip
 from data.errors import GaitprefError
 from data.features import FEATURE_DIM, column
-from gaitpref.criteria import SequenceCriterion
-from gaitpref.judging import Standards, discounted_mean, judge, said_why, standards
+from gaitpref.cli.options.options import Answer, Erring, Loop
+from gaitpref.cli.shared.presets import resolve
+from gaitpref.cli.shared.rater_arguments import rater_cfg
+from gaitpref.loop.run_config import claim, read_config
 from gaitpref.method.questions import Questions
-from gaitpref.options import Answer, Erring, Loop
-from gaitpref.presets import resolve
-from gaitpref.rater import ClipScores
-from gaitpref.rater_cfg import RaterCfg, rater_cfg
-from gaitpref.run_config import claim, read_config
+from gaitpref.raters.criteria import SequenceCriterion
+from gaitpref.raters.error_model import (
+    Standards,
+    discounted_mean,
+    judge,
+    said_why,
+    standards,
+)
+from gaitpref.raters.rater_cfg import RaterCfg
+from gaitpref.raters.simulated import ClipScores
 
 COUNT = 4000
 

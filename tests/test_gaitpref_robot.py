@@ -10,8 +10,8 @@ import pytest
 from matplotlib.image import imread
 
 from data.datasets.dataset import Dataset
-from gaitpref.cli import main
-from gaitpref.play_command import live_policy
+from gaitpref.cli.commands.play import live_policy
+from gaitpref.cli.main import main
 from labeling_ui.scene.geometry import instance_poses, robot_geometry
 from labeling_ui.scene.live_robot import Drive
 from policy.env.env_cfg import EnvCfg

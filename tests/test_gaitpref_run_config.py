@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 
 from data.errors import GaitprefError
-from gaitpref.by_method import recorded_by
-from gaitpref.cli import parse
-from gaitpref.loop_cfg import LoopCfg, RunError
+from gaitpref.cli.main import parse
+from gaitpref.cli.options.options import Erring, Loop
+from gaitpref.cli.shared.presets import resolve
+from gaitpref.loop.loop_cfg import LoopCfg, RunError
 from gaitpref.method.context import RoundContext
-from gaitpref.options import Erring, Loop
-from gaitpref.presets import resolve
-from gaitpref.rater_cfg import RaterCfg
+from gaitpref.raters.rater_cfg import RaterCfg
+from gaitpref.training.by_method import recorded_by
 
 RUN = Path("run")
 

@@ -12,10 +12,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from gaitpref.criteria import load_criterion
-from gaitpref.loop import run_configured
-from gaitpref.rewards import criterion_context, score_of_criterion
-from gaitpref.sides import in_mirror
+from gaitpref.loop.run import run_configured
+from gaitpref.raters.criteria import load_criterion
+from gaitpref.raters.criterion_scores import criterion_context, score_of_criterion
+from gaitpref.training.symmetry import in_mirror
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg
 from policy.extensions.kl_penalty import KlPenaltyCfg

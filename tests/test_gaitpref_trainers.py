@@ -22,10 +22,10 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from data.features import FEATURE_DIM, column
-from gaitpref.gym_env import QuadrupedGymEnv, QuadrupedVectorEnv
-from gaitpref.gym_registration import ENV_ID
-from gaitpref.learned_vecenv import LearnedRewardEnv
-from gaitpref.step_reward import StepReward
+from gaitpref.adapters.gym_env import QuadrupedGymEnv, QuadrupedVectorEnv
+from gaitpref.adapters.gym_registration import ENV_ID
+from gaitpref.adapters.learned_vecenv import LearnedRewardEnv
+from gaitpref.adapters.step_reward import StepReward
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot

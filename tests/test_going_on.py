@@ -11,11 +11,11 @@ import pytest
 from torch import Tensor
 
 from data.features import column
-from gaitpref.going_on import choose_start
-from gaitpref.loop_cfg import LoopCfg
+from gaitpref.loop.loop_cfg import LoopCfg
+from gaitpref.loop.run_dir import Round, began_from
+from gaitpref.loop.start_policy import choose_start
 from gaitpref.method.method import FROM_SCRATCH, STYLE, Method
 from gaitpref.method.start import BestLiked
-from gaitpref.rounds import Round, began_from
 from policy.training.checkpoint import holding_home
 from policy.training.ppo import PpoCfg
 from policy.training.setup import setting_of

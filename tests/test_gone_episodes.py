@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from data.datasets.dataset import Dataset
-from gaitpref.cli import main
+from gaitpref.cli.main import main
 from rewardmodel import load_pairs
 
 from .answered_sets import EPISODES, fill, gaits, honest

@@ -18,7 +18,7 @@ from benchmarks import attack_files
 from data.answers.answer_records import Answer
 from data.datasets.dataset import Dataset
 from data.files.limits import EPISODE_CHUNK_BYTES
-from gaitpref.cli import main
+from gaitpref.cli.main import main
 
 from .motion import trotting_dataset
 
@@ -54,7 +54,7 @@ def test_a_bomb_takes_no_memory(told: bool, sound: Path, tmp_path: Path) -> None
     assert bomb.stat().st_size < 300_000
     args = ["data", "recover", "--dataset", str(tmp_path / "new"), "--file", str(bomb)]
     code = (
-        "import sys\nfrom gaitpref.cli import main\n"
+        "import sys\nfrom gaitpref.cli.main import main\n"
         "code = main(sys.argv[1:])\n"
         "status = open('/proc/self/status').read()\n"
         "print(status.partition('VmHWM:')[2].split()[0])\nsys.exit(code)"

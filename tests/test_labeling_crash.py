@@ -25,7 +25,7 @@ class Server:
     """`gaitpref label` in a process of its own."""
 
     def __init__(self, root: Path) -> None:
-        command = [sys.executable, "-m", "gaitpref.cli", "label"]
+        command = [sys.executable, "-m", "gaitpref", "label"]
         self.process = subprocess.Popen(
             [*command, "--dataset", str(root), "--port", "0"],
             stdout=subprocess.PIPE,

@@ -15,7 +15,7 @@ from aiohttp import web
 
 from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
-from gaitpref.cli import main
+from gaitpref.cli.main import main
 from labeling_ui.questions.rater_figures import figures
 from labeling_ui.web.checks import address_block, host_name, is_loopback, same_origin
 from labeling_ui.web.pages import guidelines_page, login_page

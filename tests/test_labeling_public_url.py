@@ -21,9 +21,9 @@ from yarl import URL
 from benchmarks.visitor import Visitor
 from benchmarks.walks import walking_dataset
 from data.datasets.dataset import Dataset
-from gaitpref import options
-from gaitpref.cli import main, parse
-from gaitpref.loop import page_of_loop
+from gaitpref.cli.commands.loop import page_of_loop
+from gaitpref.cli.main import main, parse
+from gaitpref.cli.options import options
 from labeling_ui.web.checks import address_block, visitor_address
 from labeling_ui.web.public_url import parse_public_url
 from labeling_ui.web.tokens import TokenStore
@@ -54,7 +54,7 @@ def labeling(root: Path, *options: str) -> Iterator[Labeling]:
             [
                 sys.executable,
                 "-m",
-                "gaitpref.cli",
+                "gaitpref",
                 "label",
                 "--dataset",
                 root,

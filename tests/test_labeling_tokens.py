@@ -10,7 +10,7 @@ import pytest
 from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from data.files.limits import RATERS_BYTES
-from gaitpref.cli import main
+from gaitpref.cli.main import main
 from labeling_ui.web.tokens import TokenError, TokenStore
 
 

@@ -17,11 +17,12 @@ import pytest
 from data.answers.store import AnswerStore
 from data.datasets.dataset import Dataset
 from data.files.files import sha256_file
-from gaitpref.loop import run_configured, run_loop
-from gaitpref.loop_cfg import RunError
+from gaitpref.cli.commands.loop import run_loop
+from gaitpref.cli.options.options import Loop
+from gaitpref.loop.loop_cfg import RunError
+from gaitpref.loop.run import run_configured
 from gaitpref.method.budget import FrontLoaded
 from gaitpref.method.context import RoundContext
-from gaitpref.options import Loop
 from policy.env.env_cfg import getup_env
 from policy.training.checkpoint import load_policy
 

@@ -18,8 +18,8 @@ import pytest
 
 from benchmarks.visitor import Visitor
 from data.datasets.dataset import Dataset
-from gaitpref.run_config import claim
-from gaitpref.run_inputs import inputs_of
+from gaitpref.loop.run_config import claim
+from gaitpref.loop.run_inputs import inputs_of
 from labeling_ui.web.tokens import TokenStore
 from rewardmodel.answers.answered_pairs import count_evidence
 
@@ -156,7 +156,14 @@ def test_a_busy_port_is_refused_before_anything_is_trained(tmp_path: Path) -> No
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        command = [sys.executable, "-m", "gaitpref.cli", "loop", "--rater", "human"]
+        command = [
+            sys.executable,
+            "-m",
+            "gaitpref",
+            "loop",
+            "--rater",
+            "human",
+        ]
         done = subprocess.run(
             [*command, "--run", tmp_path / "run", "--port", str(port), "--no-auth"],
             capture_output=True,

@@ -13,15 +13,15 @@ import torch
 
 from data.datasets.dataset import Dataset
 from data.features import FEATURE_DIM, column
-from gaitpref.loop import run_configured
-from gaitpref.loop_cfg import LoopCfg
+from gaitpref.loop.loop_cfg import LoopCfg
+from gaitpref.loop.people import People
+from gaitpref.loop.policy_stage import policy_stage
+from gaitpref.loop.run import run_configured
+from gaitpref.loop.run_dir import Round
+from gaitpref.loop.show_stage import STRATEGY
+from gaitpref.loop.standstill import seen_standing, standstill_before
 from gaitpref.method.context import RoundContext
 from gaitpref.method.unstick import Optimism
-from gaitpref.people import People
-from gaitpref.retraining import policy_stage
-from gaitpref.rounds import Round
-from gaitpref.side_by_side import STRATEGY
-from gaitpref.standstill import seen_standing, standstill_before
 from policy.env.feature_row import OBS_DIM
 from policy.robots.robot import load_robot
 from policy.training.checkpoint import load_policy
@@ -176,7 +176,7 @@ def killed(*others: object) -> None:
 def until_it_is_fitted(run: Path, cfg: LoopCfg, patch: pytest.MonkeyPatch) -> None:
     """Run a loop until it has fitted its first reward."""
     with patch.context() as stopping:
-        stopping.setattr("gaitpref.loop.report_stage", killed)
+        stopping.setattr("gaitpref.loop.run.report_stage", killed)
         with pytest.raises(_Killed):
             run_configured(run, cfg)
 

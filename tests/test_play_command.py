@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from benchmarks.visitor import Visitor
-from gaitpref.play_command import live_policy
+from gaitpref.cli.commands.play import live_policy
 from labeling_ui.scene.live_robot import Drive, LiveState, StepFn
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot
@@ -64,7 +64,7 @@ def test_command_push_and_reset_reach_the_robot(policies: list[Path]) -> None:
 
 def test_two_policies_are_driven_and_pushed_on_one_page(policies: list[Path]) -> None:
     """Both robots move in the same command; the page tells their speeds."""
-    command = [sys.executable, "-m", "gaitpref.cli", "play", "--port", "0"]
+    command = [sys.executable, "-m", "gaitpref", "play", "--port", "0"]
     arguments = ["--policy", policies[0], "--against", policies[1]]
     with subprocess.Popen(
         [*command, *arguments], stdout=subprocess.PIPE, text=True

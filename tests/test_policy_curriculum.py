@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from data.features import FEATURE_DIM, column
-from gaitpref.cli import main
+from gaitpref.cli.main import main
 from policy.env.curriculum import Curriculum, CurriculumCfg
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import CommandCfg, EnvCfg

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from gaitpref.cli import main
+from gaitpref.cli.main import main
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot, load_robot_xml

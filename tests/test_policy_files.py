@@ -20,7 +20,7 @@ from torch import nn
 
 from data.errors import FileError
 from data.files.plain import to_plain
-from gaitpref.cli import main
+from gaitpref.cli.main import main
 from policy.env.env_cfg import EnvCfg
 from policy.extensions.kl_penalty import KlPenaltyCfg
 from policy.robots.robot import load_robot

@@ -11,7 +11,7 @@ import torch
 from data.datasets.dataset import Dataset
 from data.features import FEATURE_DIM, column
 from data.files.plain import from_plain, to_plain
-from gaitpref.cli import main
+from gaitpref.cli.main import main
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg, getup_env
 from policy.env.task_reward import (

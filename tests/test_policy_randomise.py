@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from data.features import column
-from gaitpref.cli import main
+from gaitpref.cli.main import main
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import RANDOMISE, EnvCfg, NoiseCfg, RandomiseCfg, ResetCfg
 from policy.env.randomise import RandomisedEnv, make_env

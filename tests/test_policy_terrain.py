@@ -17,8 +17,8 @@ from data.episodes.clips import Clip
 from data.features import column
 from data.files.plain import from_plain, to_plain
 from data.ground import Ground
-from gaitpref.cli import main
-from gaitpref.play_command import live_policy
+from gaitpref.cli.commands.play import live_policy
+from gaitpref.cli.main import main
 from labeling_ui.scene.clip_motion import load_motion
 from labeling_ui.scene.live_robot import Drive
 from policy.env.env import QuadrupedEnv

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import torch
 
-from gaitpref.cli import main
-from gaitpref.rater_groups import answers_for
+from gaitpref.cli.main import main
+from gaitpref.raters.rater_groups import answers_for
 from rewardmodel import FitCfg
 from rewardmodel.answers.answered_pairs import AnsweredPairs
 from rewardmodel.errors import RewardError

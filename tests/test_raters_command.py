@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from data.datasets.dataset import Dataset
-from gaitpref.cli import main
+from gaitpref.cli.main import main
 from labeling_ui.web.tokens import TokenStore
 
 from .test_labeling_figures import row
@@ -91,7 +91,7 @@ def test_mistakes_are_one_line(
 def test_a_labelers_machine_needs_no_torch(root: Path) -> None:
     """Neither do the options of any command."""
     code = (
-        "import sys; from gaitpref.cli import main; "
+        "import sys; from gaitpref.cli.main import main; "
         f"main(['raters', '--dataset', {str(root)!r}]); "
         "sys.exit('torch' in sys.modules)"
     )

@@ -12,7 +12,7 @@ import torch
 
 from benchmarks.data import answered_dataset
 from data.datasets.dataset import Dataset
-from gaitpref.cli import main
+from gaitpref.cli.main import main
 from rewardmodel import RewardError
 from rewardmodel.answers.answered_pairs import AnsweredPairs, load_pairs
 from rewardmodel.answers.likelihood import Errors

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from data.features import column
-from gaitpref.step_reward import StepReward
+from gaitpref.adapters.step_reward import StepReward
 from rewardmodel import (
     AnsweredPairs,
     FitCfg,

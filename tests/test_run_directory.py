@@ -20,17 +20,17 @@ import yaml
 
 from data.files.lock import LOCK_NAME
 from data.files.plain import from_plain, to_plain
-from gaitpref.cli import main
-from gaitpref.loop_cfg import LoopCfg, RunError
+from gaitpref.cli.main import main
+from gaitpref.cli.options.options import Loop
+from gaitpref.cli.shared.presets import resolve
+from gaitpref.loop.loop_cfg import LoopCfg, RunError
+from gaitpref.loop.run_config import CONFIG_NAME, INPUTS_NAME, claim, read_config
+from gaitpref.loop.run_dir import Round
 from gaitpref.method.budget import FrontLoaded
 from gaitpref.method.exploration import Descending, PutBack
 from gaitpref.method.method import FROM_SCRATCH, STYLE, Method
 from gaitpref.method.paid import AsFitted
 from gaitpref.method.unstick import Optimism
-from gaitpref.options import Loop
-from gaitpref.presets import resolve
-from gaitpref.rounds import Round
-from gaitpref.run_config import CONFIG_NAME, INPUTS_NAME, claim, read_config
 
 from .test_data_lock import HOLDER
 
@@ -45,7 +45,7 @@ def cfg() -> LoopCfg:
 @pytest.fixture
 def trained(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     """A real training into `out`, that has begun and takes its time."""
-    command = [sys.executable, "-m", "gaitpref.cli", "train", "--reward", "task"]
+    command = [sys.executable, "-m", "gaitpref", "train", "--reward", "task"]
     command += ["--out", str(tmp_path / "out"), "--envs", "16", "--steps", "9000000"]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from data.datasets.segments import Segments, TableError, read_answers, read_segments
-from gaitpref.cli import main
+from gaitpref.cli.main import main
 from rewardmodel.errors import RewardError
 from rewardmodel.fitting.tables import fit_table
 
@@ -249,7 +249,7 @@ def test_no_simulator_is_needed(folder: Path) -> None:
     """As on a machine that has torch alone."""
     program = (
         "import sys; sys.modules['mujoco'] = sys.modules['viser'] = None;"
-        "from gaitpref.cli import main; sys.exit(main(sys.argv[1:]))"
+        "from gaitpref.cli.main import main; sys.exit(main(sys.argv[1:]))"
     )
     command = [sys.executable, "-c", program, "fit", "--out", str(folder / "o")]
     tables = [

@@ -11,17 +11,18 @@ import pytest
 import torch
 
 from data.datasets.dataset import Dataset
-from gaitpref.cli import main
-from gaitpref.criteria import load_criterion
-from gaitpref.loop import run_configured
+from gaitpref.cli.main import main
+from gaitpref.loop.people import People
+from gaitpref.loop.policy_stage import policy_stage
+from gaitpref.loop.run import run_configured
+from gaitpref.loop.run_dir import Round
 from gaitpref.method.budget import FrontLoaded
 from gaitpref.method.context import RoundContext
-from gaitpref.people import People
-from gaitpref.rater import answer_pairs
-from gaitpref.rater_cfg import RaterCfg
-from gaitpref.retraining import policy_stage
-from gaitpref.rewards import criterion_context, score_of_criterion, total_reward
-from gaitpref.rounds import Round
+from gaitpref.raters.criteria import load_criterion
+from gaitpref.raters.criterion_scores import criterion_context, score_of_criterion
+from gaitpref.raters.rater_cfg import RaterCfg
+from gaitpref.raters.simulated import answer_pairs
+from gaitpref.training.total_reward import total_reward
 from policy.env.env_cfg import EnvCfg
 from policy.env.feature_row import OBS_DIM
 from policy.env.known_terms import KnownTermsCfg

@@ -13,7 +13,7 @@ from rewardmodel.cfg import FitCfg, LinearCfg, PosteriorCfg
 
 from .acceptance import Compared
 from .budget import FrontLoaded
-from .clips import ClipSources
+from .clip_sources import ClipSources
 from .context import RoundContext
 from .expectations import OnceItWalks
 from .exploration import Descending, PutBack

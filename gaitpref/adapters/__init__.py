@@ -1,0 +1,1 @@
+"""The environment and the reward in the interfaces of other trainers."""

@@ -1,1 +1,0 @@
-"""Episodes out of ROS 2 bags, so that hardware is judged beside simulation."""

@@ -1,0 +1,315 @@
+"""What `gaitpref data` does; needs no torch and no simulator."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from data.datasets.archive import CARD_NAME, pack, unpack
+from data.datasets.card import CardFacts, card
+from data.datasets.dataset import Dataset
+from data.datasets.labels import labels, to_csv, to_jsonl
+from data.datasets.manifest_file import writable
+from data.datasets.overview import Overview, overview
+from data.datasets.recovery import RecoveredFile, recover, recover_file
+from data.datasets.transfer import Transferred, split, transfer
+from data.datasets.verify import Verified, verify
+from data.episodes.clips import Clip
+from data.errors import DatasetError
+from data.files.files import write_atomically
+from data.files.shown import shown
+from gaitpref.cli.options import data_options as options
+from gaitpref.cli.shared.dataset_argument import address, open_dataset
+from gaitpref.console.extras import require
+from gaitpref.console.terminal import PlainConsole, say
+
+from .exchange import export, import_into
+
+EXIT_DAMAGED = 1
+console = PlainConsole(stderr=True)
+
+
+def run(action: options.Action) -> int:
+    """Run one `gaitpref data` command; gives the exit code."""
+    match action:
+        case options.Info():
+            _info(action)
+        case options.Verify():
+            return _verify(action)
+        case options.Recover():
+            return _recover(action)
+        case options.Merge() | options.Split() | options.Subset():
+            _transfer(action)
+        case options.Pack():
+            size = pack(open_dataset(action), action.out)
+            _say(action.json, {"archive": str(action.out), "bytes": size})
+        case options.Unpack():
+            made = unpack(action.archive, action.dataset)
+            counted = {"dataset": str(made.root), "episodes": len(made.entries())}
+            _say(action.json, counted)
+        case options.Card():
+            _card(action)
+        case options.Labels():
+            _labels(action)
+        case options.View():
+            _view(action)
+        case options.Import():
+            _imported(action, import_into(action))
+        case options.Export():
+            _say(action.json, asdict(export(action)))
+    return 0
+
+
+def _info(action: options.Info) -> None:
+    seen = overview(open_dataset(action))
+    if action.json:
+        print(json.dumps(asdict(seen)))
+        return
+    out = PlainConsole()
+    out.print(_totals(seen))
+    for title, counts in (("robot", seen.robots), ("task", seen.tasks)):
+        out.print(_counts(title, counts))
+    policies = {name[:12]: count for name, count in seen.policies.items()}
+    out.print(_counts("policy", policies))
+    out.print(_counts("command (forward, left m/s, yaw rad/s)", seen.commands))
+    answers = Table("rater", "round", "answers", "preferences")
+    for count in seen.answers:
+        answers.add_row(*map(str, asdict(count).values()))
+    out.print(answers)
+
+
+def _totals(seen: Overview) -> Table:
+    table = Table(show_header=False)
+    for name in ("episodes", "steps", "bytes", "falls", "aborted", "pairs"):
+        table.add_row(name, f"{getattr(seen, name):,}")
+    table.add_row("hours of robot time", f"{seen.hours:.2f}")
+    table.add_row("answers", f"{sum(count.answers for count in seen.answers):,}")
+    return table
+
+
+def _counts(title: str, counts: Mapping[str, int]) -> Table:
+    table = Table(title, "episodes")
+    for name, count in counts.items():
+        table.add_row(name, f"{count:,}")
+    return table
+
+
+def _verify(action: options.Verify) -> int:
+    found = verify(action.dataset, answers=address(action.answers))
+    if action.json:
+        print(json.dumps(asdict(found)))
+    else:
+        _print_verified(found)
+    return EXIT_DAMAGED if found.damages else 0
+
+
+def _print_verified(found: Verified) -> None:
+    for damage in found.damages:
+        touched = ""
+        if damage.episode:
+            touched += f"; episode {damage.episode}"
+        if damage.answers:
+            touched += f"; answers {', '.join(damage.answers)}"
+        say(f"{damage.kind}: {damage.what}: {damage.message}{touched}")
+    for name in found.left_over:
+        say(f"left over: {name}: no manifest knows it, `gaitpref data recover` does")
+    print(
+        f"{found.episodes:,} episodes, {found.bytes:,} bytes and {found.answers:,} "
+        f"answers looked at, {len(found.damages)} damaged"
+    )
+
+
+def _recover(action: options.Recover) -> int:
+    if action.file:
+        dataset = Dataset.create(action.dataset)
+        files: list[RecoveredFile] = []
+        for path in action.file:
+            if not path.is_file():
+                raise DatasetError(f"{path} is no file; give a cut or damaged episode")
+            files.append(recover_file(dataset, path))
+    else:
+        files = recover(action.dataset)
+    kept = sum(file.kept_steps for file in files)
+    lost = sum(file.lost_steps or 0 for file in files)
+    if action.json:
+        report = {"files": [asdict(f) for f in files], "kept": kept, "lost": lost}
+        print(json.dumps(report))
+    else:
+        for file in files:
+            gone = "an unknown number" if file.lost_steps is None else file.lost_steps
+            why = f" ({file.problem})" if file.problem else ""
+            say(f"{file.file}: kept {file.kept_steps} steps, lost {gone}{why}")
+        print(f"{len(files)} files, kept {kept:,} steps, lost {lost:,}")
+    return EXIT_DAMAGED if any(file.problem for file in files) else 0
+
+
+def _transfer(action: options.Merge | options.Split | options.Subset) -> None:
+    report: dict[str, Transferred]
+    match action:
+        case options.Merge():
+            sources = {str(path): Dataset.open(path) for path in action.source}
+            answers = address(action.answers)
+            target = Dataset.create(action.dataset, answers=answers)
+            report = {name: transfer(s, target) for name, s in sources.items()}
+        case options.Split():
+            source, shares = open_dataset(action), _shares(action.part)
+            report = split(source, shares, action.out, seed=action.seed)
+        case options.Subset():
+            report = {str(action.out): _subset(action)}
+    if action.json:
+        print(json.dumps({name: asdict(part) for name, part in report.items()}))
+        return
+    for name, part in report.items():
+        renamed = "".join(f"; {old} is now {new}" for old, new in part.renamed.items())
+        say(
+            f"{name}: {part.episodes:,} episodes, {part.pairs:,} pairs and "
+            f"{part.answers:,} answers were new, {part.left_out:,} answers stayed "
+            f"behind{renamed}"
+        )
+
+
+def _shares(parts: tuple[str, ...]) -> dict[str, float]:
+    shares: dict[str, float] = {}
+    for part in parts:
+        name, _, share = part.partition("=")
+        try:
+            shares[name] = float(share)
+        except ValueError:
+            raise DatasetError(f"--part takes NAME=SHARE, got {part!r}") from None
+        if not name or Path(name).name != name or name.startswith("."):
+            raise DatasetError(f"--part {part!r}: the name must be a plain word")
+    return shares
+
+
+def _subset(action: options.Subset) -> Transferred:
+    source = open_dataset(action)
+    entries = [
+        entry
+        for entry in source.entries()
+        if entry.meta.policy_sha256.startswith(action.policy or "")
+        and action.round in (None, entry.meta.round)
+        and action.robot in (None, entry.meta.robot)
+        and action.end in (None, entry.end_reason)
+    ]
+    hashes = {entry.sha256 for entry in entries}
+    if action.rater is not None:
+        with source.answers_copy() as store:
+            rows = store.all_answers()
+        pairs = [pair for pair, answer in rows if answer.rater_id == action.rater]
+        hashes &= {clip.rollout for pair in pairs for clip in (pair.a, pair.b)}
+    if not hashes:
+        raise DatasetError(
+            f"no episode of {source.root} fits these filters; `gaitpref data info "
+            f"--dataset {source.root}` lists what there is"
+        )
+    return transfer(
+        source,
+        Dataset.create(action.out),
+        episodes=hashes,
+        wanted=lambda pair, answer: action.rater in (None, answer.rater_id),
+        keep_open_pairs=action.rater is None,
+    )
+
+
+def _card(action: options.Card) -> None:
+    facts = CardFacts(
+        title=action.title,
+        author=action.author,
+        licence_rollouts=action.licence_rollouts,
+        licence_answers=action.licence_answers,
+        licence_robot=action.licence_robot,
+        consent=action.consent,
+    )
+    path = action.out or action.dataset / CARD_NAME
+    text = card(overview(open_dataset(action)), facts)
+    _write(path, text.encode())
+    if facts.open_fields:
+        names = ", ".join(name.replace("_", " ") for name in facts.open_fields)
+        console.print(f"fill in before you publish: {names}")
+
+
+def _labels(action: options.Labels) -> None:
+    rows = labels(open_dataset(action))
+    if action.format == "parquet":
+        if action.out is None:
+            raise DatasetError("parquet is no text; give --out FILE.parquet")
+        from gaitpref.formats.parquet_labels import write_labels
+
+        with writable(action.out.parent):
+            write_labels(action.out, rows)
+        console.print(f"{len(rows):,} answers are in {action.out}")
+        return
+    text = to_csv(rows) if action.format == "csv" else to_jsonl(rows)
+    if action.out is None:
+        sys.stdout.write(text)
+    else:
+        _write(action.out, text.encode())
+        console.print(f"{len(rows):,} answers are in {action.out}")
+
+
+def _view(action: options.View) -> None:
+    dataset = open_dataset(action)
+    if (action.pair is None) == (action.episode is None):
+        raise DatasetError("say what to show: either --pair ID or --episode ID")
+    if action.pair is not None:
+        with dataset.answers_copy() as store:
+            pairs = {pair.pair_id: pair for pair in store.pairs()}
+        pair = pairs[_only(pairs, action.pair, "pair", action.dataset)]
+        clips = {"a": pair.a, "b": pair.b}
+    else:
+        entries = {entry.sha256: entry for entry in dataset.entries()}
+        sha256 = _only(entries, action.episode or "", "episode", action.dataset)
+        clips = {"robot": Clip(sha256, 0, entries[sha256].num_steps)}
+    # Before the import, which would name a package and not the extra.
+    for module in ("mcap_ros2.writer", "mujoco"):
+        require(module, "view")
+    from gaitpref.formats.viewers.view_export import layout_path, write_view
+
+    with writable(action.out.parent):
+        write_view(action.out, dataset, clips)
+    console.print(f"{action.out} and {layout_path(action.out)} are written")
+
+
+def _only(known: Iterable[str], start: str, what: str, where: Path) -> str:
+    """The one id that begins with `start`."""
+    found = [name for name in known if name.startswith(start)]
+    if len(found) != 1:
+        raise DatasetError(
+            f"{len(found)} {what}s of {where} begin with {start!r}; give more of the id"
+        )
+    return found[0]
+
+
+def _write(path: Path, content: bytes) -> None:
+    with writable(path.parent):
+        if not path.parent.is_dir():
+            raise DatasetError(f"{path.parent} is no directory; make it first")
+        write_atomically(path, content)
+    console.print(f"{path} is written")
+
+
+def _imported(action: options.Import, facts: dict[str, Any]) -> None:
+    """Print what was taken in, then each kind that was left out, then what is odd."""
+    if action.json or "left_out" not in facts:
+        _say(action.json, facts)
+        return
+    missing = ", ".join(facts.pop("missing")) or "nothing"
+    left_out, told = facts.pop("left_out"), facts.pop("told")
+    _say(False, facts | {"missing": missing})
+    for kind, count in left_out.items():
+        say(shown(f"left out: {kind}: {count:,}"))
+    for line in told:
+        say(shown(f"note: {line}"))
+
+
+def _say(as_json: bool, facts: dict[str, Any]) -> None:
+    if as_json:
+        print(json.dumps(facts))
+    else:
+        say(", ".join(f"{name} {value}" for name, value in facts.items()))

@@ -1,0 +1,38 @@
+"""`gaitpref evaluate`: what a policy earns, and how it follows commands."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, replace
+
+from gaitpref.cli.options import options
+from gaitpref.raters.criterion_scores import criterion_context
+from gaitpref.training.total_reward import load_score
+from policy.rollouts.evaluate import evaluate
+from policy.training.checkpoint import load_policy
+
+
+def run(command: options.Evaluate) -> int:
+    """Run the command; gives the exit code."""
+    policy = load_policy(command.policy)
+    robot, env = policy.robot(), policy.info.env
+    if command.terrain is not None:
+        env = replace(env, terrain=replace(env.terrain, kind=command.terrain))
+    score = load_score(command.reward, criterion_context(robot, env))
+    result = evaluate(
+        policy, score, episodes=command.episodes, seed=command.seed, env=env
+    )
+    if command.json:
+        print(json.dumps(asdict(result)))
+        return 0
+    print(
+        f"return          {result.return_mean:.2f} ± {result.return_ci95:.2f} "
+        f"under {command.reward}"
+    )
+    print(f"tracking error  {result.tracking_error_m_s:.3f} m/s")
+    print(f"falls           {result.falls} ({result.falls_per_minute:.2f} a minute)")
+    print(
+        f"episode         {result.episode_length_s:.1f} s, {result.episodes} episodes"
+    )
+    print(f"power           {result.power_w:.0f} W")
+    return 0

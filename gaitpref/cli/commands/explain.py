@@ -1,0 +1,119 @@
+"""`gaitpref explain`: which moments and which habits a learned reward likes."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+
+from data.datasets.dataset import Dataset, EpisodeEntry
+from data.episodes.clips import Clip
+from data.errors import GaitprefError
+from data.files.files import write_atomically
+from gaitpref.cli.options import options
+from gaitpref.console.terminal import say
+from gaitpref.report.pictures import save_picture
+from gaitpref.report.ranked_clips import Ranked, extremes, ranked
+from gaitpref.report.reward_strips import clip_picture, curves_picture
+from rewardmodel.answers.clip_batch import read_clips
+from rewardmodel.explain.attribution import Explanation, explain
+from rewardmodel.explain.learned_curves import Curve, learned_curves
+from rewardmodel.models.storage import load_reward
+
+DATA_NAME = "explanation.json"
+
+
+def run(command: options.Explain) -> int:
+    """Run the command; gives the exit code."""
+    model = load_reward(command.reward)
+    dataset = Dataset.open(command.dataset)
+    if command.clip is not None:
+        clip = find_clip(dataset, command.clip)
+        chosen = [("clip", ranked(model, dataset, [clip])[0])]
+    else:
+        chosen = extremes(model, dataset, command.count)
+    told = []
+    for name, found in chosen:
+        entry = dataset.entry(found.clip.rollout)
+        seen = read_clips([found.clip], dataset.clip_features)
+        shown = explain(model, seen, method=command.method)
+        picture = command.out / f"{name}.svg"
+        save_picture(clip_picture(shown, entry, found.clip, found.reward), picture)
+        told.append(clip_json(name, found, entry, shown))
+        say(f"{picture}  reward {found.reward:+.2f}  {found.clip.key}")
+    dt_s = dataset.entry(chosen[0][1].clip.rollout).meta.control_dt_s
+    if curves := learned_curves(model, control_dt_s=dt_s):
+        picture = command.out / "habits.svg"
+        save_picture(curves_picture(curves), picture)
+        say(f"{picture}  most of all {curves[0].name}")
+    data = {
+        "descriptors": list(model.names),
+        "clips": told,
+        "curves": [curve_json(curve) for curve in curves],
+    }
+    write_atomically(command.out / DATA_NAME, json.dumps(data).encode())
+    say(f"the figures are in {command.out / DATA_NAME}")
+    return 0
+
+
+def find_clip(dataset: Dataset, name: str) -> Clip:
+    """The clip called EPISODE:START+STEPS, or a whole episode by its hash's beginning.
+
+    Raises:
+        GaitprefError: there is no such clip, or more than one episode.
+    """
+    sha256, colon, place = name.partition(":")
+    entries = [e for e in dataset.entries() if e.sha256.startswith(sha256)]
+    if len(entries) != 1:
+        raise GaitprefError(
+            f"{dataset.root} holds {len(entries)} episodes whose hash begins with "
+            f"{sha256!r}; `--clip` takes EPISODE:START+STEPS, or an episode"
+        )
+    entry = entries[0]
+    if not colon:
+        return Clip(entry.sha256, 0, entry.num_steps)
+    try:
+        start, steps = (int(number) for number in place.split("+"))
+        clip = Clip(entry.sha256, start, steps)
+    except ValueError:
+        raise GaitprefError(f"--clip {name!r} is not EPISODE:START+STEPS") from None
+    dataset.clip_features(clip)
+    return clip
+
+
+def clip_json(
+    name: str, found: Ranked, entry: EpisodeEntry, shown: Explanation
+) -> dict[str, Any]:
+    """A clip's figures as plain values, rounded to what can be seen."""
+    return {
+        "name": name,
+        "clip": found.clip.key,
+        "reward_of_clip": round(found.reward, 4),
+        "command": list(entry.meta.command),
+        "control_dt_s": entry.meta.control_dt_s,
+        "method": shown.method,
+        "reward": _rounded(shown.reward),
+        "spread": _rounded(shown.spread),
+        "average": round(shown.average, 4),
+        "groups": list(shown.groups),
+        "shares": _rounded(shown.shares),
+        "by_descriptor": (
+            None if shown.method == "occlusion" else _rounded(shown.descriptors)
+        ),
+    }
+
+
+def curve_json(curve: Curve) -> dict[str, Any]:
+    """A habit's curve as plain values."""
+    return {
+        "name": curve.name,
+        "unit": curve.unit,
+        "values": _rounded(curve.values),
+        "reward": _rounded(curve.reward),
+        "spread": _rounded(curve.spread),
+    }
+
+
+def _rounded(values: np.ndarray) -> list[Any]:
+    return np.round(values.astype(float), 4).tolist()

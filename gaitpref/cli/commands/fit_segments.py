@@ -1,0 +1,123 @@
+"""`gaitpref fit --segments`: a reward for segments of any table."""
+
+from __future__ import annotations
+
+import csv
+import json
+import secrets
+import shutil
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+from io import StringIO
+from pathlib import Path
+from typing import Any, cast
+
+from data.datasets.segments import Segments, read_answers, read_segments
+from data.errors import GaitprefError
+from data.files.files import replace_directory, write_atomically
+from gaitpref.cli.options import options
+from gaitpref.console.progress import console, working
+from gaitpref.report.findings import findings_of_fit
+from gaitpref.report.fit_summary import fit_summary
+from rewardmodel.fitting.tables import TABLE_KINDS, TableKind, TableReward, fit_table
+from rewardmodel.measures.rater_reliability import HARDLY_LOOKS
+
+REPORT_NAME, WORTH_NAME, WEIGHTS_NAME = "report.json", "segments.csv", "weights.csv"
+
+
+def fit_segments(command: options.Fit) -> None:
+    """Fit as `command` says; write what was found, and say it.
+
+    Raises:
+        GaitprefError: an option does not go with tables, or a table cannot be used.
+    """
+    if command.segments is None or command.labels is None or command.dataset:
+        raise GaitprefError(
+            "--segments and --labels go together, and without --dataset: the one holds "
+            "what was judged, the other what was said of it"
+        )
+    if command.model not in TABLE_KINDS:
+        raise GaitprefError(
+            f"--model {command.model} sees a robot's gait; of --segments it is "
+            f"{', '.join(TABLE_KINDS)}"
+        )
+    for name, given in (
+        ("--method", command.method),
+        ("--for", command.whom),
+        ("--semi-supervised", command.semi_supervised),
+        ("--doubted-below", command.doubted_below),
+        ("--round", command.round),
+        ("--rounds", command.rounds),
+        ("--first-reward", command.first_reward),
+        ("--answers", command.answers),
+    ):
+        if given:
+            raise GaitprefError(f"{name} is about data sets: leave it out")
+    _require_ours(command.out)
+    segments = read_segments(command.segments)
+    answers = read_answers(command.labels, segments)
+    kind = cast(TableKind, command.model)
+    with working(f"fitting {kind} to {len(answers)} answers"):
+        reward = fit_table(segments, answers, kind, seed=command.seed)
+    _write(reward, segments, command.out)
+    report = reward.report
+    sentence = findings_of_fit(report, ()).sentence
+    if command.json:
+        print(json.dumps({"model": kind, **asdict(report), "sentence": sentence}))
+        return
+    console.print(f"{kind}: {fit_summary(report)}; what it found is in {command.out}")
+    if report.held_out_ece is not None:
+        console.print(
+            f"calibration error {report.held_out_ece:.2f}, at temperature "
+            f"{report.temperature:.2f}; {report.ties} answers are ties"
+        )
+    console.print(sentence)
+    for rater, share in report.raters:
+        console.print(
+            f"{rater}: {share:.0%} of the answers are taken for random"
+            + (", who hardly looks" if share >= HARDLY_LOOKS else "")
+        )
+
+
+def _require_ours(directory: Path) -> None:
+    """
+    Raises:
+        GaitprefError: what would be replaced holds something else.
+    """
+    ours = {REPORT_NAME, WORTH_NAME, WEIGHTS_NAME}
+    if directory.exists():
+        for path in directory.iterdir():
+            if path.name not in ours:
+                raise GaitprefError(
+                    f"{directory} holds {path.name} and would be replaced as a whole; "
+                    f"give a directory that is new, or of an earlier fit of segments"
+                )
+
+
+def _write(reward: TableReward, segments: Segments, directory: Path) -> None:
+    """All files, or none."""
+    partial = directory.with_name(f".{directory.name}.{secrets.token_hex(8)}.tmp")
+    partial.mkdir(parents=True)
+    try:
+        text = json.dumps(asdict(reward.report), indent=1)
+        write_atomically(partial / REPORT_NAME, text.encode())
+        worth, spread = reward.worth(segments)
+        rows = zip(segments.ids, worth.tolist(), spread.tolist(), strict=True)
+        _table(partial / WORTH_NAME, ("segment", "worth", "spread"), rows)
+        weights = reward.scorer.linear_weights
+        if weights is not None:
+            own = weights / reward.normaliser.std
+            columns = (own.mean(dim=0).tolist(), own.std(dim=0).tolist())
+            rows = zip(reward.names, *columns, strict=True)
+            _table(partial / WEIGHTS_NAME, ("column", "weight", "spread"), rows)
+        replace_directory(partial, directory)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def _table(path: Path, names: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    text = StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(names)
+    writer.writerows(rows)
+    write_atomically(path, text.getvalue().encode())

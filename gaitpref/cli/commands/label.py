@@ -1,0 +1,49 @@
+"""`gaitpref label`: the labeling page of a data set; needs no torch."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from gaitpref.cli.options import options
+from gaitpref.cli.shared.dataset_argument import open_dataset
+from gaitpref.cli.shared.serving import require_port, stoppable, wait_until_stopped
+from labeling_ui.label_server import LabelCfg, LabelServer
+from labeling_ui.web.public_url import parse_public_url
+
+
+def run(command: options.Label) -> int:
+    """Serve the page until it is stopped; gives the exit code."""
+    cfg = label_cfg(command)
+    dataset = open_dataset(command)
+    with stoppable() as stopped, LabelServer(dataset, cfg) as page:
+        for line in greeting(page.notices, dataset.root, cfg):
+            print(line, flush=True)
+        wait_until_stopped(stopped)
+    return 0
+
+
+def label_cfg(serving: options.Serving) -> LabelCfg:
+    """The options as the server takes them.
+
+    Raises:
+        GaitprefError: the port is none, or --public-url no address.
+    """
+    require_port(serving.port)
+    public = serving.public_url
+    return LabelCfg(
+        host=serving.host,
+        port=serving.port,
+        guidelines=serving.guidelines,
+        cert=serving.cert,
+        key=serving.key,
+        public_url=None if public is None else parse_public_url(public),
+        auth=not serving.no_auth,
+    )
+
+
+def greeting(notices: list[str], dataset: Path, cfg: LabelCfg) -> list[str]:
+    """Where the page is, and how to get in."""
+    if not cfg.auth:
+        return notices
+    token = f"make a token with: gaitpref raters --dataset {dataset} add NAME"
+    return [*notices, token]

@@ -1,0 +1,75 @@
+"""`gaitpref pairs`: with a data set and torch alone.
+
+No simulator is imported here, as in `fit_command`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from data.answers.answer_records import Pair
+from data.datasets.dataset import Dataset
+from data.datasets.gone import pairs_gone
+from gaitpref.cli.options import options
+from gaitpref.cli.shared.dataset_argument import open_dataset
+from gaitpref.console.progress import console
+from gaitpref.method.questions import Questions
+from rewardmodel.asking.clip_questions import ClipCfg, ask, with_known_answer
+from rewardmodel.asking.strategies import make_strategy
+from rewardmodel.models.model import RewardModel
+from rewardmodel.models.storage import load_reward
+
+
+def run(command: options.Pairs) -> int:
+    """Run the command; gives the exit code."""
+    dataset = open_dataset(command)
+    model = None if command.reward is None else load_reward(command.reward)
+    cut, rng = ClipCfg.of(command.clip_s), np.random.default_rng(command.seed)
+    with dataset.answers() as store:
+        known = store.pairs()
+        round = max((pair.round for pair in known), default=-1) + 1
+        chosen = _chosen(command, dataset, model, cut, known, round, rng)
+        gold = with_known_answer(
+            dataset.entries(),
+            cut,
+            command.gold,
+            known=[*known, *chosen],
+            round_number=round,
+            rng=rng,
+        )
+        added = store.add_pairs([*chosen, *gold])
+    of_these = f", {len(gold)} of them with a known answer" if command.gold else ""
+    console.print(f"{added} pairs were added to {command.dataset}{of_these}")
+    if gone := pairs_gone(dataset):
+        console.print(gone)
+    return 0
+
+
+def _chosen(
+    command: options.Pairs,
+    dataset: Dataset,
+    model: RewardModel | None,
+    cut: ClipCfg,
+    known: Sequence[Pair],
+    round: int,
+    rng: np.random.Generator,
+) -> list[Pair]:
+    own = Questions()
+    strategy = command.strategy or ("uniform" if model is None else own.strategy)
+    # Refused before anything is chosen at random instead.
+    make_strategy(strategy, model, dataset.clip_features)
+    return ask(
+        dataset,
+        dataset.entries(),
+        cut,
+        command.count,
+        known=known,
+        model=model,
+        round_number=round,
+        # As the loop asks, where nobody says otherwise.
+        uniform_share=0.0 if command.strategy else own.uniform_share,
+        strategy=strategy,
+        rng=rng,
+    )

@@ -1,0 +1,139 @@
+"""`gaitpref raters`: who may log in, and how well the raters agree."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from typing import Any
+
+from data.datasets.dataset import Dataset
+from data.errors import GaitprefError
+from data.files.shown import shown
+from gaitpref.cli.options import options
+from gaitpref.cli.shared.dataset_argument import open_dataset
+from gaitpref.console.extras import require
+from gaitpref.console.terminal import say
+from labeling_ui.questions.rater_doubts import doubts
+from labeling_ui.questions.rater_figures import (
+    RaterFigures,
+    Share,
+    all_figures,
+    figures,
+    human_rows,
+)
+from labeling_ui.web.tokens import TokenStore, require_name
+
+
+def run(command: options.Raters) -> int:
+    """Run the command; gives the exit code."""
+    dataset = open_dataset(command)
+    tokens = TokenStore(dataset.root)
+    match command.action:
+        case "add":
+            _add(command, dataset, tokens)
+        case "revoke":
+            name = _name(command)
+            tokens.revoke(name)
+            _show(command, {"revoked": name}, [f"{name} is logged out for good"])
+        case "list":
+            _list(command, dataset, tokens)
+        case "stats":
+            _stats(command, dataset)
+        case "groups":
+            told = require("gaitpref.raters.rater_groups", "fit").told_of_groups(
+                dataset
+            )
+            _show(command, *told)
+    return 0
+
+
+def _add(command: options.Raters, dataset: Dataset, tokens: TokenStore) -> None:
+    name = _name(command)
+    require_name(name)
+    with dataset.answers() as store:
+        # Tells at once if the name belongs to a simulated rater.
+        store.add_rater(name, "human")
+    token = tokens.add(name)
+    lines = [token, f"This is the token of {name}; it is not shown again."]
+    _show(command, {"name": name, "token": token}, lines)
+
+
+def _list(command: options.Raters, dataset: Dataset, tokens: TokenStore) -> None:
+    known = tokens.names()
+    with dataset.answers_copy() as store:
+        counts = {name: store.count(rater_id=name) for name in known}
+    raters = [
+        {"name": name, "since": token.created_utc, "answers": counts[name]}
+        for name, token in known.items()
+    ]
+    lines = [
+        f"{name:<20} {counts[name]:>6} answers, token of {token.created_utc[:10]}"
+        for name, token in known.items()
+    ]
+    hint = f"nobody has a token; `gaitpref raters --dataset {dataset.root} add NAME`"
+    _show(command, {"raters": raters}, lines or [f"{hint} makes one"])
+
+
+def _stats(command: options.Raters, dataset: Dataset) -> None:
+    with dataset.answers_copy() as store:
+        rows = human_rows(store)
+    names = sorted({answer.rater_id for _, answer in rows})
+    raters = [figures(rows, name) for name in names]
+    together = all_figures(rows)
+    doubted = {each.rater_id: doubts(rows, each) for each in raters}
+    values = {
+        "raters": [
+            _as_json(of_rater) | {"doubts": doubted[of_rater.rater_id]}
+            for of_rater in raters
+        ],
+        "all": _as_json(together),
+    }
+    header = (
+        f"{'rater':<16}{'answers':>8}{'per hour':>10}{'median':>8}{'left':>6}"
+        f"{'self':>6}{'known':>7}{'agree':>7}{'alpha':>7}"
+    )
+    lines = [header, *map(_line, [*raters, together])]
+    lines += [told for name in names for told in doubted[name]]
+    _show(command, values, lines)
+
+
+def _line(of_rater: RaterFigures) -> str:
+    def percent(share: Share) -> str:
+        return "-" if share.share is None else f"{share.share:.0%}"
+
+    def number(value: float | None, digits: int) -> str:
+        return "-" if value is None else f"{value:.{digits}f}"
+
+    return (
+        f"{shown(of_rater.rater_id):<16}{of_rater.answers:>8}"
+        f"{number(of_rater.per_hour, 0):>10}{number(of_rater.median_s, 1):>7}s"
+        f"{percent(of_rater.left):>6}{percent(of_rater.self_consistency):>6}"
+        f"{percent(of_rater.gold):>7}{percent(of_rater.agreement):>7}"
+        f"{number(of_rater.alpha, 2):>7}"
+    )
+
+
+def _as_json(of_rater: RaterFigures) -> dict[str, Any]:
+    """The figures with every share spelled out beside its counts."""
+    values = asdict(of_rater)
+    for name in values:
+        part = getattr(of_rater, name)
+        if isinstance(part, Share):
+            values[name] = asdict(part) | {"share": part.share}
+    return values
+
+
+def _name(command: options.Raters) -> str:
+    if command.name is None:
+        raise GaitprefError(
+            f"whom? `gaitpref raters --dataset {command.dataset} {command.action} NAME`"
+        )
+    return command.name
+
+
+def _show(command: options.Raters, values: dict[str, Any], lines: list[str]) -> None:
+    if command.json:
+        print(json.dumps(values))
+        return
+    for line in lines:
+        say(shown(line))

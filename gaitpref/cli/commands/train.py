@@ -1,0 +1,191 @@
+"""`gaitpref train`: PPO on a hand-written, a criterion's or a learned reward."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from torch import Tensor
+
+from data.datasets.dataset import Dataset
+from data.errors import GaitprefError
+from data.files.lock import only_writer
+from gaitpref.cli.options import options
+from gaitpref.cli.shared.by_hand import (
+    Stage,
+    refuse_beside_method,
+    stage_of,
+    told_without_method,
+)
+from gaitpref.console.progress import console, training_bar
+from gaitpref.console.terminal import EXIT_INTERRUPTED
+from gaitpref.raters.criterion_scores import criterion_context
+from gaitpref.training.by_method import Retraining, rows_of
+from gaitpref.training.total_reward import load_score, total_reward
+from policy.env.curriculum import CurriculumCfg
+from policy.env.env_cfg import RANDOMISE, EnvCfg, getup_env
+from policy.env.known_terms import KnownTermsCfg
+from policy.extensions.bonus import ExplorationBonusCfg
+from policy.extensions.kl_penalty import KlPenaltyCfg
+from policy.training.checkpoint import PolicyError, load_policy
+from policy.training.ppo import PpoCfg, ScoreFn
+from policy.training.setup import Setting, setting_of
+from policy.training.train import POLICY_NAME, RESUME_NAME, TrainCfg, train
+from rewardmodel.models.model import RewardModel
+
+
+def run(command: options.Train) -> int:
+    """Run the command; gives the exit code."""
+    with only_writer(command.out, console.print):
+        return _train(command)
+
+
+def _train(command: options.Train) -> int:
+    names = (POLICY_NAME, RESUME_NAME)
+    if not command.resume and any((command.out / name).exists() for name in names):
+        raise PolicyError(
+            f"{command.out} holds a training run: --resume goes on with it, or give "
+            f"another --out"
+        )
+    setting = setting_of(command.init, command.robot)
+    cfg = _plain_cfg(command, setting)
+    refuse_beside_method(
+        command,
+        {
+            "--keep-task": command.keep_task,
+            "--mirror": command.mirror,
+            "--exploration": command.exploration != "none",
+            "--kl-penalty": command.kl_penalty != "none",
+        },
+    )
+    own = Path(command.reward) if command.round == 1 else None
+    stage = stage_of(command, own=own if own and own.is_dir() else None, least=1)
+    if stage is None:
+        reward_fn = _plain_reward(command, setting, cfg.env)
+    else:
+        retraining = _retraining(command, stage, setting)
+        paid = stage.method.paid.of(retraining.model, stage.context)
+        reward_fn = retraining.reward(paid, cfg)
+        cfg = retraining.trained(cfg)
+    with training_bar("training", command.steps) as bar:
+        result = train(
+            command.out,
+            setting.robot,
+            cfg,
+            reward_fn=reward_fn,
+            reward_name=command.reward + (" and task" if command.keep_task else ""),
+            init=command.init,
+            resume=command.resume,
+            on_iteration=bar,
+        )
+    if not result.finished:
+        print(
+            f"gaitpref: stopped after {result.steps:,} steps; the same command with "
+            f"--resume goes on",
+            file=sys.stderr,
+        )
+        return EXIT_INTERRUPTED
+    console.print(f"the policy is {result.policy}")
+    return 0
+
+
+def _plain_cfg(command: options.Train, setting: Setting) -> TrainCfg:
+    """The training as the command line says it."""
+    env = replace(
+        setting.env,
+        randomise=RANDOMISE[command.randomize],
+        terrain=replace(setting.env.terrain, kind=command.terrain),
+        curriculum=CurriculumCfg() if command.curriculum else None,
+    )
+    if command.getup:
+        env = getup_env(env)
+    return TrainCfg(
+        steps=command.steps,
+        env=env,
+        ppo=PpoCfg(
+            num_envs=command.envs,
+            hidden_sizes=setting.hidden_sizes,
+            bonus=(
+                None
+                if command.exploration == "none"
+                else ExplorationBonusCfg(kind=command.exploration)
+            ),
+            kl_penalty=(
+                None
+                if command.kl_penalty == "none"
+                else KlPenaltyCfg(kind=command.kl_penalty)
+            ),
+            mirror=command.mirror,
+            privileged_critic=command.randomize != "off",
+        ),
+        seed=command.seed,
+        checkpoints=command.checkpoints,
+    )
+
+
+def _plain_reward(
+    command: options.Train, setting: Setting, env: EnvCfg
+) -> ScoreFn | None:
+    """What is paid without a method; None is the environment's own."""
+    if command.reward == "task":
+        return None
+    score = load_score(command.reward, criterion_context(setting.robot, env))
+    if isinstance(score, RewardModel):
+        console.print(told_without_method("pays a learned reward otherwise"))
+    return total_reward(
+        score, setting.robot, env, known=KnownTermsCfg(), keep_task=command.keep_task
+    )
+
+
+def _retraining(command: options.Train, stage: Stage, setting: Setting) -> Retraining:
+    """What a round of the loop trains with.
+
+    Raises:
+        GaitprefError: something the method needs is missing.
+    """
+    style = stage.method.tracking is not None
+    for name, needed in (
+        ("--init POLICY, which it goes on from", command.init),
+        ("--dataset DIR, with the clips the reward was fitted to", command.dataset),
+    ):
+        if needed is None:
+            raise GaitprefError(f"--method {command.method} needs {name}")
+    if stage.context.is_first:
+        raise GaitprefError(
+            "--round 0 trains on no learned reward: give --round 1 or a later one"
+        )
+    assert command.init is not None
+    assert command.dataset is not None
+    score = load_score(command.reward, criterion_context(setting.robot, setting.env))
+    if not isinstance(score, RewardModel):
+        raise GaitprefError(
+            f"--method {command.method} pays a learned reward: --reward must be a "
+            f"directory of `gaitpref fit`, got {command.reward}"
+        )
+    base = command.base or command.init
+    return Retraining(
+        method=stage.method,
+        context=stage.context,
+        robot=setting.robot,
+        model=score,
+        seen=_newest_rows(Dataset.open(command.dataset)),
+        start=load_policy(command.init),
+        base=load_policy(base) if style else None,
+    )
+
+
+def _newest_rows(dataset: Dataset) -> Tensor:
+    """Rows [T, N, F] of some episodes of the newest round.
+
+    Raises:
+        GaitprefError: there is none.
+    """
+    entries = dataset.entries()
+    if not entries:
+        raise GaitprefError(
+            f"{dataset.root} holds no episode: give the --dataset the "
+            "reward was fitted to"
+        )
+    newest = max(entry.meta.round for entry in entries)
+    return rows_of(dataset, [e.sha256 for e in entries if e.meta.round == newest])

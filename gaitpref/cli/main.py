@@ -1,0 +1,169 @@
+"""The command `gaitpref`: parse, run, and turn what the user can mend into one line."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import tyro
+
+from data.errors import GaitprefError
+from data.files.faults import is_full, told
+from gaitpref.cli.options import options
+from gaitpref.cli.options.bounds import require_bounds
+from gaitpref.console.extras import missing
+from gaitpref.console.terminal import (
+    EXIT_INTERRUPTED,
+    UNSAID,
+    complain,
+    drop_output,
+    finish,
+    prepare,
+)
+
+from .usage import did_you_mean, require_command
+
+EXIT_BAD_INPUT = 2
+EXIT_NOT_READ = 141
+"""As of a program that SIGPIPE ends."""
+
+
+def parse(args: Sequence[str] | None = None) -> options.Command:
+    """The command of the arguments; exits on `--help` and on bad usage.
+
+    Raises:
+        UsageError: there is no such command.
+    """
+    args = sys.argv[1:] if args is None else args
+    if list(args) == ["--version"]:
+        print(f"gaitpref {importlib.metadata.version('gaitpref')}")
+        raise SystemExit(0)
+    require_command(args)
+    try:
+        return tyro.cli(
+            options.Command,
+            prog="gaitpref",
+            description="Turns preferences between gaits into a better policy. "
+            "`gaitpref --version` says which version this is.",
+            args=args,
+            config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes),
+        )
+    except SystemExit as left:
+        if left.code and (meant := did_you_mean(args)):
+            complain(meant)
+        raise
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run one command; the exit code is 0 only on success."""
+    prepare()
+    command: options.Command | None = None
+    try:
+        try:
+            command = parse(args)
+            code = run(command)
+        except SystemExit:
+            finish()
+            raise
+        finish()
+        if UNSAID:
+            complain(UNSAID[0])
+            return EXIT_BAD_INPUT
+        return code
+    except BrokenPipeError:
+        # Whoever read along has had enough; nothing more can be said to them.
+        drop_output()
+        return EXIT_NOT_READ
+    except GaitprefError as error:
+        complain(" ".join(str(error).split()), error.lines)
+        return EXIT_BAD_INPUT
+    except OSError as error:
+        return _failed(error, command)
+    except KeyboardInterrupt:
+        complain("interrupted; the same command goes on")
+        return EXIT_INTERRUPTED
+
+
+def _failed(error: OSError, command: options.Command | None) -> int:
+    """Say what the system refused; what nobody can mend is a bug and shown as one."""
+    try:
+        finish()
+    except OSError as of_output:
+        error = of_output
+        drop_output()
+    if error.filename is None:
+        # A write that fails does not say where, but where it was to is known.
+        error.filename = _place(command)
+    line = told(error)
+    if line is None:
+        raise error
+    if isinstance(command, options.Train) and is_full(error):
+        line += " with --resume"
+    complain(line)
+    return EXIT_BAD_INPUT
+
+
+_HOMES: dict[type, tuple[str, str]] = {
+    options.Answer: ("answer", "train"),
+    options.Evaluate: ("evaluate", "train"),
+    options.Explain: ("explain", "train"),
+    options.Export: ("export", "train,onnx"),
+    options.Fit: ("fit", "fit"),
+    options.Label: ("label", "label"),
+    options.Loop: ("loop", "train"),
+    options.Method: ("method", "train"),
+    options.Pairs: ("pairs", "fit"),
+    options.Play: ("play", "train,label"),
+    options.Raters: ("raters", "label"),
+    options.Record: ("record", "train"),
+    options.Relabel: ("fit", "fit"),
+    options.Report: ("report", "train"),
+    options.Robot: ("robot", "train,label"),
+    options.Train: ("train", "train"),
+    options.Trust: ("trust", "train"),
+}
+"""Module of each command, and the extra that installs what it imports."""
+
+
+def _place(command: options.Command | None) -> Path | None:
+    """Where a command writes to, as it was told."""
+    told_to = command.action if isinstance(command, options.Data) else command
+    for name in ("out", "run", "dataset"):
+        if isinstance(place := getattr(told_to, name, None), Path):
+            return place
+    return None
+
+
+def run(command: options.Command) -> int:
+    """Hand the command to its function."""
+    require_bounds(command)
+    if isinstance(command, options.Data):
+        from gaitpref.cli.commands import data as data_commands
+
+        return data_commands.run(command.action)
+    # Imported here: the packages a command needs are heavy, and a labeler has no torch.
+    module, extra = _home_of(command)
+    try:
+        commands = importlib.import_module(f"gaitpref.cli.commands.{module}")
+    except ModuleNotFoundError as error:
+        raise missing(error, extra) from None
+    if torch := sys.modules.get("torch"):
+        # The networks are small: a second thread wins little, loses a lot where another
+        # process wants the core, and would let results depend on the number of cores.
+        torch.set_num_threads(1)
+    return commands.run(command)
+
+
+def _home_of(command: options.Command) -> tuple[str, str]:
+    """The module of a command, and the extra that installs what it imports."""
+    for kind, home in _HOMES.items():
+        if isinstance(command, kind):
+            return home
+    raise TypeError(f"no module runs the command {type(command).__name__}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,107 @@
+"""What can be typed after `gaitpref`, and what was meant by what cannot."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+from dataclasses import fields, is_dataclass
+from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+import tyro
+
+from data.errors import GaitprefError
+from gaitpref.cli.options import data_options, options
+
+DATA = "data"
+
+
+class UsageError(GaitprefError):
+    """There is no such command."""
+
+
+def commands() -> dict[tuple[str, ...], type]:
+    """The options of every command by its words."""
+    found = {(name,): cls for name, cls in _named(options.Command)}
+    del found[(DATA,)]
+    return found | {(DATA, n): cls for n, cls in _named(data_options.Action)}
+
+
+def require_command(args: Sequence[str]) -> None:
+    """Make sure that the first words are a command.
+
+    Raises:
+        UsageError: they are none; the message names the nearest one.
+    """
+    known = [name for name, _ in _named(options.Command)]
+    _require_one(args[:1], known, "gaitpref")
+    if list(args[:1]) == [DATA]:
+        actions = [name for name, _ in _named(data_options.Action)]
+        _require_one(args[1:2], actions, f"gaitpref {DATA}")
+
+
+def did_you_mean(args: Sequence[str]) -> str:
+    """What an option or a choice nearly is; empty where nothing comes near."""
+    for words, cls in commands().items():
+        if tuple(args[: len(words)]) == words:
+            return _nearest_option(args[len(words) :], _choices(cls))
+    return ""
+
+
+def _named(union: Any) -> Iterable[tuple[str, type]]:
+    for member in get_args(union):
+        cls, subcommand = get_args(member)
+        yield subcommand.name, cls
+
+
+def _require_one(word: Sequence[str], known: list[str], program: str) -> None:
+    if not word or word[0].startswith("-") or word[0] in known:
+        return
+    near = difflib.get_close_matches(word[0], known, 1)
+    meant = f"did you mean `{program} {near[0]}`? " if near else ""
+    raise UsageError(
+        f"there is no command {word[0][:60]!r}; {meant}`{program} --help` lists "
+        f"{', '.join(known)}"
+    )
+
+
+def _choices(cls: type) -> dict[str, tuple[str, ...]]:
+    """Options of a command and what each can be chosen from; nothing if anything goes.
+
+    What has no name but a place is under the empty name.
+    """
+    hints = get_type_hints(cls, include_extras=True)
+    found: dict[str, tuple[str, ...]] = {}
+    for field in fields(cls):
+        if is_dataclass(hint := hints[field.name]) and isinstance(hint, type):
+            found |= _choices(hint)
+        else:
+            typed = tyro.conf.Positional not in getattr(hint, "__metadata__", ())
+            name = f"--{field.name.replace('_', '-')}" if typed else ""
+            found[name] = found.get(name, ()) + tuple(_literals(hint))
+    return found
+
+
+def _literals(hint: Any) -> Iterable[str]:
+    if get_origin(hint) is Literal:
+        yield from map(str, get_args(hint))
+    for part in get_args(hint):
+        yield from _literals(part)
+
+
+def _nearest_option(args: Sequence[str], known: dict[str, tuple[str, ...]]) -> str:
+    for index, arg in enumerate(args):
+        name, _, value = arg.partition("=")
+        if name.startswith("--") and name not in known:
+            near = difflib.get_close_matches(name.replace("_", "-"), list(known), 1)
+            if near:
+                return f"did you mean {near[0]} instead of {name}?"
+        elif known.get(name):
+            value = value or "".join(args[index + 1 : index + 2])
+            near = difflib.get_close_matches(value, known[name], 1)
+            if near and value not in known[name]:
+                return f"did you mean {name} {near[0]} instead of {value}?"
+    first, places = "".join(args[:1]), known.get("", ())
+    near = difflib.get_close_matches(first, places, 1)
+    if near and first not in places:
+        return f"did you mean {near[0]} instead of {first}?"
+    return ""

@@ -1,0 +1,1 @@
+"""What the console says: lines, alarms, progress, and which package is missing."""

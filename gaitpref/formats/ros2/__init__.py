@@ -1,0 +1,1 @@
+"""Bags of robots as episodes."""

@@ -1,0 +1,92 @@
+"""The facts of a run, and its method: everything that decides how it goes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from data.errors import GaitprefError
+from gaitpref.method.method import Method
+from gaitpref.raters.rater_cfg import RaterCfg
+from policy.env.env_cfg import EnvCfg
+from policy.rollouts.record import RecordCfg
+from policy.training.ppo import PpoCfg
+from rewardmodel.answers.answered_pairs import MIN_ANSWERS
+from rewardmodel.asking.clip_questions import ClipCfg
+
+
+class RunError(GaitprefError):
+    """A run directory cannot be used."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepsCfg:
+    """Environment steps of the trainings of a run."""
+
+    base: int
+    """Of the policy the first questions are asked about."""
+    round: int
+    """Of a retraining."""
+    last: int
+    """Of the last retraining."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopCfg:
+    """Everything that decides how a run goes."""
+
+    method: Method
+    """What is decided on the way, and how."""
+    rounds: int
+    """Times questions are asked and the policy is retrained."""
+    labels: int
+    """Answers in all."""
+    rater: Literal["simulated", "human"]
+    """Who answers."""
+    simulated: RaterCfg = field(default_factory=RaterCfg)
+    """How the simulated rater errs; as it is, never."""
+    criterion: str
+    """What the simulated rater looks for, and what the report measures."""
+    base: str
+    """`task`, `none` or a policy file."""
+    robot: str | None
+    """MJCF file; None is the Go1 that ships."""
+    seed: int
+    """Where all chance comes from."""
+    steps: StepsCfg
+    """How long is trained."""
+    clips: ClipCfg = field(default_factory=ClipCfg)
+    """How episodes are cut into clips."""
+    stop_asking: bool = False
+    """Whether a round asks no further batch where more answers will not help now."""
+    record: RecordCfg = field(default_factory=RecordCfg)
+    """How many episodes are recorded every round, and how long; of what, the method
+    says."""
+    evaluation_episodes: int = 64
+    """Episodes of each round's evaluation."""
+    env: EnvCfg = field(default_factory=EnvCfg)
+    """The environment."""
+    ppo: PpoCfg = field(default_factory=PpoCfg)
+    """The algorithm."""
+
+    def __post_init__(self) -> None:
+        if self.rounds < 1:
+            raise RunError(f"--rounds must be at least 1, got {self.rounds}")
+        each = self.method.budget.least
+        least = MIN_ANSWERS + each * (self.rounds - 1)
+        if self.labels < least:
+            raise RunError(
+                f"--labels {self.labels} is too few for {self.rounds} rounds: the "
+                f"first needs {MIN_ANSWERS} answers and each other {each}, so "
+                f"give at least {least}, or fewer --rounds"
+            )
+
+    @property
+    def keeps_task(self) -> bool:
+        """Whether the hand-written walking reward stays part of the total."""
+        return self.base != "none"
+
+    @property
+    def wish(self) -> str | None:
+        """The criterion that is looked for; None where people know what they want."""
+        return self.criterion if self.rater == "simulated" else None

@@ -1,0 +1,203 @@
+"""The stage of a round that asks: choose pairs, have them answered, choose again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from data.answers.answer_records import Pair
+from data.datasets.dataset import Dataset, EpisodeEntry
+from data.files.files import read_json
+from gaitpref.console.progress import console
+from gaitpref.method.context import RoundContext
+from gaitpref.raters.criteria import Criterion
+from gaitpref.report.fit_summary import what_remains
+from policy.rollouts.babble import BABBLE_SHA256
+from rewardmodel.answers.answered_pairs import MIN_ANSWERS, count_evidence, load_pairs
+from rewardmodel.asking.clip_questions import ask, with_known_answer
+from rewardmodel.fitting.fit_reward import fit_reward
+from rewardmodel.fitting.stopping import remaining
+
+from .collect import Collector, asked_and_left
+from .loop_cfg import LoopCfg
+from .people import People
+from .run_dir import Round, seed_of
+from .show_stage import STRATEGY, labels_kept, pairs_of_both, to_compare
+
+GOLD_SHARE = 0.05
+"""Pairs with a known answer to every pair that people are asked."""
+
+
+def questions_stage(
+    cfg: LoopCfg,
+    round: Round,
+    context: RoundContext,
+    dataset: Dataset,
+    criterion: Criterion,
+    people: People,
+) -> None:
+    """Ask the round's questions in batches, each where the answers so far leave doubt.
+
+    Within one batch, questions about the same doubt are as good as one.
+    """
+    if round.reward.exists():
+        return
+    collector = Collector(
+        cfg=cfg,
+        round=round,
+        dataset=dataset,
+        criterion=criterion,
+        people=people,
+        ask_more=partial(_add_pairs, cfg, round, context, dataset),
+    )
+    budget = cfg.method.budget
+    kept = labels_kept(cfg.method, context)
+    count = budget.labels_of(context, kept=kept)
+    with dataset.answers() as store:
+        while True:
+            asked, _ = asked_and_left(store, round.number)
+            last = asked >= count
+            if asked and not collector.answered(count, last=last):
+                return
+            if asked and _enough(cfg, context, dataset):
+                return
+            if last:
+                count = _count_going_on(cfg, context, dataset, asked)
+                if asked >= count:
+                    return
+            batch = min(cfg.method.questions.batch, count - asked)
+            _add_pairs(cfg, round, context, dataset, batch)
+
+
+def _count_going_on(
+    cfg: LoopCfg, context: RoundContext, dataset: Dataset, asked: int
+) -> int:
+    """Answers to ask for in all where a round has asked for its own: more in the first,
+    while the members of a reward fitted to them contradict each other.
+
+    What it does not know of a first walk no later answer tells: there is no walk then.
+    """
+    budget, batch = cfg.method.budget, cfg.method.questions.batch
+    most = budget.most_first(context, kept=labels_kept(cfg.method, context))
+    if not context.is_first or asked >= most:
+        return asked
+    pairs = load_pairs([dataset], at_least=0)
+    if pairs.too_little:
+        console.print(f"round 0: {pairs.too_little}, so it asks on, up to {most}")
+        return min(asked + batch, most)
+    seed = seed_of(cfg, 0, 5)
+    model, _ = fit_reward(pairs, cfg.method.fit_of(context), seed=seed, measured=False)
+    agreement = remaining(model, pairs).agreement
+    if agreement >= budget.first_agreement:
+        return asked
+    console.print(
+        f"round 0: what {asked} answers say is open (agreement {agreement:.2f}, "
+        f"{budget.first_agreement} would do), so it asks on, up to {most}"
+    )
+    return min(asked + batch, most)
+
+
+def _add_pairs(
+    cfg: LoopCfg, round: Round, context: RoundContext, dataset: Dataset, count: int
+) -> None:
+    """Choose `count` more pairs of a round: first of its policy beside the one before,
+    where that is to be judged."""
+    with dataset.answers() as store:
+        known = store.pairs()
+        informed_from = cfg.method.questions.informed_from
+        enough = count_evidence(store, dataset) >= informed_from
+    # More pairs for the same round are others, even after a restart.
+    before = [pair for pair in known if pair.round == round.number]
+    asked_before = len(before)
+    entries = _episodes_asked_about(cfg, round, dataset)
+    rng = np.random.default_rng([seed_of(cfg, round.number, 3), asked_before])
+    chosen: list[Pair] = []
+    both = to_compare(cfg.method, round, context)
+    if both and cfg.method.accept:
+        judged = sum(pair.strategy == STRATEGY for pair in before)
+        most = min(count, cfg.method.accept.noisy_labels - judged)
+        shas = (policy.sha256 for policy in both)
+        beside = pairs_of_both(cfg, round, dataset, *shas, known=known)
+        chosen = beside[: max(0, most)]
+    if len(chosen) < count:
+        model = None
+        if enough:
+            seed = seed_of(cfg, round.number, 7, asked_before)
+            fit = cfg.method.fit_of(context)
+            # Only its doubt is asked for; the round's own fit is the one measured.
+            pairs = load_pairs([dataset], at_least=informed_from)
+            model, _ = fit_reward(pairs, fit, seed=seed, measured=False)
+        chosen += ask(
+            dataset,
+            entries,
+            cfg.clips,
+            count - len(chosen),
+            known=[*known, *chosen],
+            model=model,
+            round_number=round.number,
+            uniform_share=cfg.method.questions.uniform_share,
+            strategy=cfg.method.questions.strategy,
+            rng=rng,
+        )
+    if cfg.rater == "human":
+        chosen += with_known_answer(
+            entries,
+            cfg.clips,
+            _gold_wanted(before, count),
+            known=[*known, *chosen],
+            round_number=round.number,
+            rng=rng,
+        )
+    with dataset.answers() as store:
+        store.add_pairs(chosen)
+
+
+def _episodes_asked_about(
+    cfg: LoopCfg, round: Round, dataset: Dataset
+) -> list[EpisodeEntry]:
+    """The round's own episodes, and some of what earlier policies did; not those that
+    are gone."""
+    by_sha256 = {entry.sha256: entry for entry in dataset.entries()}
+    own, *before = (
+        [
+            by_sha256[name]
+            for name in read_json(Round(round.run, n).recorded)
+            if name in by_sha256
+        ]
+        for n in range(round.number, -1, -1)
+    )
+    earlier = [
+        entry
+        for entries in before
+        for entry in entries
+        if entry.meta.policy_sha256 != BABBLE_SHA256
+    ]
+    count = min(len(earlier), int(cfg.method.clips.earlier_share * len(own)))
+    rng = np.random.default_rng(seed_of(cfg, round.number, 8))
+    return own + [earlier[i] for i in rng.permutation(len(earlier))[:count]]
+
+
+def _enough(cfg: LoopCfg, context: RoundContext, dataset: Dataset) -> bool:
+    """Whether the round's questions end here, because more answers will not help."""
+    if not cfg.stop_asking:
+        return False
+    with dataset.answers() as store:
+        if count_evidence(store, dataset) < MIN_ANSWERS:
+            return False
+    seed = seed_of(cfg, context.number, 5)
+    fit = cfg.method.fit_of(context)
+    _, report = fit_reward(load_pairs([dataset]), fit, seed=seed)
+    if report.enough:
+        console.print(
+            f"round {context.number}: {what_remains(report)}, so it stops asking"
+        )
+    return report.enough
+
+
+def _gold_wanted(before: Sequence[Pair], count: int) -> int:
+    """Pairs with a known answer that go with `count` more pairs of a round."""
+    gold = sum(pair.gold is not None for pair in before)
+    return max(0, math.ceil(GOLD_SHARE * (len(before) - gold + count)) - gold)

@@ -1,0 +1,115 @@
+"""The stages of a round, each a function from finished files to finished files.
+
+A stage writes under a temporary name or adds what is named by its content, and ends
+with one rename; one that finds its result already there does nothing. So the loop can
+be killed anywhere and started again.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from typing import Any
+
+from data.datasets.dataset import Dataset
+from data.files.files import read_json, write_atomically
+from gaitpref.console.progress import console
+from gaitpref.method.verdict import Verdict
+from gaitpref.raters.criteria import Criterion
+from gaitpref.raters.criterion_scores import score_of_criterion
+from gaitpref.report.findings import findings_of_run
+from policy.rollouts.evaluate import evaluate, rollout_features, summarise
+from policy.training.checkpoint import load_policy
+from policy.training.ppo import ScoreFn
+from policy.training.train import SUMMARY_NAME
+from rewardmodel.models.storage import load_reward
+
+from .drift import trust_of_round
+from .loop_cfg import LoopCfg
+from .run_dir import Round, began_from, seed_of
+
+
+def began_with(cfg: LoopCfg, round: Round) -> float:
+    """Return, under the reward a round trained on, of the policy it began from."""
+    began = began_from(round)
+    if began == round.before.policy:
+        return read_json(round.before.report)["learned_return_next"]
+    return evaluate(
+        load_policy(began),
+        load_reward(round.before.reward),
+        episodes=cfg.evaluation_episodes,
+        seed=seed_of(cfg, 0, 6),
+    ).return_mean
+
+
+def report_stage(
+    cfg: LoopCfg, round: Round, dataset: Dataset, criterion: Criterion
+) -> None:
+    """Evaluate the round's policy under the criterion and the learned rewards."""
+    if round.report.exists():
+        return
+    policy = load_policy(round.policy)
+    # One seed for all rounds: their policies start from the same states.
+    env = policy.info.env
+    features, lengths = rollout_features(
+        policy,
+        policy.robot(),
+        env,
+        episodes=cfg.evaluation_episodes,
+        seed=seed_of(cfg, 0, 6),
+    )
+
+    def measured(score_fn: ScoreFn) -> dict[str, Any]:
+        return asdict(
+            summarise(features, lengths, score_fn, control_dt_s=env.control_dt_s)
+        )
+
+    result: dict[str, Any] = {
+        "round": round.number,
+        "policy_steps": policy.info.steps,
+        "policy_sha256": policy.sha256,
+        "evaluation": measured(score_of_criterion(criterion)),
+    }
+    summary = round.policy.parent / SUMMARY_NAME
+    if summary.exists():
+        result["training"] = read_json(summary)
+    if round.approval.exists():
+        result["approval"] = read_json(round.approval)
+    if round.verdict.exists():
+        result["verdict"] = read_json(round.verdict)
+    if round.decided.exists():
+        result["decided"] = read_json(round.decided)
+    if round.standstill.exists():
+        result["standstill"] = read_json(round.standstill)
+    rose = False
+    if round.number:
+        trained_against = measured(load_reward(round.before.reward))
+        result["learned_return"] = trained_against["return_mean"]
+        rose = result["learned_return"] > began_with(cfg, round)
+    if round.reward.exists():
+        model = load_reward(round.reward)
+        result["learned_return_next"] = measured(model)["return_mean"]
+        result["fit"] = asdict(model.provenance.report)
+    result["trust"] = trust_of_round(
+        cfg, round, dataset, features, lengths, return_rose=rose
+    )
+    write_atomically(round.report, json.dumps(result, indent=1).encode())
+    evaluation = result["evaluation"]
+    console.print(
+        f"round {round.number}: return {evaluation['return_mean']:.2f} "
+        f"± {evaluation['return_ci95']:.2f} under {cfg.criterion}, tracking error "
+        f"{evaluation['tracking_error_m_s']:.2f} m/s, "
+        f"{evaluation['falls_per_minute']:.2f} falls/min"
+    )
+    for reason in result["trust"]["alarms"]:
+        console.alarm(f"round {round.number}: {reason}")
+    findings = findings_of_run(
+        [*(read_json(Round(round.run, n).report) for n in range(round.number)), result],
+        criterion=cfg.wish,
+    )
+    for besides in findings.besides:
+        console.print(f"round {round.number}: {besides}")
+    if "verdict" in result:
+        verdict = Verdict.from_json(result["verdict"])
+        console.print(f"the run: {verdict.sentence}")
+        console.print(f"next: {verdict.advice(round.run)}")

@@ -1,0 +1,79 @@
+"""The loop: the stages of every round in their order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+
+from data.answers.address import Address
+from data.datasets.dataset import Dataset
+from data.files.lock import only_writer
+from gaitpref.console.progress import console
+
+from .fit_stage import fit_stage
+from .loop_cfg import LoopCfg
+from .people import People
+from .policy_stage import policy_stage
+from .questions_stage import questions_stage
+from .record_stage import record_stage
+from .report_stage import report_stage
+from .run_config import claim
+from .run_dir import Round, context_of
+from .run_inputs import inputs_of
+from .run_report import PAGE_NAME, write_report
+from .show_stage import show_stage
+from .verdict_stage import approval_stage, verdict_stage
+
+OpenPage = Callable[[Dataset], AbstractContextManager[People]]
+"""Lets people in to the run's data set while the loop runs."""
+
+
+def no_page(dataset: Dataset) -> AbstractContextManager[People]:
+    """Nobody is let in."""
+    return nullcontext(People())
+
+
+def run_configured(
+    run: Path,
+    cfg: LoopCfg,
+    *,
+    open_page: OpenPage = no_page,
+    answers: Address | None = None,
+) -> Path:
+    """Run or go on with the loop of `cfg` in the directory `run`.
+
+    Args:
+        run: The run's directory.
+        cfg: Everything that decides how the run goes.
+        open_page: Lets people in while it runs.
+        answers: Where pairs and answers are kept, if not in a file of the run. It is
+            no part of the configuration: it may hold a password.
+    """
+    with only_writer(run, console.print):
+        _run(run, cfg, open_page, answers)
+    return run / PAGE_NAME
+
+
+def _run(run: Path, cfg: LoopCfg, open_page: OpenPage, answers: Address | None) -> None:
+    inputs = inputs_of(cfg)
+    robot, criterion = inputs.robot, inputs.criterion
+    claim(run, cfg, inputs.contents)
+    dataset = Dataset.create(run / "dataset", answers=answers)
+    with open_page(dataset) as people:
+        for number in range(cfg.rounds + 1):
+            round = Round(run, number)
+            round.root.mkdir(parents=True, exist_ok=True)
+            context = context_of(cfg, round, dataset)
+            policy_stage(cfg, round, context, robot, dataset, people)
+            if number < cfg.rounds:
+                record_stage(cfg, round, dataset, people)
+                show_stage(cfg, round, context, dataset, people)
+                questions_stage(cfg, round, context, dataset, criterion, people)
+                approval_stage(cfg.method, round, context, dataset)
+                fit_stage(cfg, round, context, dataset, people)
+            else:
+                show_stage(cfg, round, context, dataset, people)
+                verdict_stage(cfg, round, context, dataset, criterion, people)
+            report_stage(cfg, round, dataset, criterion)
+            write_report(run)

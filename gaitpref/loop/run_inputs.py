@@ -1,0 +1,47 @@
+"""What the names in a run's configuration stand for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from data.files.files import sha256_file
+from gaitpref.raters.criteria import Criterion, load_criterion
+from gaitpref.raters.criterion_scores import criterion_context
+from policy.robots.robot import Robot
+from policy.training.identity import content_of
+from policy.training.setup import setting_of
+
+from .loop_cfg import LoopCfg
+
+
+@dataclass(frozen=True, eq=False)
+class RunInputs:
+    """The things from outside that decide how a run goes."""
+
+    robot: Robot
+    criterion: Criterion
+    base_sha256: str | None
+    """Of the policy file it begins with; None where it begins with none."""
+
+    @property
+    def contents(self) -> dict[str, Any]:
+        """Plain values that are the same as long as what is behind the names is."""
+        return {
+            "base": self.base_sha256,
+            "robot": self.robot.model_sha256,
+            "criterion": content_of(self.criterion),
+        }
+
+
+def inputs_of(cfg: LoopCfg) -> RunInputs:
+    """What the names in `cfg` stand for now.
+
+    Raises:
+        GaitprefError: one of them cannot be used.
+    """
+    base = None if cfg.base in ("task", "none") else Path(cfg.base)
+    robot = setting_of(base, None if cfg.robot is None else Path(cfg.robot)).robot
+    criterion = load_criterion(cfg.criterion, criterion_context(robot, cfg.env))
+    return RunInputs(robot, criterion, None if base is None else sha256_file(base))

@@ -1,0 +1,229 @@
+"""The page of a run: curves per round and a table, in one file that needs no server."""
+
+from __future__ import annotations
+
+import html
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from data.files.files import read_json, write_atomically
+from gaitpref.report.pictures import BLUE, GREY, plain_axes, svg_of
+from gaitpref.report.trust_section import (
+    alarm_section,
+    approval_section,
+    clips_section,
+    decided_section,
+    standstill_section,
+    trust_cells,
+    verdict_section,
+)
+
+from .loop_cfg import LoopCfg, RunError
+from .run_config import read_config
+
+PAGE_NAME = Path("report") / "index.html"
+"""The page, from the directory of the run."""
+
+_STYLE = """
+:root { color-scheme: light dark; --line: #d5dae0; --soft: #66707c; }
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto;
+       padding: 0 1rem; }
+h1 { font-size: 1.6rem; margin-bottom: .2rem; } p.lead { color: var(--soft); }
+table { border-collapse: collapse; width: 100%; margin: 1rem 0; }
+th, td { text-align: right; padding: .3rem .4rem; font-size: .85rem;
+         border-bottom: 1px solid var(--line); }
+th:first-child, td:first-child { text-align: left; }
+.alarm { border-left: 4px solid #b3382c; padding: .2rem 1rem; }
+.curves { display: grid; grid-template-columns: repeat(auto-fit, minmax(17rem, 1fr));
+          gap: 1rem; }
+.curves figure { margin: 0; background: #fff; border: 1px solid var(--line);
+                 border-radius: 8px; padding: .4rem; }
+.curves svg { width: 100%; height: auto; display: block; }
+.curves figcaption { color: #333; font-size: .9rem; text-align: center; }
+code, pre { font-size: .9rem; } pre { overflow-x: auto; }
+"""
+
+
+def write_report(run: Path) -> Path:
+    """Write `report/index.html` of the run; gives its path.
+
+    Raises:
+        RunError: the directory holds no run, or no round is finished yet.
+    """
+    cfg = read_config(run)
+    rounds = read_rounds(run)
+    try:
+        text = render(run, cfg, rounds)
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as why:
+        raise RunError(
+            f"the reports of the rounds of {run} are not what a loop writes "
+            f"({type(why).__name__}: {why}); restore them from a copy"
+        ) from why
+    page = run / PAGE_NAME
+    page.parent.mkdir(exist_ok=True)
+    write_atomically(page, text.encode())
+    return page
+
+
+def read_rounds(run: Path) -> list[dict[str, Any]]:
+    """What every finished round reported, in order.
+
+    Raises:
+        RunError: no round is finished yet.
+        FileError: a report is damaged.
+    """
+    files = sorted((run / "rounds").glob("*/report.json"))
+    if not files:
+        raise RunError(
+            f"{run} has no finished round yet: `gaitpref loop` with the command it was "
+            f"started with goes on"
+        )
+    return [read_json(file) for file in files]
+
+
+def render(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
+    """The page as HTML."""
+    first, last = rounds[0]["evaluation"], rounds[-1]["evaluation"]
+    title = html.escape(f"gaitpref: {run.name}")
+    criterion = html.escape(cfg.criterion)
+    # A round whose answers do not agree is not trained on.
+    trained = sum("training" in round for round in rounds[1:])
+    done = f"{len(rounds) - 1} of {cfg.rounds} rounds answered, {trained} trained on"
+    measured = (
+        f"Return under <code>{criterion}</code>: {_interval(first)} with the first "
+        f"policy, {_interval(last)} with the last. Tracking error "
+        f"{first['tracking_error_m_s']:.2f} to {last['tracking_error_m_s']:.2f} m/s, "
+        f"falls {first['falls_per_minute']:.2f} to {last['falls_per_minute']:.2f} "
+        f"a minute."
+    )
+    settings = html.escape(
+        f"base {cfg.base}, {cfg.labels} answers in {cfg.rounds} rounds by the "
+        f"{cfg.rater} rater, seed {cfg.seed}"
+    )
+    return (
+        f'<!doctype html><html lang="en"><meta charset="utf-8">'
+        f'<meta name="viewport" content="width=device-width"><title>{title}</title>'
+        f"<style>{_STYLE}</style><h1>{title}</h1>"
+        f'<p class="lead">{settings}; {done}.</p>{verdict_section(run, rounds)}'
+        f"<p>{measured}</p>"
+        f"{decided_section(rounds)}{standstill_section(rounds)}"
+        f"{approval_section(rounds)}"
+        f"{alarm_section(rounds, cfg.wish)}"
+        f'<div class="curves">{_curves(criterion, rounds)}</div>{_table(rounds)}'
+        f"{clips_section(run, rounds)}"
+        f"<p>Returns are means over {last['episodes']} episodes on a fixed grid of "
+        f"commands, without exploration noise, with 95 % intervals. Held-out accuracy "
+        f"is measured on episodes the model of their fold has not seen. The learned "
+        f"return is that of the reward a policy was trained against, which is new in "
+        f"every round. The drift is the KL divergence per step from the policy of the "
+        f"round before. Accuracy on own clips: answers about a round's clips, foreseen "
+        f"from the answers before. Far: motion farther from every clip judged before "
+        f"than 95 % of those are from one another. The score's share is that of the "
+        f"learned reward in all the policy was trained on at the end, the spread that "
+        f"of its ensemble, in deviations of the reward.</p></html>\n"
+    )
+
+
+def _interval(evaluation: dict[str, Any]) -> str:
+    return f"{evaluation['return_mean']:.2f} ± {evaluation['return_ci95']:.2f}"
+
+
+def _curves(criterion: str, rounds: list[dict[str, Any]]) -> str:
+    def evaluated(key: str) -> list[tuple[int, float]]:
+        return [(r["round"], r["evaluation"][key]) for r in rounds]
+
+    returns = _axes(f"Return under {criterion}")
+    points = evaluated("return_mean")
+    widths = [r["evaluation"]["return_ci95"] for r in rounds]
+    returns.errorbar(*zip(*points, strict=True), yerr=widths, color=BLUE, capsize=3)
+
+    learned = _axes("Learned return: before and after training on it")
+    for before, after in pairwise(rounds):
+        if "learned_return_next" in before and "learned_return" in after:
+            pair = (before["learned_return_next"], after["learned_return"])
+            learned.plot((before["round"], after["round"]), pair, "o-", color=BLUE)
+
+    accuracy = _axes("Held-out accuracy of the reward")
+    fits = [(r["round"], r["fit"]) for r in rounds if r.get("fit")]
+    for number, fit in fits:
+        if fit["held_out_accuracy"] is not None:
+            low, high = fit["held_out_interval"]
+            accuracy.plot((number, number), (low, high), color=GREY)
+            accuracy.plot(number, fit["held_out_accuracy"], "o", color=BLUE)
+    accuracy.axhline(0.5, color=GREY, linestyle=":")
+    accuracy.set_ylim(0, 1.05)
+
+    figures = [returns, learned, accuracy]
+    for key, label in (
+        ("tracking_error_m_s", "Tracking error, m/s"),
+        ("falls_per_minute", "Falls per minute"),
+        ("power_w", "Mechanical power, W"),
+    ):
+        axes = _axes(label)
+        axes.plot(*zip(*evaluated(key), strict=True), "o-", color=BLUE)
+        axes.set_ylim(bottom=0)
+        figures.append(axes)
+    for axes in figures:
+        axes.set_xlim(-0.3, rounds[-1]["round"] + 0.3)
+    return "".join(f"<figure>{svg_of(axes)}</figure>" for axes in figures)
+
+
+def _axes(title: str) -> Axes:
+    axes = Figure(figsize=(4.2, 2.7), layout="constrained").subplots()
+    axes.set_xlabel("round", fontsize=9)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    return plain_axes(axes, title)
+
+
+def _table(rounds: list[dict[str, Any]]) -> str:
+    heads = (
+        "round",
+        "steps",
+        "answers",
+        "held-out accuracy",
+        "calibration error",
+        "on own clips",
+        "far",
+        "return",
+        "tracking error",
+        "falls/min",
+        "drift",
+        "score's share",
+        "spread",
+    )
+    rows = "".join(
+        f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in _cells(r))}</tr>"
+        for r in rounds
+    )
+    return (
+        "<table><tr>" + "".join(f"<th>{h}</th>" for h in heads) + f"</tr>{rows}</table>"
+    )
+
+
+def _cells(round: dict[str, Any]) -> tuple[str, ...]:
+    evaluation, fit = round["evaluation"], round.get("fit")
+    training = round.get("training", {})
+    drift = training.get("policy/reference_kl", 0.0)
+    share, spread = training.get("share/score"), training.get("reward/spread")
+    accuracy = "-"
+    if fit and fit["held_out_accuracy"] is not None:
+        low, high = fit["held_out_interval"]
+        accuracy = f"{fit['held_out_accuracy']:.2f} ({low:.2f} to {high:.2f})"
+    return (
+        str(round["round"]),
+        f"{round['policy_steps']:,}",
+        str(fit["answers"]) if fit else "-",
+        accuracy,
+        *trust_cells(round),
+        _interval(evaluation),
+        f"{evaluation['tracking_error_m_s']:.3f} m/s",
+        f"{evaluation['falls_per_minute']:.2f}",
+        f"{drift:.1f} nats" if drift else "-",
+        "-" if share is None else f"{share:.0%}",
+        "-" if spread is None else f"{spread:.2f}",
+    )

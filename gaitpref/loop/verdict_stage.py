@@ -1,0 +1,172 @@
+"""What answers say of new policies, and which one a run ends with."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import partial
+
+from data.datasets.dataset import Dataset
+from data.files.files import read_file, read_json, replace_directory, write_atomically
+from data.files.limits import POLICY_BYTES
+from gaitpref.console.progress import console
+from gaitpref.method.acceptance import LEAST_LAST, SURE, Compared, Duel
+from gaitpref.method.context import RoundContext
+from gaitpref.method.method import Method
+from gaitpref.method.verdict import Verdict
+from gaitpref.raters.criteria import Criterion
+from policy.training.checkpoint import load_policy
+from policy.training.train import POLICY_NAME
+
+from .collect import Collector
+from .loop_cfg import LoopCfg
+from .people import People
+from .run_dir import Round, began_from
+from .show_stage import duel_of, labels_kept, pairs_of_both, shown_by, to_compare
+
+
+def approval_stage(
+    method: Method, round: Round, context: RoundContext, dataset: Dataset
+) -> None:
+    """What the round's answers say of its policy, where they were asked about it."""
+    if round.approval.exists() or round.reward.exists() or method.accept is None:
+        return
+    compared = to_compare(method, round, context)
+    if not compared:
+        return
+    new, old = compared
+    duel = duel_of(round, dataset, new.sha256, old.sha256)
+    shown = shown_by(round, dataset, new.sha256)
+    approved = shown and method.accept.goes_on(duel)
+    console.print(
+        f"round {round.number}: the new policy is preferred to the one before in "
+        f"{duel.for_new} of {duel.for_new + duel.for_old} answers"
+        + ("" if approved else "; training goes on from the one before")
+    )
+    found = {**asdict(duel), "approved": approved}
+    write_atomically(round.approval, json.dumps(found, indent=1).encode())
+
+
+def verdict_stage(
+    cfg: LoopCfg,
+    round: Round,
+    context: RoundContext,
+    dataset: Dataset,
+    criterion: Criterion,
+    people: People,
+) -> None:
+    """Ask about the policy of the last round, which waits for it; it, the one it began
+    from or the first of all stays."""
+    accept = cfg.method.accept
+    if accept is None:
+        return
+    if not round.verdict.exists():
+        found = Verdict(stays=round.number, rounds=round.number)
+        if round.candidate.exists():
+            collector = partial(
+                Collector,
+                cfg=cfg,
+                round=round,
+                dataset=dataset,
+                criterion=criterion,
+                people=people,
+            )
+            contest = _Contest(
+                round, dataset, cfg, collector, labels_kept(cfg.method, context)
+            )
+            found = contest.verdict(accept)
+        text = json.dumps(found.as_json(), indent=1)
+        write_atomically(round.verdict, text.encode())
+    if round.policy.exists():
+        return
+    stays = read_json(round.verdict)["stays"]
+    if stays == round.number:
+        replace_directory(round.candidate, round.policy.parent)
+        return
+    unfinished = round.root / "policy.partial"
+    shutil.rmtree(unfinished, ignore_errors=True)
+    unfinished.mkdir()
+    kept = read_file(Round(round.run, stays).policy, POLICY_BYTES)
+    write_atomically(unfinished / POLICY_NAME, kept)
+    replace_directory(unfinished, round.policy.parent)
+
+
+@dataclass(eq=False)
+class _Contest:
+    """Duels of a run's policies, as long as answers are left for them."""
+
+    round: Round
+    dataset: Dataset
+    cfg: LoopCfg
+    collector: Callable[[], Collector]
+    """Waits for the answers of one duel, each with as much patience."""
+    left: int
+    """Answers."""
+
+    def verdict(self, accept: Compared) -> Verdict:
+        """The last policy beside the one it began from, and who wins beside the first.
+
+        The newer one stays unless more answers prefer the other, or no clip shows it,
+        as where every simulation of it diverges.
+        """
+        round = self.round
+        new, before, first = (
+            load_policy(file).sha256
+            for file in (
+                round.candidate / POLICY_NAME,
+                began_from(round),
+                Round(round.run, 0).policy,
+            )
+        )
+        stays, beside_before, beside_first = new, None, None
+        most = self.left - LEAST_LAST
+        if before not in (new, first) and most > 0:
+            beside_before = self._duel(new, before, most=most, sure=accept.before_sure)
+            stays = new if self._stays(new, beside_before) else before
+        if stays != first:
+            beside_first = self._duel(stays, first, most=self.left, sure=SURE)
+            stays = stays if self._stays(stays, beside_first) else first
+        return Verdict(
+            stays=self._round_of(stays),
+            rounds=round.number,
+            beside_first=beside_first,
+            beside_before=beside_before,
+        )
+
+    def _duel(self, new: str, old: str, *, most: int, sure: float) -> Duel:
+        """Ask about two policies until it is `sure` which is better, `most` times at
+        most; what was asked before counts."""
+        pairs = pairs_of_both(self.cfg, self.round, self.dataset, new, old)
+        collector, duel = self.collector(), Duel(for_new=0, for_old=0)
+        lasted = True
+        while lasted:
+            with self.dataset.answers() as store:
+                known = {pair.pair_id for pair in store.pairs()}
+                own = store.pairs(round=self.round.number)
+                asked = sum(pair in own for pair in pairs)
+                open_ones = [pair for pair in pairs if pair.pair_id not in known]
+            if asked:
+                lasted = collector.answered(len(own), last=True)
+            duel = duel_of(self.round, self.dataset, new, old)
+            more = open_ones[: min(duel.least_more(sure), most - asked)]
+            if not more:
+                self.left -= asked
+                break
+            with self.dataset.answers() as store:
+                store.add_pairs(more)
+        return duel
+
+    def _stays(self, new: str, duel: Duel) -> bool:
+        """Whether the newer of two does: it can be seen, and no more answers prefer the
+        other."""
+        seen = shown_by(self.round, self.dataset, new)
+        return seen and duel.for_new >= duel.for_old
+
+    def _round_of(self, policy: str) -> int:
+        """The first whose policy it is: of one that nothing was trained of, not the
+        last."""
+        earlier = (Round(self.round.run, number) for number in range(self.round.number))
+        same = (r for r in earlier if load_policy(r.policy).sha256 == policy)
+        return next(same, self.round).number

@@ -1,0 +1,118 @@
+"""What a run comes to: is its last policy better than what it started from?"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from .acceptance import SURE, Duel
+
+Word = Literal["better", "not better", "not known"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """By answers that were kept for it alone."""
+
+    stays: int
+    """Round whose policy is the run's."""
+    rounds: int
+    """The last round."""
+    beside_first: Duel | None = None
+    """The policy that stays beside the one the run started from, or the last one where
+    that lost; None: nobody was asked."""
+    beside_before: Duel | None = None
+    """The last policy beside the one it was trained from, where that is another."""
+
+    @property
+    def word(self) -> Word:
+        if self.stays == 0:
+            return "not better"
+        if self.beside_first is None or self.beside_first.probably < SURE:
+            return "not known"
+        return "better"
+
+    @property
+    def sentence(self) -> str:
+        """On one line, for people."""
+        if self.word == "better":
+            return f"better than what it started from: {self._answers}{self._dropped}"
+        if self.word == "not known":
+            return (
+                f"not known whether it is better than what it started from: "
+                f"{self._answers}{self._dropped}"
+            )
+        if self.beside_first is None:
+            return "not better than what it started from: no other policy was kept"
+        return (
+            f"not better than what it started from, which stays: {self._answers}"
+            f"{self._dropped}"
+        )
+
+    def advice(self, run: Path) -> str:
+        """What to do next."""
+        first, last = (
+            run / "rounds" / f"{number:02d}" / "policy" / "policy.pt"
+            for number in (0, self.rounds)
+        )
+        shown = f"`gaitpref play --policy {last} --against {first}` shows both"
+        if self.word == "better":
+            return (
+                f"{shown}, and `gaitpref loop --run ANOTHER --base {last}` goes on "
+                f"from it"
+            )
+        if self.word == "not known":
+            return f"{shown}; a run with twice the --labels keeps more answers for this"
+        return (
+            f"look at the clips that the reward likes best in {run}/report: if they "
+            f"are not what you mean, a run with twice the --labels learns more of it, "
+            f"and another --base may show clips nearer to it"
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values for a report."""
+        return {
+            "word": self.word,
+            "sentence": self.sentence,
+            **asdict(self),
+            "interval": self.beside_first and self.beside_first.interval,
+        }
+
+    @classmethod
+    def from_json(cls, found: dict[str, Any]) -> Self:
+        """Of `as_json`."""
+        first, before = (
+            None if each is None else Duel(**each)
+            for each in (found["beside_first"], found["beside_before"])
+        )
+        return cls(
+            stays=found["stays"],
+            rounds=found["rounds"],
+            beside_first=first,
+            beside_before=before,
+        )
+
+    @property
+    def _answers(self) -> str:
+        duel = self.beside_first
+        if duel is None:
+            return "nobody was asked"
+        if not duel.for_new + duel.for_old:
+            return "no answer prefers a clip of either"
+        low, high = duel.interval
+        return (
+            f"{duel.for_new} of {duel.for_new + duel.for_old} answers prefer its clips "
+            f"(of more, {low:.0%} to {high:.0%} would)"
+        )
+
+    @property
+    def _dropped(self) -> str:
+        if self.stays in (0, self.rounds):
+            return ""
+        if self.beside_before is None:
+            return f"; nothing was trained after round {self.stays}"
+        return (
+            f"; it is the policy of round {self.stays}, as the answers preferred that "
+            f"to the last"
+        )

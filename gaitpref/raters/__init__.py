@@ -1,0 +1,1 @@
+"""Criteria, and raters who judge by them."""

@@ -1,0 +1,132 @@
+"""Who of several raters wants the same, in words, and answers of some of them.
+
+Apart from the other commands about raters, as it needs torch.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+import torch
+
+from data.datasets.dataset import Dataset
+from gaitpref.console.progress import working
+from gaitpref.method.method import STYLE
+from rewardmodel.answers.answered_pairs import MIN_ANSWERS, AnsweredPairs, load_pairs
+from rewardmodel.errors import RewardError
+from rewardmodel.posterior.group_raters import Group, Grouping, group_raters
+
+GROUP = "group:"
+"""Before the name of a rater whose group is meant."""
+
+
+def grouping_of(pairs: AnsweredPairs) -> Grouping:
+    """The groups of those who answered `pairs`."""
+    names = sorted(set(pairs.raters))
+    with working(f"comparing the wishes of {len(names)} raters"):
+        return group_raters(pairs, STYLE.reward, seed=0)
+
+
+def told_of_groups(dataset: Dataset) -> tuple[dict[str, Any], list[str]]:
+    """Groups of a data set's raters as plain values, and in lines.
+
+    Raises:
+        GaitprefError: there are too few answers.
+    """
+    pairs = load_pairs([dataset])
+    found = grouping_of(pairs)
+    lines = list(_lines(found))
+    values = {
+        "groups": [
+            {
+                "raters": list(group.raters),
+                "answers": group.answers,
+                "wanted": [asdict(wanted) for wanted in group.wanted],
+            }
+            for group in found.groups
+        ],
+        "changed": [asdict(each) for each in found.changed],
+    }
+    return values, lines
+
+
+def answers_for(pairs: AnsweredPairs, whom: Sequence[str]) -> AnsweredPairs:
+    """The answers of some raters: of their names, or `group:NAME`, of all who want the
+    same as NAME.
+
+    Raises:
+        RewardError: somebody gave no answer, or too few prefer a clip.
+    """
+    known = sorted(set(pairs.raters))
+    for name in whom:
+        if name.removeprefix(GROUP) not in known:
+            raise RewardError(
+                f"--for {name}: no such rater answered; there are {', '.join(known)}"
+            )
+    grouping = None
+    chosen: set[str] = set()
+    for name in whom:
+        if not name.startswith(GROUP):
+            chosen.add(name)
+            continue
+        grouping = grouping or grouping_of(pairs)
+        group = grouping.group_of(name.removeprefix(GROUP))
+        assert group is not None
+        chosen.update(group.raters)
+    part = pairs.subset(torch.tensor([rater in chosen for rater in pairs.raters]))
+    # Whoever compares the label set sees that it is another.
+    of_whom = "\n".join((pairs.answers_sha256, *sorted(chosen)))
+    part = replace(
+        part,
+        sides=tuple(each for each in pairs.sides if each.rater_id in chosen),
+        answers_sha256=hashlib.sha256(of_whom.encode()).hexdigest(),
+    )
+    if part.too_little:
+        raise RewardError(
+            f"--for {' '.join(whom)}: {part.num_preferences} answers prefer a clip, a "
+            f"fit needs {MIN_ANSWERS}; ask them more, or leave --for out"
+        )
+    return part
+
+
+def _lines(found: Grouping) -> Iterator[str]:
+    if len(found.groups) == 1:
+        (group,) = found.groups
+        yield f"all want the same: {_names(group)}"
+        yield f"  {_wants(group)}"
+    else:
+        yield f"{len(found.groups)} groups want different things:"
+        for group in found.groups:
+            yield f"  {_names(group)} ({group.answers} answers)"
+            yield f"    {_wants(group)}"
+        first = found.groups[0].raters[0]
+        yield (
+            f"`gaitpref fit --for {GROUP}{first}` learns what one group wants, without "
+            f"--for what all share"
+        )
+    for each in found.changed:
+        yield (
+            f"{each.rater} seems to want something else since answer {each.after + 1} "
+            f"(odds {_odds(each.log_odds)} to 1)"
+        )
+
+
+def _names(group: Group) -> str:
+    return ", ".join(group.raters)
+
+
+def _wants(group: Group) -> str:
+    if not group.wanted:
+        return "what they want is open: ask them more"
+    return "; ".join(
+        f"{wanted.how} {wanted.habit} ({wanted.probability:.0%})"
+        for wanted in group.wanted
+    )
+
+
+def _odds(log_odds: float) -> str:
+    return f"{math.exp(log_odds):.0f}" if log_odds < 10 else "more than 20,000"

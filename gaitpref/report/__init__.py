@@ -1,0 +1,1 @@
+"""Findings, figures and pictures of what was learned."""

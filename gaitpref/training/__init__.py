@@ -1,0 +1,1 @@
+"""What a training is paid, and how a method records and trains."""

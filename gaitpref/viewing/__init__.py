@@ -1,1 +1,0 @@
-"""Files for viewers: what Foxglove, Rerun and PlotJuggler show of stored clips."""
