@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -162,3 +163,12 @@ def test_an_edited_function_is_another(tmp_path: Path) -> None:
         exec(compile(path.read_text(), str(path), "exec"), scope)
         contents.append(content_of(scope["wish"]))
     assert [told.split(" ")[0] for told in differences(*contents)] == ["source"]
+
+
+def test_a_function_that_moved_to_another_module_is_the_same() -> None:
+    told = content_of(partial(paid, bias=1.0))
+    moved = json.loads(json.dumps(told).replace(__name__, "elsewhere.paid_by"))
+    assert moved != told
+    assert differences(moved, told) == []
+    renamed = json.loads(json.dumps(told).replace(":paid", ":spent"))
+    assert [each.split(" ")[0] for each in differences(renamed, told)] == ["0.function"]

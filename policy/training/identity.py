@@ -91,7 +91,12 @@ def _hashed(array: np.ndarray) -> str:
 
 
 def differences(old: Any, new: Any, name: str = "") -> list[str]:
-    """Where two contents differ: `NAME OLD -> NEW` each, names joined by dots."""
+    """Where two contents differ: `NAME OLD -> NEW` each, names joined by dots.
+
+    A function that only moved to another module is the same.
+    """
+    if isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        old, new = dict(enumerate(old)), dict(enumerate(new))
     if isinstance(old, Mapping) and isinstance(new, Mapping):
         return [
             told
@@ -102,7 +107,11 @@ def differences(old: Any, new: Any, name: str = "") -> list[str]:
                 f"{name}.{key}" if name else str(key),
             )
         ]
-    return [] if old == new else [f"{name} {_short(old)} -> {_short(new)}"]
+    same = old == new or (
+        name.rpartition(".")[2] == "function"
+        and f"{old}".rpartition(":")[2] == f"{new}".rpartition(":")[2]
+    )
+    return [] if same else [f"{name} {_short(old)} -> {_short(new)}"]
 
 
 def _short(value: Any) -> str:
