@@ -19,8 +19,8 @@ from gaitpref.loop.run import run_configured
 from gaitpref.loop.run_dir import Round, seed_of
 from gaitpref.loop.show_stage import STRATEGY
 from gaitpref.method.acceptance import Compared, Duel
-from gaitpref.method.verdict import Verdict
 from gaitpref.raters.rater_cfg import RaterCfg
+from gaitpref.report.verdict import Verdict
 from policy.rollouts.evaluate import evaluate
 from policy.training.checkpoint import holding_home, load_policy, read_plain
 from rewardmodel.models.storage import load_reward

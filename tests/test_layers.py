@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.count_house import imports, shape_of
+
 ROOT = Path(__file__).resolve().parent.parent
 OURS = {"data", "gaitpref", "labeling_ui", "policy", "rewardmodel"}
 FORBIDDEN = {
@@ -72,6 +74,7 @@ def imported_modules(source: str) -> set[str]:
     return found
 
 
+OPTIONS = "gaitpref/cli/options"
 WITH_EFFECTS = {
     "data.answers.backend",
     "data.answers.store",
@@ -111,6 +114,34 @@ def test_the_method_decides_without_files_data_bases_or_a_console() -> None:
 def test_help_needs_no_torch() -> None:
     """The options import neither torch nor a simulator."""
     heavy = {"mujoco", "numpy", "rsl_rl", "torch", "viser"}
-    for name in ("options.py", "cli.py"):
-        source = (ROOT / "gaitpref" / name).read_text()
-        assert not imported_packages(source) & heavy, name
+    for path in ("gaitpref/cli/main.py", *sorted((ROOT / OPTIONS).glob("*.py"))):
+        assert not imported_packages((ROOT / path).read_text()) & heavy, path
+
+
+def test_no_rooms_and_no_modules_import_each_other_in_a_circle() -> None:
+    shape = shape_of(ROOT)
+    assert shape.circle == ()
+    assert shape.modules_circle == ()
+
+
+def test_no_folder_holds_more_than_twenty_files() -> None:
+    assert {room: n for room, n in shape_of(ROOT).files.items() if n > 20} == {}
+
+
+def test_a_file_name_means_one_thing() -> None:
+    """A command's module is called like the command; each package has its errors."""
+    several = {
+        name: places
+        for name, own in shape_of(ROOT).twice.items()
+        if len(places := [p for p in own if ".cli.commands." not in p]) > 1
+    }
+    assert several == {"errors": ["data.errors", "rewardmodel.errors"]}
+
+
+def test_the_library_does_not_import_the_command_line() -> None:
+    wrong = {
+        name: sorted(other for other in found if other.startswith("gaitpref.cli"))
+        for name, found in imports(ROOT).items()
+        if not name.startswith("gaitpref.cli") and name != "gaitpref.__main__"
+    }
+    assert {name: found for name, found in wrong.items() if found} == {}

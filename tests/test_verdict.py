@@ -10,7 +10,7 @@ import torch
 from gaitpref.method.acceptance import LEAST_LAST, SURE, Compared, Duel
 from gaitpref.method.context import RoundContext
 from gaitpref.method.method import FROM_SCRATCH, STYLE
-from gaitpref.method.verdict import Verdict
+from gaitpref.report.verdict import Verdict
 
 
 @pytest.mark.parametrize(("for_new", "for_old"), [(0, 0), (4, 0), (1, 3), (9, 2)])

@@ -14,10 +14,10 @@ from typing import Any
 from data.datasets.dataset import Dataset
 from data.files.files import read_json, write_atomically
 from gaitpref.console.progress import console
-from gaitpref.method.verdict import Verdict
 from gaitpref.raters.criteria import Criterion
 from gaitpref.raters.criterion_scores import score_of_criterion
 from gaitpref.report.findings import findings_of_run
+from gaitpref.report.verdict import Verdict
 from policy.rollouts.evaluate import evaluate, rollout_features, summarise
 from policy.training.checkpoint import load_policy
 from policy.training.ppo import ScoreFn

@@ -15,8 +15,8 @@ from gaitpref.console.progress import console
 from gaitpref.method.acceptance import LEAST_LAST, SURE, Compared, Duel
 from gaitpref.method.context import RoundContext
 from gaitpref.method.method import Method
-from gaitpref.method.verdict import Verdict
 from gaitpref.raters.criteria import Criterion
+from gaitpref.report.verdict import Verdict
 from policy.training.checkpoint import load_policy
 from policy.training.train import POLICY_NAME
 

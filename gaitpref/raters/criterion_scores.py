@@ -4,17 +4,12 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from gaitpref.raters.criteria import (
-    Criterion,
-    CriterionContext,
-    SequenceCriterion,
-)
 from policy.env.env_cfg import EnvCfg
-from policy.env.task_reward import (
-    task_reward_for,
-)
+from policy.env.task_reward import task_reward_for
 from policy.robots.robot import Robot
 from policy.training.ppo import ScoreFn
+
+from .criteria import Criterion, CriterionContext, SequenceCriterion
 
 
 def criterion_context(robot: Robot, env: EnvCfg) -> CriterionContext:

@@ -9,7 +9,6 @@ from typing import Any
 
 from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
-from gaitpref.method.verdict import Verdict
 from rewardmodel.answers.clip_batch import read_clips
 from rewardmodel.explain.attribution import explain
 from rewardmodel.explain.learned_curves import learned_curves
@@ -19,6 +18,7 @@ from .findings import NO_ALARM, findings_of_run
 from .pictures import svg_of
 from .ranked_clips import extremes
 from .reward_strips import clip_picture, curves_picture
+from .verdict import Verdict
 
 COUNT = 2
 """Best, and worst clips on the page."""

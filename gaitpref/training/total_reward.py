@@ -13,10 +13,7 @@ import torch
 from torch import Tensor
 
 from data.features import column
-from gaitpref.raters.criteria import (
-    CriterionContext,
-    load_criterion,
-)
+from gaitpref.raters.criteria import CriterionContext, load_criterion
 from gaitpref.raters.criterion_scores import score_of_criterion
 from policy.env.env_cfg import EnvCfg
 from policy.env.known_terms import KnownTermsCfg, known_terms

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from .acceptance import SURE, Duel
+from gaitpref.method.acceptance import SURE, Duel
 
 Word = Literal["better", "not better", "not known"]
 
