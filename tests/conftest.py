@@ -10,8 +10,7 @@ import torch
 from hypothesis import settings
 
 from data.answers.address import Address
-
-from . import postgres
+from tests.helpers import postgres
 
 # A busy machine is no failure: how long one example takes is not what is tested.
 settings.register_profile("gaitpref", deadline=None)

@@ -1,0 +1,279 @@
+"""The benchmarks run in their small version, end to end."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from benchmarks import (
+    hour,
+    preference_fresh,
+    robots,
+    throughput,
+    walk,
+)
+from benchmarks.preference_plan import HELD_BACK, loop_cfg, plan
+from benchmarks.preference_table import BEGIN, END, publish_rows, together
+from benchmarks.wishes import carried_right_foot, nose_up_when_slow
+from data.features import FEATURE_DIM, column
+from gaitpref.loop.run import run_configured
+from gaitpref.raters.criteria import load_criterion
+from gaitpref.raters.criterion_scores import criterion_context
+from gaitpref.raters.rater_cfg import RaterCfg
+from policy.training.checkpoint import load_policy
+from rewardmodel.descriptors.table import describe
+from tests.helpers.foreign_robots import Drawing, mjcf
+from tests.helpers.small_loop import small_cfg
+
+
+def test_learning(tmp_path: Path) -> None:
+    """Every figure of the goals is there, as a number, in one flat object."""
+    figures = tmp_path / "figures.json"
+    command = [sys.executable, "-m", "benchmarks.learning", "--quick"]
+    subprocess.run(
+        [*command, "--json", str(figures), "--work", str(tmp_path / "work")], check=True
+    )
+    result = json.loads(figures.read_text())
+    for name in (
+        "train_tracking_error_m_s",
+        "train_falls",
+        "fit_300_pairs_s",
+        "scratch_fraction_median",
+        "scratch_reached",
+        "scratch_wall_s_max",
+        "scratch_peak_mb",
+    ):
+        assert isinstance(result[name], int | float), name
+
+
+def test_robots_of_others(tmp_path: Path) -> None:
+    """A robot is trained, measured and published with the keys of the goals."""
+    xml = tmp_path / "menagerie" / robots.ROBOTS["spot"]
+    xml.parent.mkdir(parents=True)
+    xml.write_text(mjcf(Drawing()))
+    figures = tmp_path / "figures.json"
+    command = [sys.executable, "-m", "benchmarks.robots", "--quick"]
+    command += ["--robots", "spot", "--work", str(tmp_path / "work")]
+    command += ["--assets", str(tmp_path / "menagerie"), "--json", str(figures)]
+    subprocess.run(command, check=True)
+    result = json.loads(figures.read_text())
+    assert result["spot_walked"] is False
+    assert result["spot_steps"] == 384
+    assert isinstance(result["spot_falls"], int)
+    assert result["spot_tracking_error_m_s"] > 0.1
+    # A robot of half a metre is asked for more than one of 0.29 m.
+    assert result["spot_fastest_m_s"] > 1.1
+
+
+def test_preferences(tmp_path: Path) -> None:
+    """Rows are files, table and plot are made from them, and nothing runs twice."""
+    work, results = tmp_path / "work", tmp_path / "results"
+    figures = tmp_path / "rows.json"
+    command = [sys.executable, "-m", "benchmarks.preferences", "--quick"]
+    command += ["--tasks", "walk", "brisk_walk", "nose_up", "--seeds", "1"]
+    command += ["--keep-runs"]
+    command += ["--work", str(work), "--results", str(results)]
+    command += ["--docs", str(tmp_path), "--json", str(figures)]
+    subprocess.run(command, check=True)
+    rows = json.loads(figures.read_text())["rows"]
+    assert {row["task"] for row in rows} == {"walk", "brisk_walk", "nose_up"}
+    for row in rows:
+        assert row["seeds"] == 1
+        for name in ("fraction_median", "fraction_min", "minutes"):
+            assert isinstance(row[name], float), name
+        assert {"answers", "rater", "method", "accuracy", "ece"} <= set(row)
+    page = (tmp_path / "benchmarks.md").read_text()
+    assert "| nose_up | 150 | perfect | default | 1 |" in page
+    assert (tmp_path / "images/preferences.svg").stat().st_size > 1000
+    # From one start with one seed, they differ in what they were trained on.
+    walk, brisk = (
+        load_policy(next(work.glob(f"true-{task}-*/noisy/policy.pt")))
+        for task in ("walk", "brisk_walk")
+    )
+    obs = torch.linspace(-1, 1, 48)[None]
+    assert not torch.equal(walk(obs), brisk(obs))
+    # A style is compared with the better of two, the noise of one of which came down.
+    noisy, calm = (
+        float(
+            load_policy(next(work.glob(f"true-nose_up-*/{way}/policy.pt"))).std.mean()
+        )
+        for way in ("noisy", "calm")
+    )
+    assert calm == pytest.approx(0.1, rel=0.05)
+    assert noisy > 2 * calm
+
+    # A row that is there is not run again, and one that is not, is.
+    finished = {path: path.stat().st_mtime_ns for path in results.glob("*.json")}
+    (gone, *kept) = finished
+    gone.unlink()
+    subprocess.run(command, check=True)
+    assert all(path.stat().st_mtime_ns == finished[path] for path in kept)
+    assert gone.exists()
+    assert (tmp_path / "benchmarks.md").read_text().count("| nose_up |") == 1
+
+
+def test_preferences_of_another_robot(tmp_path: Path) -> None:
+    """Start, reference and loop are that robot's, at speeds that suit it, and its row
+    stands beside that of the robot that ships."""
+    xml, results = tmp_path / "other.xml", tmp_path / "results"
+    xml.write_text(mjcf(Drawing()))
+    command = [sys.executable, "-m", "benchmarks.preferences", "--quick"]
+    command += ["--tasks", "crouch", "--seeds", "1", "--workers", "1", "--keep-runs"]
+    command += ["--robot", "tall", str(xml), "--results", str(results)]
+    command += ["--work", str(tmp_path / "work"), "--docs", str(tmp_path)]
+    subprocess.run(command, check=True)
+    (row,) = (json.loads(path.read_text()) for path in results.glob("*.json"))
+    assert (row["task"], row["robot"]) == ("crouch", "tall")
+    policies = [load_policy(path) for path in (tmp_path / "work").rglob("policy.pt")]
+    assert len(policies) > 4
+    assert len({policy.robot().model_sha256 for policy in policies}) == 1
+    assert all(p.info.env.commands.evaluated_m_s[1] > 1.1 for p in policies)
+    ours = {**row, "robot": None}
+    publish_rows([row, ours], tmp_path, None)
+    page = (tmp_path / "benchmarks.md").read_text()
+    assert "| crouch, tall | 20 | perfect | default | 1 |" in page
+    assert "| crouch | 20 | perfect | default | 1 |" in page
+
+
+def test_a_table_of_several_seeds(tmp_path: Path) -> None:
+    """Median and worst over the seeds; a figure nobody has stays open."""
+    rows = [
+        {
+            "task": "walk", "answers": answers, "rater": "perfect", "method": "default",
+            "seed": seed, "fraction": fraction, "tracking_error_m_s": 0.1,
+            "start_tracking_error_m_s": 0.3, "accuracy": 0.8 + 0.1 * seed, "ece": None,
+            "minutes": 5.0 if seed else None, "return": fraction, "start_return": 0.4,
+            "verdict": "better" if seed else "not known",
+        }
+        for answers, fractions in ((40, (0.2, 0.9, 0.5)), (100, (0.9,)))
+        for seed, fraction in enumerate(fractions)
+    ]  # fmt: skip
+    few, many = together(rows)
+    assert (few["fraction_median"], few["fraction_min"], few["seeds"]) == (0.5, 0.2, 3)
+    assert (few["accuracy"], few["ece"], few["minutes"]) == (0.9, None, 5.0)
+    assert many["answers"] == 100
+    # Nobody called worse the one that is, and it was not called better.
+    assert few["verdicts"] == "2 of 2 better, 0 of 1 worse"
+    (tmp_path / "benchmarks.md").write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n")
+    publish_rows(rows, tmp_path, None)
+    page = (tmp_path / "benchmarks.md").read_text()
+    assert page.startswith("before\n")
+    assert page.endswith("\nafter\n")
+    assert "old" not in page
+    assert "| walk | 40 | perfect | default | 3 | 0.50 (0.20 to 0.90) |" in page
+
+
+def test_the_held_back_task_is_not_run_by_chance() -> None:
+    """Only by its name; every cell of a plan has a file name of its own."""
+    cells = plan(seeds=None)
+    assert not {cell.task for cell in cells} & set(HELD_BACK)
+    assert {cell.task for cell in plan(tasks=("pace",), seeds=2)} == {"pace"}
+    assert len({cell.name for cell in cells}) == len(cells)
+    assert [cell.seed for cell in cells] == sorted(cell.seed for cell in cells)
+
+
+def test_who_has_to_get_up_begins_lying() -> None:
+    """And no task reward is kept, which would teach it without any answer."""
+    (cell,) = plan(tasks=("get_up",), seeds=1)
+    cfg = loop_cfg(cell, None, quick=False)
+    assert cfg.env.getup is not None
+    assert not cfg.keeps_task
+    (walk, *_) = plan(tasks=("walk",), seeds=1)
+    assert loop_cfg(walk, None, quick=False).env.getup is None
+
+
+def test_the_wishes_are_outside_the_descriptor_table() -> None:
+    """Rows with equal descriptors of which a wish prefers one, whatever the weights."""
+    row = torch.zeros(FEATURE_DIM)
+    row[column("gravity_b")] = torch.tensor([-0.15, 0.0, -0.98])
+    row[column("base_lin_vel_b")][0] = 0.5
+    down = row.clone()
+    down[column("gravity_b")][0] = 0.15
+    assert torch.equal(describe(row), describe(down))
+    assert nose_up_when_slow(row) > 0.9
+    assert nose_up_when_slow(down) < 0.1
+    lifted, other = torch.zeros(2, FEATURE_DIM)
+    lifted[column("foot_height")], lifted[column("foot_contact")] = (
+        torch.tensor([0.06, 0.0, 0.0, 0.0]),
+        torch.tensor([0.0, 1.0, 1.0, 1.0]),
+    )
+    other[column("foot_height")] = lifted[column("foot_height")].roll(2)
+    other[column("foot_contact")] = lifted[column("foot_contact")].roll(2)
+    assert torch.allclose(describe(lifted), describe(other))
+    assert carried_right_foot(lifted) > 0.9
+    assert carried_right_foot(other) < 0.2
+
+
+def test_nothing_is_lost_or_doubled_in_an_hour_in_short() -> None:
+    """Eight raters answer at once; the benchmark does the same for longer."""
+    figures = hour.measured(6)
+    assert figures.hour_answers == 8 * 6
+    assert figures.hour_lost == figures.hour_doubled == 0
+    # Eight pages at work: no leak shows in so little, but a burst would.
+    assert figures.hour_memory_growth_mb < 60
+
+
+@pytest.mark.parametrize("part", ["batch", "env_learned", "ppo_learned"])
+def test_a_step_is_measured(part: throughput.Part) -> None:
+    """Physics alone, the environment, and PPO each count what they did."""
+    figures = throughput.measure_part(part, 4, 0.05)
+    assert figures["steps_per_s"] > 0
+    # A step of the whole cannot take less of the processor than MuJoCo's five.
+    assert figures["cpu_us"] > 20
+
+
+def test_a_step_costs_a_small_multiple_of_its_physics() -> None:
+    """A tripwire for work that creeps into the step, loose for a busy machine."""
+    batch = throughput.measure_part("batch", 64, 0.5)
+    env = throughput.measure_part("env", 64, 0.5)
+    assert env["cpu_us"] < 4 * batch["cpu_us"]
+
+
+def test_the_time_to_a_walk(tmp_path: Path) -> None:
+    """A robot that has hardly learned does not walk, and a finished seed is kept."""
+    figures, work = tmp_path / "walk.json", tmp_path / "work"
+    command = [sys.executable, "-m", "benchmarks.walk", "--quick", "--work", str(work)]
+    subprocess.run([*command, "--json", str(figures)], check=True)
+    result = json.loads(figures.read_text())
+    assert result["walked"] == 0
+    assert result["wall_s_median"] is result["wall_s_worst"] is None
+    assert result["steps_0"] == 12_288
+    assert result["tracking_error_m_s_0"] > walk.MOST_ERROR_M_S
+    assert len(list((work / "seed-0" / "checkpoints").glob("*.pt"))) == 1
+    finished = (work / "seed-0" / "policy.pt").stat().st_mtime_ns
+    subprocess.run(command, check=True)
+    assert (work / "seed-0" / "policy.pt").stat().st_mtime_ns == finished
+
+
+def test_a_seed_that_never_walks_is_the_worst() -> None:
+    """The median stands as long as most seeds walk."""
+    seeds = [walk.Outcome(wall_s, 1, 0.1, 9.0) for wall_s in (90.0, None, 120.0)]
+    figures = walk.figures_of(seeds)
+    assert (figures["wall_s_median"], figures["wall_s_worst"]) == (120.0, None)
+    assert figures["walked"] == 2
+
+
+def test_fresh_pairs_are_answered_as_the_rater_does(tmp_path: Path) -> None:
+    """Who never errs says what the criterion says; who does, the opposite at times."""
+    cfg = small_cfg()
+    run_configured(tmp_path / "run", cfg)
+    policy = load_policy(tmp_path / "run/rounds/00/policy/policy.pt")
+    context = criterion_context(policy.robot(), policy.info.env)
+    criterion = load_criterion(cfg.criterion, context)
+    pairs = preference_fresh.fresh_pairs(tmp_path / "run", cfg, criterion)
+    meant = pairs.target[:, None]
+    assert (pairs.answers == meant).all()
+    erring = replace(cfg, simulated=RaterCfg(mistakes=0.3))
+    pairs = preference_fresh.fresh_pairs(tmp_path / "run", erring, criterion)
+    wrong = (pairs.answers != meant)[pairs.target != 0.5].float().mean()
+    assert wrong == pytest.approx(0.3, abs=0.05)
+    found = preference_fresh.on_fresh_pairs(tmp_path / "run", erring, criterion)
+    again = preference_fresh.on_fresh_pairs(tmp_path / "run", cfg, criterion)
+    assert found["fresh_accuracy"] == again["fresh_accuracy"]
+    assert found["fresh_ece"] != again["fresh_ece"]

@@ -1,0 +1,182 @@
+"""The loop with people: one page over all rounds, answers at any time, patience."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import json
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Coroutine, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from benchmarks.visitor import Visitor
+from data.datasets.dataset import Dataset
+from gaitpref.loop.run_config import claim
+from gaitpref.loop.run_inputs import inputs_of
+from labeling_ui.web.tokens import TokenStore
+from rewardmodel.answers.answered_pairs import count_evidence
+from tests.helpers.small_loop import human_cfg
+
+LIMIT_S = 180.0
+"""For anything to come: the machine may be busy."""
+KEYS = ("A better", "B better", "Equally good", "A much better", "B much better")
+
+Part = Callable[[Visitor], Coroutine[None, None, None]]
+
+
+def free_port() -> int:
+    """A port nobody uses."""
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        return taken.getsockname()[1]
+
+
+@contextmanager
+def running(run: Path, port: int, *options: str) -> Iterator[subprocess.Popen[bytes]]:
+    """The small loop as a process, once its page is up; killed at the end."""
+    command = [
+        sys.executable,
+        "-m",
+        "tests.helpers.small_loop",
+        str(run),
+        "--port",
+        str(port),
+    ]
+    log = run.with_suffix(".log")
+    with log.open("wb") as file:
+        process = subprocess.Popen([*command, *options], stderr=file)
+    try:
+        deadline_s = time.monotonic() + LIMIT_S
+        while "the labeling page is at" not in log.read_text():
+            assert process.poll() is None, log.read_text()
+            assert time.monotonic() < deadline_s
+            time.sleep(0.05)
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+async def _visit(port: int, token: str, part: Part) -> None:
+    """Do a part of the work at the page."""
+    async with asyncio.timeout(LIMIT_S):
+        visitor = Visitor(f"http://127.0.0.1:{port}", token)
+        page = asyncio.create_task(visitor.run())
+        work = asyncio.create_task(part(visitor))
+        await asyncio.wait({page, work}, return_when=asyncio.FIRST_COMPLETED)
+        page.cancel()
+        assert work.done(), f"the page ended: {page}, {visitor.close_code}"
+        await work
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    """Wait for something that will come."""
+    while not condition():
+        await asyncio.sleep(0.02)
+
+
+async def answer(visitor: Visitor, enough: Callable[[], bool]) -> None:
+    """Answer, with another key each time, until it is enough."""
+    for key in itertools.cycle(KEYS):
+        if enough():
+            return
+        before = visitor.answered
+        if visitor.open:
+            await visitor.press(key)
+        for _ in range(20):
+            if visitor.answered != before:
+                break
+            await asyncio.sleep(0.05)
+
+
+def evidence(run: Path) -> int:
+    """Preferences a fit would use."""
+    with Dataset.open(run / "dataset").answers() as store:
+        return count_evidence(store)
+
+
+def fitted(run: Path, round: int) -> int:
+    """Preferences the reward of a round was fitted to."""
+    report = json.loads((run / f"rounds/{round:02d}/report.json").read_text())
+    return report["fit"]["answers"] - report["fit"]["ties"]
+
+
+@pytest.mark.slow
+def test_people_answer_when_they_like(tmp_path: Path) -> None:
+    """Killed while it waits, patient for a while, answered while it trains."""
+    run, port = tmp_path / "run", free_port()
+    claim(run, human_cfg(), inputs_of(human_cfg()).contents)
+    token = TokenStore(Dataset.create(run / "dataset").root).add("ann")
+
+    async def first_three(visitor: Visitor) -> None:
+        await until(lambda: visitor.dialog_shown)
+        await visitor.press("Close the dialog")
+        # Somebody may come before there is a pair.
+        await until(lambda: visitor.open > 0)
+        await answer(visitor, lambda: evidence(run) >= 3)
+
+    with running(run, port) as loop:
+        asyncio.run(_visit(port, token, first_three))
+        loop.send_signal(signal.SIGKILL)
+        loop.wait()
+    assert evidence(run) == 3
+
+    late: list[int] = []
+
+    async def the_rest(visitor: Visitor) -> None:
+        await until(lambda: visitor.open > 0)
+        await answer(visitor, lambda: evidence(run) >= 8)
+        # Nobody answers any more, so the loop goes on when its patience is over.
+        await until(lambda: any("2 of 2: training" in words for words in visitor.loop))
+        before = evidence(run)
+        await answer(visitor, lambda: evidence(run) >= before + 2)
+        late.append(evidence(run) - before)
+        assert not (run / "rounds/01/policy/policy.pt").exists()
+        ended = run / "rounds/01/reward/reward.json"
+        await answer(visitor, ended.exists)
+        assert any("1 of 2: waiting for" in words for words in visitor.loop)
+
+    with running(run, port, "--patience", "10") as loop:
+        asyncio.run(_visit(port, token, the_rest))
+        assert loop.wait(LIMIT_S) == 0
+    assert fitted(run, 0) == 8
+    assert late == [2]
+    with Dataset.open(run / "dataset").answers() as store:
+        of_first_round = [
+            pair for pair, answer in store.current_answers(round=0) if not pair.gold
+        ]
+    assert len({pair.pair_id for pair in of_first_round}) >= 10
+    assert fitted(run, 1) > 10
+
+
+def test_a_busy_port_is_refused_before_anything_is_trained(tmp_path: Path) -> None:
+    """One line that names the port."""
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        command = [
+            sys.executable,
+            "-m",
+            "gaitpref",
+            "loop",
+            "--rater",
+            "human",
+        ]
+        done = subprocess.run(
+            [*command, "--run", tmp_path / "run", "--port", str(port), "--no-auth"],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert f"port {port} on 127.0.0.1 cannot be opened" in line
+    assert not list(tmp_path.glob("run/rounds/*/policy*"))

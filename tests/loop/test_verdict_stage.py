@@ -1,0 +1,252 @@
+"""Where answers err, the last policy is judged beside the one before it."""
+
+from __future__ import annotations
+
+import html
+import io
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from data.datasets.dataset import Dataset
+from gaitpref.loop.loop_cfg import LoopCfg
+from gaitpref.loop.report_stage import began_with
+from gaitpref.loop.run import run_configured
+from gaitpref.loop.run_dir import Round, seed_of
+from gaitpref.loop.show_stage import STRATEGY
+from gaitpref.method.acceptance import Compared, Duel
+from gaitpref.raters.rater_cfg import RaterCfg
+from gaitpref.report.verdict import Verdict
+from policy.rollouts.evaluate import evaluate
+from policy.training.checkpoint import holding_home, load_policy, read_plain
+from rewardmodel.models.storage import load_reward
+from tests.helpers.small_loop import small_cfg
+
+KEPT = 7
+
+
+def erring_cfg() -> LoopCfg:
+    """Answers enough to see that a fifth of them is wrong."""
+    return replace(small_cfg(seed=1), labels=70, simulated=RaterCfg(mistakes=0.2))
+
+
+def judging(cfg: LoopCfg, accept: Compared) -> LoopCfg:
+    return replace(cfg, method=replace(cfg.method, accept=accept))
+
+
+class _Killed(Exception):
+    pass
+
+
+def _killed_at_the_end(cfg: LoopCfg, round: Round, *others: object) -> None:
+    if round.number == cfg.rounds:
+        raise _Killed
+
+
+@pytest.fixture(scope="module")
+def before_approval(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small loop, killed when its last policy was trained and not yet judged."""
+    run = tmp_path_factory.mktemp("loop") / "run"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("gaitpref.loop.run.show_stage", _killed_at_the_end)
+        with pytest.raises(_Killed):
+            run_configured(run, erring_cfg())
+    return run
+
+
+def wild(path: Path) -> bytes:
+    """The policy of a file, its actions many times as large."""
+    payload = read_plain(path)
+    actor = payload["actor_state_dict"]
+    actor[[name for name in actor if name.startswith("mlp.")][-2]] *= 50.0
+    file = io.BytesIO()
+    torch.save(payload, file)
+    return file.getvalue()
+
+
+def with_one_that_stands(run: Path, stands: str) -> bytes:
+    """Put a robot that stands still in place of the old or the new last policy, and one
+    that throws its legs about in place of the other; the former's file."""
+    files = {
+        "old": run / "rounds/01/policy/policy.pt",
+        "new": run / "rounds/02/candidate/policy.pt",
+    }
+    for which, file in files.items():
+        file.write_bytes(holding_home(file) if which == stands else wild(file))
+    return files[stands].read_bytes()
+
+
+def asked(run: Path) -> list[int]:
+    with Dataset.open(run / "dataset").answers() as store:
+        return [len(store.pairs(round=number)) for number in range(3)]
+
+
+def test_answers_are_kept_for_it(before_approval: Path) -> None:
+    """Nothing is lost, and nothing is called the round's policy yet."""
+    first, second, last = asked(before_approval)
+    assert (first + second, last) == (70 - KEPT, 0)
+    assert (before_approval / "rounds/02/candidate/policy.pt").exists()
+    assert not (before_approval / "rounds/02/policy").exists()
+
+
+@pytest.mark.parametrize("stands", ["old", "new"])
+def test_the_better_of_the_two_stays(
+    before_approval: Path, tmp_path: Path, stands: str
+) -> None:
+    """A robot that stands still is better than one that throws its legs about; a killed
+    loop asks nothing twice."""
+    run = tmp_path / "run"
+    shutil.copytree(before_approval, run)
+    expected = with_one_that_stands(run, stands)
+    counts = set[int]()
+    for _ in range(2):
+        run_configured(run, erring_cfg())
+        assert (run / "rounds/02/policy/policy.pt").read_bytes() == expected
+        counts.add(asked(run)[2])
+        assert 0 < max(counts) <= KEPT
+        report = json.loads((run / "rounds/02/report.json").read_text())
+        found = report["verdict"]
+        assert found["stays"] == {"old": 1, "new": 2}[stands]
+        before = Duel(**found["beside_before"])
+        assert (before.for_new >= before.for_old) == (stands == "new")
+        page = (run / "report/index.html").read_text()
+        assert html.escape(found["sentence"]) in page
+        assert ("preferred that to the last" in page) == (stands == "old")
+        # As a process leaves it that is killed when all is answered.
+        for unfinished in ("verdict.json", "report.json"):
+            (run / "rounds/02" / unfinished).unlink()
+        trained = run / "rounds/02/policy"
+        if stands == "new":
+            trained.rename(run / "rounds/02/candidate")
+        else:
+            shutil.rmtree(trained)
+    assert len(counts) == 1
+
+
+def test_a_loop_killed_with_its_verdict_keeps_it(
+    before_approval: Path, tmp_path: Path
+) -> None:
+    """The policy is put in its place after the verdict was written down."""
+    run = tmp_path / "run"
+    shutil.copytree(before_approval, run)
+    with_one_that_stands(run, "old")
+    said = Verdict(stays=0, rounds=2, beside_first=Duel(for_new=0, for_old=4))
+    (run / "rounds/02/verdict.json").write_text(json.dumps(said.as_json()))
+    run_configured(run, erring_cfg())
+    last, first = (run / f"rounds/0{n}/policy/policy.pt" for n in (2, 0))
+    assert last.read_bytes() == first.read_bytes()
+    assert asked(run)[2] == 0
+    report = json.loads((run / "rounds/02/report.json").read_text())
+    assert report["verdict"]["word"] == "not better"
+
+
+def test_a_style_is_judged_at_its_end_and_not_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Though no answer errs: nobody is asked after the longest training. Where the
+    policy it began from is the first, there is one duel."""
+    cfg = replace(small_cfg(), labels=40, rounds=1)
+    run = tmp_path / "run"
+    with monkeypatch.context() as patch:
+        patch.setattr("gaitpref.loop.run.show_stage", _killed_at_the_end)
+        with pytest.raises(_Killed):
+            run_configured(run, cfg)
+    (run / "rounds/01/candidate/policy.pt").write_bytes(
+        wild(run / "rounds/01/candidate/policy.pt")
+    )
+    run_configured(run, cfg)
+    found = json.loads((run / "rounds/01/report.json").read_text())["verdict"]
+    assert found["beside_before"] is None
+    assert (found["stays"], found["word"]) == (0, "not better")
+    with Dataset.open(run / "dataset").answers() as store:
+        pairs = store.pairs()
+    judged = [pair.round for pair in pairs if pair.strategy == STRATEGY]
+    assert judged == [1] * 4
+
+
+def test_a_policy_that_no_clip_shows_does_not_stay(
+    before_approval: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where every simulation of it diverges."""
+    monkeypatch.setattr("gaitpref.loop.verdict_stage.shown_by", lambda *_: False)
+    run = tmp_path / "run"
+    shutil.copytree(before_approval, run)
+    run_configured(run, erring_cfg())
+    first, last = (run / f"rounds/0{n}/policy/policy.pt" for n in (0, 2))
+    assert last.read_bytes() == first.read_bytes()
+
+
+def test_each_pair_shows_both_policies_under_one_command(
+    before_approval: Path, tmp_path: Path
+) -> None:
+    """Whichever of them is preferred."""
+    run = tmp_path / "run"
+    shutil.copytree(before_approval, run)
+    new, old, first = (
+        load_policy(run / f"rounds/{place}/policy.pt").sha256
+        for place in ("02/candidate", "01/policy", "00/policy")
+    )
+    run_configured(run, erring_cfg())
+    dataset = Dataset.open(run / "dataset")
+    with dataset.answers() as store:
+        pairs = store.pairs(round=2)
+    commands: dict[frozenset[str], list[tuple[float, ...]]] = {}
+    for pair in pairs:
+        metas = [dataset.entry(clip.rollout).meta for clip in (pair.a, pair.b)]
+        assert pair.strategy == STRATEGY
+        shown = frozenset(str(meta.policy_sha256) for meta in metas)
+        assert shown in ({new, old}, {new, first}, {old, first})
+        assert metas[0].command == metas[1].command
+        assert metas[0].env_index == metas[1].env_index
+        assert not any(meta.stochastic for meta in metas)
+        commands.setdefault(shown, []).append(metas[0].command)
+    assert len(commands) == 2
+    # All five commands before any of them comes again.
+    for of_duel in commands.values():
+        assert len(set(of_duel[:5])) == len(of_duel[:5])
+
+
+@pytest.mark.slow
+def test_training_goes_on_from_the_policy_that_was_preferred(
+    tmp_path: Path,
+) -> None:
+    """Where answers speak against the second retraining, the third begins where the
+    second did, and is judged beside that."""
+    run = tmp_path / "run"
+    cfg = replace(erring_cfg(), rounds=3, labels=90, seed=1)
+    cfg = judging(cfg, Compared(first=2, noisy_margin=-100))
+    cfg = replace(cfg, method=replace(cfg.method, unstick=None))
+    run_configured(run, cfg)
+    first, second = (load_policy(run / f"rounds/0{n}/policy/policy.pt") for n in (1, 2))
+    judged = [run / "rounds/03/policy", run / "rounds/03/candidate"]
+    third = load_policy(next(p for p in reversed(judged) if p.exists()) / "policy.pt")
+    assert second.info.steps > first.info.steps
+    own = third.info.steps - first.info.steps
+    assert own == second.info.steps - first.info.steps + 1536
+    dataset = Dataset.open(run / "dataset")
+    compared = []
+    with dataset.answers() as store:
+        assert store.count() <= 90
+        for round in (2, 3):
+            shown = {
+                dataset.entry(clip.rollout).meta.policy_sha256
+                for pair in store.pairs(round=round)
+                if pair.strategy == STRATEGY
+                for clip in (pair.a, pair.b)
+            }
+            compared.append(shown)
+    zeroth = load_policy(run / "rounds/00/policy/policy.pt").sha256
+    assert compared[0] == {first.sha256, second.sha256}
+    assert second.sha256 not in compared[1]
+    assert {first.sha256, third.sha256, zeroth} == compared[1]
+    assert not json.loads((run / "rounds/02/approval.json").read_text())["approved"]
+    # Whether the third training raised the reward is measured from where it began.
+    reward = load_reward(run / "rounds/02/reward")
+    began = evaluate(first, reward, episodes=8, seed=seed_of(cfg, 0, 6)).return_mean
+    assert began_with(cfg, Round(run, 3)) == pytest.approx(began, abs=1e-4)
+    report = json.loads((run / "rounds/02/report.json").read_text())
+    assert began != pytest.approx(report["learned_return_next"], abs=1e-4)
