@@ -19,7 +19,7 @@ import tyro
 
 from gaitpref.cli.options.options import Loop
 from gaitpref.cli.shared.presets import resolve
-from gaitpref.loop.run import run_configured
+from gaitpref.loop.run import run_loop
 from gaitpref.raters.criterion_scores import score_of_criterion
 from policy.env.task_reward import task_reward_for, task_score
 from policy.rollouts.evaluate import Evaluation, evaluate_actor
@@ -153,7 +153,7 @@ def _small_loop(run: Path) -> Run:
     small = replace(
         cfg, steps=replace(cfg.steps, last=1536), evaluation_episodes=8, ppo=ppo
     )
-    run_configured(run, small)
+    run_loop(run, small)
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return Run(time.perf_counter() - start_s, peak_mb, "")
 

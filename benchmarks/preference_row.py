@@ -20,7 +20,7 @@ from torch import Tensor
 
 from data.files.files import write_atomically
 from gaitpref.loop.loop_cfg import LoopCfg
-from gaitpref.loop.run import run_configured
+from gaitpref.loop.run import run_loop
 from gaitpref.method.context import RoundContext
 from gaitpref.method.exploration import PutBack
 from gaitpref.raters.criteria import Criterion, SequenceCriterion, load_criterion
@@ -87,7 +87,7 @@ def run_cell(cell: Cell, places: Places) -> None:
     run = places.work / cell.name
     fresh = not run.exists()
     start_s = time.perf_counter()
-    run_configured(run, cfg)
+    run_loop(run, cfg)
     minutes = (time.perf_counter() - start_s) / 60
     row = _row(cell, cfg, run, base, places)
     # A run that was interrupted does not know how long it took.

@@ -34,7 +34,7 @@ def no_page(dataset: Dataset) -> AbstractContextManager[People]:
     return nullcontext(People())
 
 
-def run_configured(
+def run_loop(
     run: Path,
     cfg: LoopCfg,
     *,

@@ -2,7 +2,7 @@
 
 What the environment needs and the model lacks (a floor, position servos, a pose to
 stand in, foot sites, sensors) is added; what cannot be found is asked for in a small
-TOML beside the model (`robots/hints.py`).
+TOML beside the model (`hints.py`).
 
 Shapes: nq positions and nv velocities of the model; legs and joints in the order of
 `data.features.LEGS` and `data.features.JOINTS`.

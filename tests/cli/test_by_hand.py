@@ -12,7 +12,7 @@ import torch
 from data.files.files import read_json
 from gaitpref.cli.main import main
 from gaitpref.loop.loop_cfg import LoopCfg
-from gaitpref.loop.run import run_configured
+from gaitpref.loop.run import run_loop
 from gaitpref.loop.run_dir import Round, seed_of
 from policy.env.feature_row import OBS_DIM
 from policy.training.checkpoint import load_policy
@@ -54,7 +54,7 @@ def looped(tmp_path_factory: pytest.TempPathFactory, method: str) -> tuple[Path,
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(f"gaitpref.loop.run.{stage}", _kill_in(number))
             with pytest.raises(_Killed):
-                run_configured(run, cfg_of(method))
+                run_loop(run, cfg_of(method))
         if number == 0:
             shutil.copytree(run, fitted)
     return fitted, run

@@ -18,7 +18,7 @@ import torch
 from data.datasets.dataset import Dataset
 from data.features import column
 from gaitpref.cli.main import main
-from gaitpref.loop.run import run_configured
+from gaitpref.loop.run import run_loop
 from gaitpref.loop.run_report import read_rounds
 from gaitpref.raters.rater_cfg import RaterCfg
 from gaitpref.report.findings import NO_ALARM, findings_of_run
@@ -48,8 +48,8 @@ def nothing(tmp_path_factory: pytest.TempPathFactory) -> Told:
     run = tmp_path_factory.mktemp("loop") / "run"
     code = (
         "import sys; from pathlib import Path; import torch; "
-        "torch.set_num_threads(1); from gaitpref.loop.run import run_configured; "
-        f"from {__name__} import CFG; run_configured(Path(sys.argv[1]), CFG)"
+        "torch.set_num_threads(1); from gaitpref.loop.run import run_loop; "
+        f"from {__name__} import CFG; run_loop(Path(sys.argv[1]), CFG)"
     )
     done = subprocess.run(
         [sys.executable, "-c", code, str(run)], capture_output=True, text=True
@@ -94,7 +94,7 @@ def test_a_loop_goes_on_without_episodes_that_are_gone(
         asked = next(pair for pair in store.pairs() if pair.round == 0)
     dataset.path_of(dataset.entry(asked.a.rollout)).unlink()
     main(["data", "recover", "--dataset", str(dataset.root)])
-    run_configured(run, CFG)
+    run_loop(run, CFG)
     read = capsys.readouterr()
     told = " ".join((read.out + read.err).split())
     assert "answers are about episodes that are gone and are left out" in told

@@ -14,7 +14,7 @@ from gaitpref.loop.fit_stage import fit_stage
 from gaitpref.loop.loop_cfg import LoopCfg
 from gaitpref.loop.people import People
 from gaitpref.loop.questions_stage import questions_stage
-from gaitpref.loop.run import run_configured
+from gaitpref.loop.run import run_loop
 from gaitpref.loop.run_dir import Round, context_of, decided_before
 from gaitpref.loop.run_inputs import inputs_of
 from gaitpref.method.context import RoundContext
@@ -44,7 +44,7 @@ def stopped(stage: str, number: int, run: Path, cfg: LoopCfg) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(loop, stage, killed)
         with pytest.raises(_Killed):
-            run_configured(run, cfg)
+            run_loop(run, cfg)
 
 
 def told_to_rounds(
@@ -59,7 +59,7 @@ def told_to_rounds(
 
     with monkeypatch.context() as patch:
         patch.setattr("gaitpref.loop.run.context_of", kept)
-        run_configured(run, cfg)
+        run_loop(run, cfg)
     return found
 
 
@@ -147,7 +147,7 @@ def test_killed_before_its_reward_is_kept_it_decides_the_same(tmp_path: Path) ->
 
         patch.setattr("gaitpref.loop.fit_stage.save_reward", killed)
         with pytest.raises(_Killed):
-            run_configured(run, cfg)
+            run_loop(run, cfg)
     decided = Round(run, 0).decided
     assert not Round(run, 0).reward.exists()
     before = decided.read_bytes()

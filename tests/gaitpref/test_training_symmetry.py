@@ -12,7 +12,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from gaitpref.loop.run import run_configured
+from gaitpref.loop.run import run_loop
 from gaitpref.raters.criteria import load_criterion
 from gaitpref.raters.criterion_scores import criterion_context, score_of_criterion
 from gaitpref.training.symmetry import in_mirror
@@ -85,6 +85,6 @@ def test_a_loop_learns_in_the_mirror_unless_told_otherwise(
 ) -> None:
     cfg = small_cfg()
     cfg = replace(cfg, method=replace(cfg.method, mirror=mirror))
-    run_configured(tmp_path / "run", cfg)
+    run_loop(tmp_path / "run", cfg)
     last = load_policy(tmp_path / "run/rounds/02/policy/policy.pt")
     assert last.info.ppo.mirror == mirror

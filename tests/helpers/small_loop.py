@@ -18,7 +18,7 @@ from gaitpref.cli.commands.loop import page_of_loop
 from gaitpref.cli.options.options import Loop, Serving
 from gaitpref.cli.shared.presets import resolve
 from gaitpref.loop.loop_cfg import LoopCfg, StepsCfg
-from gaitpref.loop.run import run_configured
+from gaitpref.loop.run import run_loop
 from policy.rollouts.record import RecordCfg
 from policy.training.ppo import PpoCfg
 
@@ -56,11 +56,11 @@ def main(options: Options) -> None:
     """Run or go on with the small loop in the directory `run`."""
     torch.set_num_threads(1)
     if options.port is None:
-        run_configured(options.run, small_cfg())
+        run_loop(options.run, small_cfg())
         return
     patience = None if options.patience is None else options.patience / 60
     asked = Loop(run=options.run, patience=patience, page=Serving(port=options.port))
-    run_configured(options.run, human_cfg(), open_page=partial(page_of_loop, asked))
+    run_loop(options.run, human_cfg(), open_page=partial(page_of_loop, asked))
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from benchmarks.preference_plan import HELD_BACK, loop_cfg, plan
 from benchmarks.preference_table import BEGIN, END, publish_rows, together
 from benchmarks.wishes import carried_right_foot, nose_up_when_slow
 from data.features import FEATURE_DIM, column
-from gaitpref.loop.run import run_configured
+from gaitpref.loop.run import run_loop
 from gaitpref.raters.criteria import load_criterion
 from gaitpref.raters.criterion_scores import criterion_context
 from gaitpref.raters.rater_cfg import RaterCfg
@@ -262,7 +262,7 @@ def test_a_seed_that_never_walks_is_the_worst() -> None:
 def test_fresh_pairs_are_answered_as_the_rater_does(tmp_path: Path) -> None:
     """Who never errs says what the criterion says; who does, the opposite at times."""
     cfg = small_cfg()
-    run_configured(tmp_path / "run", cfg)
+    run_loop(tmp_path / "run", cfg)
     policy = load_policy(tmp_path / "run/rounds/00/policy/policy.pt")
     context = criterion_context(policy.robot(), policy.info.env)
     criterion = load_criterion(cfg.criterion, context)

@@ -14,7 +14,7 @@ from data.datasets.dataset import Dataset
 from gaitpref.cli.main import main
 from gaitpref.loop.people import People
 from gaitpref.loop.policy_stage import policy_stage
-from gaitpref.loop.run import run_configured
+from gaitpref.loop.run import run_loop
 from gaitpref.loop.run_dir import Round
 from gaitpref.method.budget import FrontLoaded
 from gaitpref.method.context import RoundContext
@@ -63,7 +63,7 @@ def test_answers_that_do_not_agree_train_nothing(
         simulated=RaterCfg(mistakes=0.5),
     )
     run = tmp_path / "run"
-    run_configured(run, cfg)
+    run_loop(run, cfg)
     told = " ".join("".join(capsys.readouterr()).split())
     assert "the answers do not agree with one another" in told
     assert "the robot stands still, because the answers do not agree" in told

@@ -17,10 +17,10 @@ import pytest
 from data.answers.store import AnswerStore
 from data.datasets.dataset import Dataset
 from data.files.files import sha256_file
-from gaitpref.cli.commands.loop import run_loop
 from gaitpref.cli.options.options import Loop
+from gaitpref.cli.shared.presets import resolve
 from gaitpref.loop.loop_cfg import RunError
-from gaitpref.loop.run import run_configured
+from gaitpref.loop.run import run_loop
 from gaitpref.method.budget import FrontLoaded
 from gaitpref.method.context import RoundContext
 from policy.env.env_cfg import getup_env
@@ -65,7 +65,7 @@ def _judgements(run: Path) -> list[tuple[str, str, str]]:
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small loop that nobody disturbed."""
     run = tmp_path_factory.mktemp("loop") / "run"
-    run_configured(run, small_cfg())
+    run_loop(run, small_cfg())
     return run
 
 
@@ -92,7 +92,7 @@ def test_equal_seeds_give_equal_episodes_answers_and_weights(
 ) -> None:
     """A second run with the same seed is the same, bit for bit."""
     again = tmp_path / "run"
-    run_configured(again, small_cfg())
+    run_loop(again, small_cfg())
     assert _results(again) == _results(undisturbed)
     assert _judgements(again) == _judgements(undisturbed)
 
@@ -100,7 +100,7 @@ def test_equal_seeds_give_equal_episodes_answers_and_weights(
 def test_another_seed_gives_other_weights(undisturbed: Path, tmp_path: Path) -> None:
     """The seed reaches everything: nothing is equal by accident."""
     other = tmp_path / "run"
-    run_configured(other, small_cfg(seed=1))
+    run_loop(other, small_cfg(seed=1))
     assert not set(_results(other).values()) & set(_results(undisturbed).values())
 
 
@@ -128,9 +128,9 @@ def test_a_loop_about_getting_up(tmp_path: Path, undisturbed: Path) -> None:
     walks = undisturbed / "rounds/02/policy/policy.pt"
     options = Loop(run=tmp_path / "run", base=str(walks), getup=True)
     with pytest.raises(RunError, match="never trained lying"):
-        run_loop(options)
+        resolve(options)
     cfg = small_cfg()
-    run_configured(tmp_path / "run", replace(cfg, env=getup_env(cfg.env)))
+    run_loop(tmp_path / "run", replace(cfg, env=getup_env(cfg.env)))
     entries = Dataset.open(tmp_path / "run/dataset").entries()
     assert {entry.meta.task for entry in entries} == {"getup"}
     policy = load_policy(tmp_path / "run/rounds/02/policy/policy.pt")
@@ -151,7 +151,7 @@ def test_a_round_stops_asking_where_answers_are_enough(
     first = RoundContext(number=0, rounds=cfg.rounds, labels=cfg.labels)
     assert cfg.method.budget.labels_of(first) > batch
     for _ in range(2):
-        run_configured(tmp_path / "run", cfg)
+        run_loop(tmp_path / "run", cfg)
         with Dataset.open(tmp_path / "run/dataset").answers() as store:
             asked = [len(store.pairs(round=number)) for number in range(2)]
             assert asked[0] == batch
@@ -175,7 +175,7 @@ def test_the_first_round_asks_on_while_answers_leave_it_open(
     cfg = replace(cfg, method=method)
     expected = [28, 12] if asks_on else [16, 24]
     for _ in range(2):
-        run_configured(tmp_path / "run", cfg)
+        run_loop(tmp_path / "run", cfg)
         with Dataset.open(tmp_path / "run/dataset").answers() as store:
             assert [len(store.pairs(round=number)) for number in range(2)] == expected
             assert store.count() == 40

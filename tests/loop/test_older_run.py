@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from gaitpref.cli.main import main
-from gaitpref.loop.run import run_configured
+from gaitpref.loop.run import run_loop
 from gaitpref.loop.run_config import read_config
 
 STORED = Path(__file__).parents[1] / "stored" / "run_of_one_room.tar.xz"
@@ -27,7 +27,7 @@ def test_a_finished_one_is_left_as_it_is_and_shown(run: Path) -> None:
     before = {
         path: path.read_bytes() for path in run.rglob("*") if path.suffix == ".pt"
     }
-    page = run_configured(run, read_config(run))
+    page = run_loop(run, read_config(run))
     assert {path: path.read_bytes() for path in before} == before
     page.unlink()
     assert main(["report", "--run", str(run)]) == 0
@@ -36,7 +36,7 @@ def test_a_finished_one_is_left_as_it_is_and_shown(run: Path) -> None:
 
 def test_one_that_was_cut_off_goes_on(run: Path) -> None:
     shutil.rmtree(run / "rounds" / "01")
-    run_configured(run, read_config(run))
+    run_loop(run, read_config(run))
     assert (run / "rounds" / "01" / "report.json").exists()
 
 

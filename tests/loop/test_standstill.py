@@ -16,7 +16,7 @@ from data.features import FEATURE_DIM, column
 from gaitpref.loop.loop_cfg import LoopCfg
 from gaitpref.loop.people import People
 from gaitpref.loop.policy_stage import policy_stage
-from gaitpref.loop.run import run_configured
+from gaitpref.loop.run import run_loop
 from gaitpref.loop.run_dir import Round
 from gaitpref.loop.show_stage import STRATEGY
 from gaitpref.loop.standstill import seen_standing, standstill_before
@@ -177,7 +177,7 @@ def until_it_is_fitted(run: Path, cfg: LoopCfg, patch: pytest.MonkeyPatch) -> No
     with patch.context() as stopping:
         stopping.setattr("gaitpref.loop.run.report_stage", killed)
         with pytest.raises(_Killed):
-            run_configured(run, cfg)
+            run_loop(run, cfg)
 
 
 @pytest.fixture(scope="module")
@@ -297,7 +297,7 @@ def test_who_leaves_a_standstill_is_not_judged_and_the_page_says_so(
     found = json.loads(decided.read_text())
     assert not found["noisy"]
     decided.write_text(json.dumps({**found, "noisy": True}))
-    run_configured(run, cfg)
+    run_loop(run, cfg)
     rounds = [Round(run, number) for number in range(4)]
     left = [round.number for round in rounds if round.standstill.exists()]
     assert left[0] == 1

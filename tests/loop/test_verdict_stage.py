@@ -15,7 +15,7 @@ import torch
 from data.datasets.dataset import Dataset
 from gaitpref.loop.loop_cfg import LoopCfg
 from gaitpref.loop.report_stage import began_with
-from gaitpref.loop.run import run_configured
+from gaitpref.loop.run import run_loop
 from gaitpref.loop.run_dir import Round, seed_of
 from gaitpref.loop.show_stage import STRATEGY
 from gaitpref.method.acceptance import Compared, Duel
@@ -54,7 +54,7 @@ def before_approval(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("gaitpref.loop.run.show_stage", _killed_at_the_end)
         with pytest.raises(_Killed):
-            run_configured(run, erring_cfg())
+            run_loop(run, erring_cfg())
     return run
 
 
@@ -104,7 +104,7 @@ def test_the_better_of_the_two_stays(
     expected = with_one_that_stands(run, stands)
     counts = set[int]()
     for _ in range(2):
-        run_configured(run, erring_cfg())
+        run_loop(run, erring_cfg())
         assert (run / "rounds/02/policy/policy.pt").read_bytes() == expected
         counts.add(asked(run)[2])
         assert 0 < max(counts) <= KEPT
@@ -136,7 +136,7 @@ def test_a_loop_killed_with_its_verdict_keeps_it(
     with_one_that_stands(run, "old")
     said = Verdict(stays=0, rounds=2, beside_first=Duel(for_new=0, for_old=4))
     (run / "rounds/02/verdict.json").write_text(json.dumps(said.as_json()))
-    run_configured(run, erring_cfg())
+    run_loop(run, erring_cfg())
     last, first = (run / f"rounds/0{n}/policy/policy.pt" for n in (2, 0))
     assert last.read_bytes() == first.read_bytes()
     assert asked(run)[2] == 0
@@ -154,11 +154,11 @@ def test_a_style_is_judged_at_its_end_and_not_before(
     with monkeypatch.context() as patch:
         patch.setattr("gaitpref.loop.run.show_stage", _killed_at_the_end)
         with pytest.raises(_Killed):
-            run_configured(run, cfg)
+            run_loop(run, cfg)
     (run / "rounds/01/candidate/policy.pt").write_bytes(
         wild(run / "rounds/01/candidate/policy.pt")
     )
-    run_configured(run, cfg)
+    run_loop(run, cfg)
     found = json.loads((run / "rounds/01/report.json").read_text())["verdict"]
     assert found["beside_before"] is None
     assert (found["stays"], found["word"]) == (0, "not better")
@@ -175,7 +175,7 @@ def test_a_policy_that_no_clip_shows_does_not_stay(
     monkeypatch.setattr("gaitpref.loop.verdict_stage.shown_by", lambda *_: False)
     run = tmp_path / "run"
     shutil.copytree(before_approval, run)
-    run_configured(run, erring_cfg())
+    run_loop(run, erring_cfg())
     first, last = (run / f"rounds/0{n}/policy/policy.pt" for n in (0, 2))
     assert last.read_bytes() == first.read_bytes()
 
@@ -190,7 +190,7 @@ def test_each_pair_shows_both_policies_under_one_command(
         load_policy(run / f"rounds/{place}/policy.pt").sha256
         for place in ("02/candidate", "01/policy", "00/policy")
     )
-    run_configured(run, erring_cfg())
+    run_loop(run, erring_cfg())
     dataset = Dataset.open(run / "dataset")
     with dataset.answers() as store:
         pairs = store.pairs(round=2)
@@ -220,7 +220,7 @@ def test_training_goes_on_from_the_policy_that_was_preferred(
     cfg = replace(erring_cfg(), rounds=3, labels=90, seed=1)
     cfg = judging(cfg, Compared(first=2, noisy_margin=-100))
     cfg = replace(cfg, method=replace(cfg.method, unstick=None))
-    run_configured(run, cfg)
+    run_loop(run, cfg)
     first, second = (load_policy(run / f"rounds/0{n}/policy/policy.pt") for n in (1, 2))
     judged = [run / "rounds/03/policy", run / "rounds/03/candidate"]
     third = load_policy(next(p for p in reversed(judged) if p.exists()) / "policy.pt")

@@ -1,0 +1,1 @@
+"""The steps of the loop as functions on a data set, for programs of other people."""

@@ -1,0 +1,101 @@
+"""The configuration of a loop: what is given, and the preset's word for the rest."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from gaitpref.method.method import FROM_SCRATCH, STYLE, Method
+from gaitpref.raters.rater_cfg import RaterCfg
+from policy.rollouts.record import LONGEST_S, RecordCfg
+from policy.training.ppo import PpoCfg
+from policy.training.setup import setting_of
+from rewardmodel.asking.clip_questions import ClipCfg
+
+from .loop_cfg import LoopCfg, RunError, StepsCfg
+
+NEW_BASES = ("task", "none")
+"""What a loop can begin with instead of a policy file."""
+_SCRATCH_EPISODES = 192
+"""Recorded a round from scratch: robots that tumble show little each."""
+
+
+def loop_cfg(
+    *,
+    criterion: str = "high_step",
+    base: str | Path = "task",
+    robot: Path | None = None,
+    quick: bool = False,
+    rounds: int | None = None,
+    labels: int | None = None,
+    rater: Literal["simulated", "human"] = "simulated",
+    simulated: RaterCfg | None = None,
+    clip_s: float = 1.2,
+    change_s: float | None = None,
+    stop_asking: bool = False,
+    method: Method | None = None,
+    seed: int = 0,
+) -> LoopCfg:
+    """A loop; what is not given is the preset's.
+
+    Args:
+        criterion: What the simulated rater looks for: a built-in name, or
+            `module:function`.
+        base: `task`, `none` or a policy file, as of `gaitpref loop --base`.
+        robot: MJCF of another robot than the one that ships.
+        quick: About ten minutes on two cores.
+        rounds: Times questions are asked and the policy is retrained.
+        labels: Answers in all.
+        rater: Who answers.
+        simulated: How the simulated rater errs; by default never.
+        clip_s: Length of a clip.
+        change_s: Another command every so many seconds of what is recorded.
+        stop_asking: End a round's questions where more will not help now.
+        method: What is decided on the way, and how; by default `FROM_SCRATCH` without a
+            base and `STYLE` with one.
+        seed: Where all chance comes from.
+
+    Raises:
+        GaitprefError: a value is out of range, or a file cannot be used.
+    """
+    if change_s is not None and not 0.0 < change_s <= LONGEST_S:
+        raise RunError(
+            f"--change-s must lie in (0, {LONGEST_S:g}] seconds, got {change_s:g}"
+        )
+    scratch = base == "none"
+    clips = ClipCfg.of(clip_s)
+    usual_rounds = 4 if scratch else 2 if quick else 4
+    usual_labels = 100 if scratch else 30
+    setting = setting_of(None if base in NEW_BASES else Path(base), robot)
+    return LoopCfg(
+        method=method or (FROM_SCRATCH if scratch else STYLE),
+        rounds=usual_rounds if rounds is None else rounds,
+        labels=usual_labels if labels is None else labels,
+        rater=rater,
+        simulated=simulated or RaterCfg(),
+        criterion=criterion,
+        base=str(base),
+        robot=None if robot is None else str(robot),
+        seed=seed,
+        steps=_scratch_steps(quick) if scratch else _style_steps(quick),
+        clips=clips,
+        stop_asking=stop_asking,
+        record=RecordCfg(
+            episodes=_SCRATCH_EPISODES if scratch else RecordCfg.episodes,
+            episode_s=max(RecordCfg.episode_s, 3 * clips.clip_s),
+            change_s=change_s,
+        ),
+        env=setting.env,
+        ppo=PpoCfg(hidden_sizes=setting.hidden_sizes),
+    )
+
+
+def _scratch_steps(quick: bool) -> StepsCfg:
+    # A long one overdoes what a reward got wrong, and nothing is learned then.
+    return StepsCfg(base=0, round=600_000, last=800_000 if quick else 1_500_000)
+
+
+def _style_steps(quick: bool) -> StepsCfg:
+    if quick:
+        return StepsCfg(base=800_000, round=600_000, last=600_000)
+    return StepsCfg(base=1_500_000, round=700_000, last=700_000)

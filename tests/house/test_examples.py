@@ -1,0 +1,92 @@
+"""Every example is run, with little of everything, on real physics."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import replace
+from pathlib import Path
+from types import FunctionType, ModuleType
+
+import pytest
+
+import data
+import gaitpref
+import labeling_ui
+import policy
+import rewardmodel
+from data import Dataset
+from gaitpref import LoopCfg, StepsCfg, open_dataset, record, run_loop, score_episode
+from policy import EnvCfg, PpoCfg, RecordCfg, TrainCfg, load_robot, train
+from rewardmodel import load_reward
+
+PACKAGES = (data, gaitpref, labeling_ui, policy, rewardmodel)
+
+
+def example(name: str) -> ModuleType:
+    return importlib.import_module(f"examples.{name}")
+
+
+@pytest.fixture(scope="module")
+def small_policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A policy of one update."""
+    ppo = PpoCfg(num_envs=16, hidden_sizes=(16,))
+    cfg = TrainCfg(steps=768, env=EnvCfg(episode_s=2.0), ppo=ppo)
+    robot = load_robot(physics_dt_s=cfg.env.physics_dt_s)
+    return train(tmp_path_factory.mktemp("policy"), robot, cfg).policy
+
+
+def tiny(cfg: LoopCfg) -> LoopCfg:
+    return replace(
+        cfg,
+        rounds=1,
+        labels=12,
+        steps=StepsCfg(base=768, round=768, last=768),
+        evaluation_episodes=4,
+        ppo=PpoCfg(num_envs=16, hidden_sizes=(16,)),
+        record=RecordCfg(episodes=40, episode_s=2.0),
+    )
+
+
+@pytest.mark.parametrize("name", ["own_criterion", "own_method"])
+def test_a_loop_of_ones_own_runs(tmp_path: Path, name: str) -> None:
+    cfg = tiny(example(name).cfg())
+    page = run_loop(tmp_path / "run", cfg)
+    assert page.exists()
+    assert cfg.criterion in page.read_text()
+
+
+def test_a_rater_of_ones_own_is_fitted_and_trained_on(
+    tmp_path: Path, small_policy: Path
+) -> None:
+    example("own_rater").main(
+        small_policy, tmp_path, episodes=40, questions=30, steps=768
+    )
+    dataset = Dataset.open(tmp_path / "dataset")
+    with dataset.answers() as store:
+        assert store.unanswered("low") == []
+        choices = {given.choice for _, given in store.current_answers()}
+    assert {"a", "b"} <= choices
+    rows = dataset.features(dataset.entries()[0].sha256)
+    paid = score_episode(load_reward(tmp_path / "reward"), rows)
+    assert paid.shape == (len(rows),)
+    assert (tmp_path / "policy" / "policy.pt").exists()
+    # Somebody else fits a reward of their own to what is there.
+    example("fit_on_a_data_set").main(tmp_path / "dataset", tmp_path / "other")
+    assert load_reward(tmp_path / "other").provenance.answers_sha256
+
+
+def test_what_is_no_episode_is_not_scored(tmp_path: Path, small_policy: Path) -> None:
+    dataset = open_dataset(tmp_path / "set", create=True)
+    (entry, *_) = record(small_policy, dataset, episodes=2, episode_s=1.0)
+    rows = dataset.features(entry.sha256)
+    with pytest.raises(ValueError, match=r"rows must be \[T, 90\], got"):
+        score_episode(load_reward, rows[:, :5])  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.__name__)
+def test_what_a_package_says_it_has_is_there_and_told(package: ModuleType) -> None:
+    assert package.__all__
+    for name in package.__all__:
+        found = getattr(package, name)
+        if isinstance(found, type | FunctionType):
+            assert found.__doc__, name
