@@ -18,7 +18,7 @@ import torch
 import tyro
 
 from gaitpref.cli.options.options import Loop
-from gaitpref.cli.shared.presets import resolve
+from gaitpref.cli.shared.loop_arguments import resolve
 from gaitpref.loop.run import run_loop
 from gaitpref.raters.criterion_scores import score_of_criterion
 from policy.env.task_reward import task_reward_for, task_score

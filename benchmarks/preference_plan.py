@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from data.answers.answer_records import Aspect
-from gaitpref.cli.options.options import Loop
-from gaitpref.cli.shared.presets import resolve
 from gaitpref.loop.loop_cfg import LoopCfg, StepsCfg
+from gaitpref.loop.presets import loop_cfg
 from gaitpref.method.budget import FrontLoaded
 from gaitpref.method.expectations import OnceItWalks
 from gaitpref.method.exploration import PutBack
@@ -23,7 +22,6 @@ from gaitpref.method.questions import Questions
 from gaitpref.raters.rater_cfg import RaterCfg
 from policy.env.env_cfg import getup_env
 from policy.rollouts.record import RecordCfg
-from policy.training.ppo import PpoCfg
 from rewardmodel.cfg import FitCfg, PosteriorCfg
 
 TASKS = {
@@ -237,30 +235,30 @@ def plan(
     return sorted(cells, key=lambda cell: cell.seed)
 
 
-def loop_cfg(
+def cfg_of(
     cell: Cell, base: Path | None, *, robot: Path | None = None, quick: bool
 ) -> LoopCfg:
     """The loop of a cell.
 
     Args:
         cell: Which.
-        base: Walking policy of the style tasks, which knows its robot.
+        base: Walking policy of the style tasks, which knows its robot; None: one that
+            is trained first.
         robot: MJCF of another robot than the one that ships, where there is no base.
         quick: Thousands of steps instead of millions; the figures mean nothing.
     """
-    options = Loop(
-        run=Path("unused"),
-        labels=cell.answers,
-        criterion=TASKS[cell.task],
-        base="none" if cell.from_scratch else str(base),
-        robot=robot if base is None else None,
-        preset="quick",
-        seed=cell.seed,
-    )
     rater = RATERS[cell.rater]
     if rater.why:
         rater = replace(rater, why=ABOUT[cell.task])
-    cfg = replace(resolve(options), simulated=rater)
+    cfg = loop_cfg(
+        criterion=TASKS[cell.task],
+        base="none" if cell.from_scratch else base or "task",
+        robot=robot if base is None else None,
+        labels=cell.answers,
+        simulated=rater,
+        quick=True,
+        seed=cell.seed,
+    )
     if cell.task == "get_up":
         cfg = replace(cfg, env=getup_env(cfg.env))
     cfg = replace(cfg, method=METHODS[cell.method](cfg.method))
@@ -275,7 +273,7 @@ def tiny(cfg: LoopCfg) -> LoopCfg:
         labels=12,
         steps=StepsCfg(base=1536, round=1536, last=1536),
         evaluation_episodes=8,
-        ppo=PpoCfg(num_envs=32, hidden_sizes=(16,)),
+        ppo=replace(cfg.ppo, num_envs=32),
         record=RecordCfg(episodes=40, episode_s=2.0),
     )
 

@@ -11,7 +11,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,6 @@ from gaitpref.training.by_method import with_noise
 from gaitpref.training.symmetry import in_mirror
 from gaitpref.training.total_reward import TotalReward, total_reward
 from gaitpref.training.tracking_limit import limit_beside
-from policy.env.velocity_commands import env_for
 from policy.rollouts.evaluate import Evaluation, rollout_features, summarise
 from policy.rollouts.rollout import Actor, hold_home
 from policy.training.checkpoint import Policy, load_policy
@@ -38,7 +37,7 @@ from policy.training.setup import setting_of
 from policy.training.train import TrainCfg, train
 
 from .preference_fresh import on_fresh_pairs
-from .preference_plan import Cell, loop_cfg, steps_of
+from .preference_plan import Cell, cfg_of, steps_of
 
 EPISODES = 64
 EVALUATION_SEED = 1_000_003
@@ -75,15 +74,7 @@ def run_cell(cell: Cell, places: Places) -> None:
         return
     torch.set_num_threads(1)
     base = None if cell.from_scratch else walking_base(cell, places)
-    cfg = loop_cfg(cell, base, robot=places.robot, quick=places.quick)
-    setting = setting_of(base, places.robot if base is None else None)
-    if base is None:
-        cfg = replace(cfg, env=env_for(setting.robot, cfg.env))
-    else:
-        hidden_sizes = setting.hidden_sizes
-        cfg = replace(
-            cfg, env=setting.env, ppo=replace(cfg.ppo, hidden_sizes=hidden_sizes)
-        )
+    cfg = cfg_of(cell, base, robot=places.robot, quick=places.quick)
     run = places.work / cell.name
     fresh = not run.exists()
     start_s = time.perf_counter()
@@ -152,7 +143,7 @@ def walking_base(cell: Cell, places: Places) -> Path:
     """The policy all style tasks of a robot start from: PPO on the hand-written walking
     reward."""
     crouch = Cell(task="crouch", answers=60, rater="perfect", method="default", seed=0)
-    cfg = loop_cfg(crouch, None, robot=places.robot, quick=places.quick)
+    cfg = cfg_of(crouch, None, robot=places.robot, quick=places.quick)
 
     def make(out: Path) -> None:
         setting = setting_of(None, places.robot)

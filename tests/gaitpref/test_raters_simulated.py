@@ -17,7 +17,7 @@ from data.episodes.clips import Clip
 from data.errors import GaitprefError
 from data.features import FEATURE_DIM, column
 from gaitpref.cli.options.options import Answer, Erring, Loop
-from gaitpref.cli.shared.presets import resolve
+from gaitpref.cli.shared.loop_arguments import resolve
 from gaitpref.cli.shared.rater_arguments import rater_cfg
 from gaitpref.loop.run_config import claim, read_config
 from gaitpref.method.questions import Questions

@@ -16,7 +16,7 @@ import tyro
 
 from gaitpref.cli.commands.loop import page_of_loop
 from gaitpref.cli.options.options import Loop, Serving
-from gaitpref.cli.shared.presets import resolve
+from gaitpref.cli.shared.loop_arguments import resolve
 from gaitpref.loop.loop_cfg import LoopCfg, StepsCfg
 from gaitpref.loop.run import run_loop
 from policy.rollouts.record import RecordCfg

@@ -18,7 +18,7 @@ from benchmarks import (
     throughput,
     walk,
 )
-from benchmarks.preference_plan import HELD_BACK, loop_cfg, plan
+from benchmarks.preference_plan import HELD_BACK, cfg_of, plan
 from benchmarks.preference_table import BEGIN, END, publish_rows, together
 from benchmarks.wishes import carried_right_foot, nose_up_when_slow
 from data.features import FEATURE_DIM, column
@@ -181,11 +181,11 @@ def test_the_held_back_task_is_not_run_by_chance() -> None:
 def test_who_has_to_get_up_begins_lying() -> None:
     """And no task reward is kept, which would teach it without any answer."""
     (cell,) = plan(tasks=("get_up",), seeds=1)
-    cfg = loop_cfg(cell, None, quick=False)
+    cfg = cfg_of(cell, None, quick=False)
     assert cfg.env.getup is not None
     assert not cfg.keeps_task
     (walk, *_) = plan(tasks=("walk",), seeds=1)
-    assert loop_cfg(walk, None, quick=False).env.getup is None
+    assert cfg_of(walk, None, quick=False).env.getup is None
 
 
 def test_the_wishes_are_outside_the_descriptor_table() -> None:

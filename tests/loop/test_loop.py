@@ -18,7 +18,7 @@ from data.answers.store import AnswerStore
 from data.datasets.dataset import Dataset
 from data.files.files import sha256_file
 from gaitpref.cli.options.options import Loop
-from gaitpref.cli.shared.presets import resolve
+from gaitpref.cli.shared.loop_arguments import resolve
 from gaitpref.loop.loop_cfg import RunError
 from gaitpref.loop.run import run_loop
 from gaitpref.method.budget import FrontLoaded

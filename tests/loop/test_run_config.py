@@ -10,7 +10,7 @@ import pytest
 from data.errors import GaitprefError
 from gaitpref.cli.main import parse
 from gaitpref.cli.options.options import Erring, Loop
-from gaitpref.cli.shared.presets import resolve
+from gaitpref.cli.shared.loop_arguments import resolve
 from gaitpref.loop.loop_cfg import LoopCfg, RunError
 from gaitpref.method.context import RoundContext
 from gaitpref.raters.rater_cfg import RaterCfg

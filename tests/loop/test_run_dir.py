@@ -22,7 +22,7 @@ from data.files.lock import LOCK_NAME
 from data.files.plain import from_plain, to_plain
 from gaitpref.cli.main import main
 from gaitpref.cli.options.options import Loop
-from gaitpref.cli.shared.presets import resolve
+from gaitpref.cli.shared.loop_arguments import resolve
 from gaitpref.loop.loop_cfg import LoopCfg, RunError
 from gaitpref.loop.run_config import CONFIG_NAME, INPUTS_NAME, claim, read_config
 from gaitpref.loop.run_dir import Round

@@ -19,7 +19,7 @@ from data.errors import GaitprefError
 from data.features import column
 from gaitpref.cli.main import main
 from gaitpref.cli.options.options import Loop
-from gaitpref.cli.shared.presets import resolve
+from gaitpref.cli.shared.loop_arguments import resolve
 from gaitpref.loop.run_dir import Round
 from gaitpref.loop.show_stage import pairs_of_both
 from labeling_ui.page.controls import command_words

@@ -11,7 +11,7 @@ from data.datasets.dataset import Dataset
 from gaitpref.cli.options import options
 from gaitpref.cli.options.options import Loop
 from gaitpref.cli.shared.dataset_argument import address
-from gaitpref.cli.shared.presets import resolve
+from gaitpref.cli.shared.loop_arguments import resolve
 from gaitpref.console.extras import require
 from gaitpref.console.progress import console
 from gaitpref.loop.people import People
