@@ -2,21 +2,25 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-SOURCES := benchmarks data examples gaitpref labeling_ui policy rewardmodel tests
+SOURCES := benchmarks data docs examples gaitpref labeling_ui policy rewardmodel tests
 
-.PHONY: install chromium demo test test-fast check format clean
+.PHONY: install chromium demo docs test test-fast check format clean
 
 install: $(VENV)/.installed
 
 $(VENV)/.installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[train,label,explain,parquet,postgres,view,export,onnx,sb3,dev]'
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[train,label,explain,parquet,postgres,view,export,onnx,sb3,docs,dev]'
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[interop]' \
 	  || echo 'without the extra interop: tests that open files with other projects skip'
 	touch $@
 
 demo: install
 	$(BIN)/gaitpref loop --run runs/demo --preset quick --criterion high_step
+
+# The pages as a site in runs/site; a link that leads nowhere is an error.
+docs: install
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
 # For the browser tests, which skip by name where none can be had.
 chromium: install
@@ -31,7 +35,7 @@ test: install chromium
 test-fast: install
 	$(PYTEST) -m 'not slow and not browser'
 
-check: install
+check: install docs
 	$(BIN)/ruff format --check $(SOURCES)
 	$(BIN)/ruff check $(SOURCES)
 	$(BIN)/pyright --pythonpath $(BIN)/python
