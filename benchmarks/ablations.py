@@ -37,6 +37,7 @@ POSTURE: tuple[Place, ...] = (("crouch", 20, "perfect"), ("lean", 20, "perfect")
 ABLATIONS: tuple[tuple[str, tuple[Place, ...]], ...] = (
     ("default", (*STYLES, *WALKS)),
     ("disagreeing", STYLES),
+    ("unjudged", STYLES),
     ("linear", STYLES),
     ("from-last", STYLES),
     ("no-calm", STYLES),
