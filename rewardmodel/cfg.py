@@ -111,8 +111,8 @@ class FitCfg:
     """Settings that older files have: of curves that were picked one by one."""
 
     kind: KindName | Literal["auto"] = "linear"
-    """Model: `linear` in the gait descriptors, a `posterior` over one to three habits, a
-    Gaussian process (`gp`) or a small network (`mlp`) on the descriptors, one on the
+    """Model: `linear` in the gait descriptors, a `posterior` over one to three habits,
+    a Gaussian process (`gp`) or a small network (`mlp`) on the descriptors, one on the
     last steps (`history`, `transformer`), or `auto`, whichever foresees held-out
     answers best."""
     error_share: float = 0.3
