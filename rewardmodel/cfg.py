@@ -25,7 +25,7 @@ class LinearCfg:
     """Models fitted to resampled answers, fewer where answers are many; their spread
     measures what is unknown."""
     prior_precision: float = 1.0
-    """Of the Gaussian prior on each weight; larger means weaker opinions."""
+    """Precision of the Gaussian prior on each weight; larger means weaker opinions."""
     unsteady_logit: float = field(default=0.75, metadata=ADDED_LATER)
     """Logit by which a clip that bounces, sways, rocks or slips by the usual amount
     more, each, is expected to lose before any answer. Answers overrule it; wrong ones
@@ -57,7 +57,7 @@ class PosteriorCfg:
     num_particles: int = 1000
     """Wishes the posterior is held by."""
     num_members: int = 50
-    """Of these, those that stand for all where an ensemble is asked."""
+    """Particles that stand for all where an ensemble is asked."""
     told: bool = True
     """Whether somebody may want something of how fast the robot goes and turns, and of
     how well it follows commands. Where a task pays for that, a policy cannot change it,

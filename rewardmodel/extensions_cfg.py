@@ -58,7 +58,7 @@ class SequenceCfg(NetworkCfg):
     history_steps: int = 24
     """Steps looked back: 0.48 s at 50 Hz, about a stride."""
     stride: int = 3
-    """Of the steps looked back, every how many is looked at."""
+    """Every how many of the steps looked back is looked at."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -17,7 +17,7 @@ _COLUMNS = (
     "expires_utc"
 )
 _ALL = 2**62
-"""As a limit: more than there can be."""
+"""A limit that is more than there can be."""
 _RECENT = 400
 """Answers among which one to ask again is looked for."""
 _OPEN = f"""

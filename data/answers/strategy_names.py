@@ -27,4 +27,4 @@ NEEDS_MODEL = (
 """Names of strategies that ask an ensemble, and of it the hardest questions; kcenter
 and dpp use one where there is one."""
 ASKED_AGAIN = "again"
-"""Of pairs that earlier versions asked once more, as the answers looked wrong."""
+"""Name on pairs that earlier versions asked once more, as the answers looked wrong."""

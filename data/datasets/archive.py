@@ -51,7 +51,7 @@ _LIMITS = {
     LINES_NAME: ANSWERS_BYTES,
     CARD_NAME: TEXT_BYTES,
 }
-"""Of the files that are no episodes."""
+"""Limits of the files that are no episodes."""
 _ALLOWED = re.compile(
     r"manifest\.json|answers\.jsonl|README\.md|rollouts/[0-9a-f]{2}/[0-9a-f]{64}\.mcap"
 )

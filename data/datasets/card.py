@@ -19,11 +19,11 @@ class CardFacts:
     author: str = OPEN
     """Who publishes it, and how to reach them."""
     licence_rollouts: str = OPEN
-    """Of the episodes; CC-BY-4.0 and CC0-1.0 are usual."""
+    """Licence of the episodes; CC-BY-4.0 and CC0-1.0 are usual."""
     licence_answers: str = OPEN
-    """Of the answers; the raters must have agreed to it."""
+    """Licence of the answers; the raters must have agreed to it."""
     licence_robot: str = OPEN
-    """Of the robot model that every episode carries."""
+    """Licence of the robot model that every episode carries."""
     consent: str = OPEN
     """What the raters were told and agreed to."""
 

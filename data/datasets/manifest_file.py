@@ -83,7 +83,7 @@ class ManifestFile:
         return found
 
     def find(self, sha256: str) -> EpisodeEntry | None:
-        """The same; None if there is none.
+        """The entry of an episode; None if there is none.
 
         Raises:
             DatasetError: the manifest is damaged.

@@ -19,7 +19,7 @@ class AnswerCount:
     round: int
     answers: int
     preferences: int
-    """Of them those that prefer a clip or call both equal."""
+    """Answers that prefer a clip or call both equal."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Overview:
     episodes: int
     steps: int
     hours: float
-    """Of robot time."""
+    """Hours of robot time."""
     bytes: int
     falls: int
     """Episodes that ended by a fall."""

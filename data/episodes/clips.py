@@ -48,7 +48,7 @@ class Clip:
 
     @property
     def key(self) -> str:
-        """The same text for the same clip, everywhere and always."""
+        """Text that is the same for the same clip, everywhere and always."""
         return f"{self.rollout}:{self.start}+{self.steps}"
 
 

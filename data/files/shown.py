@@ -14,7 +14,7 @@ def shown(text: str) -> str:
 
 
 def shown_lines(text: str) -> str:
-    """The same for text of several lines."""
+    """Text of several lines, made harmless where it is shown."""
     return "\n".join(map(shown, text.split("\n")))
 
 

@@ -33,7 +33,7 @@ def unpack_zstd(content: bytes | memoryview, size: int, limit: int) -> bytes:
 
 
 def unpack_lz4(content: bytes | memoryview, size: int, limit: int) -> bytes:
-    """The same of a frame of lz4."""
+    """What a frame of lz4 holds, if it is no more than was said beforehand."""
     # It comes with mcap, and only bags of others are packed with it.
     from lz4.frame import LZ4FrameDecompressor
 

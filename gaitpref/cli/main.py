@@ -28,7 +28,7 @@ from .usage import did_you_mean, require_command
 
 EXIT_BAD_INPUT = 2
 EXIT_NOT_READ = 141
-"""As of a program that SIGPIPE ends."""
+"""Exit code of a program that SIGPIPE ends."""
 
 
 def parse(args: Sequence[str] | None = None) -> options.Command:

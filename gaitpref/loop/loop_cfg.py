@@ -24,11 +24,11 @@ class StepsCfg:
     """Environment steps of the trainings of a run."""
 
     base: int
-    """Of the policy the first questions are asked about."""
+    """Steps of the policy the first questions are asked about."""
     round: int
-    """Of a retraining."""
+    """Steps of a retraining."""
     last: int
-    """Of the last retraining."""
+    """Steps of the last retraining."""
 
 
 @dataclass(frozen=True, kw_only=True)

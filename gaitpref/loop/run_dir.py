@@ -41,7 +41,7 @@ class Round:
 
     @property
     def standstill(self) -> Path:
-        """Of the policy the round's own was trained to leave; such is not judged."""
+        """What the round's policy was trained to leave: such a one is not judged."""
         return self.policy.parent / STANDSTILL_NAME
 
     @property

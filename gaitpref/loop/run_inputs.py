@@ -23,7 +23,7 @@ class RunInputs:
     robot: Robot
     criterion: Criterion
     base_sha256: str | None
-    """Of the policy file it begins with; None where it begins with none."""
+    """Hash of the policy file it begins with; None where it begins with none."""
 
     @property
     def contents(self) -> dict[str, Any]:

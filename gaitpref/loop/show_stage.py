@@ -30,7 +30,7 @@ from .run_dir import Round, began_from, place_of, seed_of
 
 STRATEGY = "approval"
 _EPISODES = 10
-"""Of either policy: two of every command that is recorded."""
+"""Episodes of either policy: two of every command that is recorded."""
 _LEAST_CLIP_S = 0.1
 """A fall is seen in no time, and one who falls at once is to be judged too."""
 

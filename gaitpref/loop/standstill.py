@@ -36,7 +36,7 @@ class Standstill:
     speed_m_s: float
     """Mean planar speed over the grid of commands, without noise."""
     told_m_s: float
-    """The same of the commands."""
+    """Mean speed that the commands ask for."""
     features: Tensor
     """[T, N, F] of its episodes."""
     lengths: Tensor

@@ -40,7 +40,7 @@ class Duel:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Of the share of answers for the new one, with 5 % below and 5 % above."""
+        """Share of answers for the new one, with 5 % below and 5 % above."""
         return self._quantile(1 - SURE), self._quantile(SURE)
 
     def sure(self, probability: float) -> bool:

@@ -15,7 +15,7 @@ from rewardmodel.models.model import RewardModel
 from .context import RoundContext
 
 _MUCH = 0.25
-"""Of what the most important habit makes of a reward, from which on another counts."""
+"""Share of what the most important habit pays, from which on another counts."""
 _GONE = 1.5
 """Times `PutBack.calm_std` up to which a policy's noise has come down."""
 

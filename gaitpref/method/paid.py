@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class SurelyLiked:
-    """Of a linear reward, what the answers are sure of, weight by weight."""
+    """What the answers are sure of, weight by weight of a linear reward."""
 
     kind: ClassVar = "linear"
 

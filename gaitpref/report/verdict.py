@@ -81,7 +81,7 @@ class Verdict:
 
     @classmethod
     def from_json(cls, found: dict[str, Any]) -> Self:
-        """Of `as_json`."""
+        """The verdict that `as_json` wrote."""
         first, before = (
             None if each is None else Duel(**each)
             for each in (found["beside_first"], found["beside_before"])

@@ -32,7 +32,7 @@ from .total_reward import TotalReward, total_reward
 from .tracking_limit import limit_beside
 
 _EPISODES_LOOKED_AT = 32
-"""Of those recorded, to see whether a reward tells left from right."""
+"""Recorded episodes that show whether a reward tells left from right."""
 
 
 def recorded_by(clips: ClipSources, record: RecordCfg) -> RecordCfg:

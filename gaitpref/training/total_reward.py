@@ -30,7 +30,7 @@ from rewardmodel.models.storage import load_reward
 from .tracking_limit import TrackingLimit
 
 _SPREAD_STRIDE = 4
-"""Of the environments, every how many is asked how unsure the ensemble is."""
+"""Every how many of the environments is asked how unsure the ensemble is."""
 
 
 @runtime_checkable
@@ -49,7 +49,7 @@ class TotalReward:
     score: ScoreFn
     """Per second: a learned reward or a criterion."""
     weight: float
-    """Of `score`."""
+    """Weight of `score`."""
     known: KnownTermsCfg
     task: TaskRewardCfg | None
     """The hand-written reward that is kept beside; None keeps none."""

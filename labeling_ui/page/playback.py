@@ -96,7 +96,7 @@ class Playback:
         )
 
     def at_speed(self, speed: float) -> Playback:
-        """The same moment at another of SPEEDS."""
+        """This moment at another of SPEEDS."""
         return replace(self, speed=speed)
 
     def faster(self, steps: int) -> Playback:

@@ -64,7 +64,7 @@ class Judgement:
     """One answer as it comes from the page."""
 
     question_id: str
-    """Of the question that was on the screen when the key was pressed."""
+    """The question that was on the screen when the key was pressed."""
     verdict: Verdict
     reason: str = ""
     """Why a clip is bad."""

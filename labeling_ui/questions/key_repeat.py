@@ -15,7 +15,7 @@ class GuardCfg:
     min_shown_s: float = 0.5
     """A pair shown for less was not judged."""
     repeat_gap_s: float = 0.25
-    """The same verdict again after less is a held key, however long it is held."""
+    """Pause after which an equal verdict is no held key, however long one is held."""
     same_verdict_s: float = 1.1
     """After an accepted verdict the same one waits this long: a held key repeats for
     the first time after up to a second."""

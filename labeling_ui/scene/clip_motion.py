@@ -177,7 +177,7 @@ def _turned(points: np.ndarray, turn: np.ndarray) -> np.ndarray:
 
 
 def _continuous(wxyzs: np.ndarray) -> np.ndarray:
-    """The same attitudes [S, I, 4], with no change of sign from one to the next."""
+    """Attitudes [S, I, 4] with no change of sign from one to the next."""
     turned = (wxyzs[1:] * wxyzs[:-1]).sum(axis=-1) < 0
     flips = np.cumprod(np.where(turned, -1, 1), axis=0)
     return np.concatenate([wxyzs[:1], wxyzs[1:] * flips[..., None]]).astype(np.float32)

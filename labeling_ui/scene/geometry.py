@@ -19,7 +19,7 @@ from data.ground import Ground
 from .solids import Solid, solid_of_geom
 
 Rgb = tuple[float, float, float]
-"""As a screen shows it (sRGB), each in [0, 1]."""
+"""Red, green, blue as a screen shows them (sRGB), each in [0, 1]."""
 
 _SEEN_GROUPS = 3
 """MuJoCo shows geoms of the groups 0, 1 and 2; the others are for collisions."""
@@ -55,7 +55,7 @@ class RobotGeometry:
     """A robot as it is drawn; the floor is not part of it."""
 
     key: str
-    """The same for equal MJCF texts."""
+    """A text that is the same for equal MJCF texts."""
     mj_model: mujoco.MjModel
     meshes: tuple[BodyMesh, ...]
 
@@ -223,7 +223,7 @@ def _matching_turn(
 
 
 def _fingerprint(pieces: tuple[Piece, ...], turn: np.ndarray) -> frozenset[bytes]:
-    """The same for the same points in the same colours, in any order."""
+    """A text that is the same for the same points in the same colours, in any order."""
     at = np.zeros(3)
     marks = set()
     for piece in pieces:

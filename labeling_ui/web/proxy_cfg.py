@@ -65,7 +65,7 @@ class ProxyCfg:
         return self.cert is None and not is_loopback(self.host)
 
     def cookie_name(self, port: int) -> str:
-        """Of the cookie that says who is logged in where the page is on `port`."""
+        """Name of the cookie that says who is logged in where the page is on `port`."""
         # What a browser holds the prefix to: https, and for the first, the path "/".
         prefix = ("__Secure-" if self.path else "__Host-") if self.secure else ""
         # Ports share cookies: two servers of one machine must not log each other out.

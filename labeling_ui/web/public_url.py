@@ -25,7 +25,7 @@ class PublicUrl:
     scheme: str
     """`http` or `https`."""
     name: str
-    """Of the host, in lower case."""
+    """Name of the host, in lower case."""
     port: int | None
     """None for the usual one of the scheme, which browsers leave out."""
     path: str
@@ -41,7 +41,7 @@ class PublicUrl:
 
     @property
     def origin(self) -> str:
-        """As a browser sends it with a form and a websocket."""
+        """The origin as a browser sends it with a form and a websocket."""
         return f"{self.scheme}://{self.netloc}"
 
     @property

@@ -33,10 +33,10 @@ EDGE_M = 0.6
 _TURN_RAD = 0.5
 """How far a robot may start turned away from the middle."""
 _LIFT_M = 0.03
-"""Of the start, for feet that are not quite where they are at home."""
+"""Lift of the start, for feet that are not quite where they are at home."""
 _THICKNESS_M = 0.5
 _DIGITS = 3
-"""Of a height, as a share of the field's: more would only lengthen the text."""
+"""Digits of a height, as a share of the field's: more only lengthen the text."""
 
 
 @dataclass(frozen=True, kw_only=True)

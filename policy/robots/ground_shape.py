@@ -17,7 +17,7 @@ from .foot import collides
 FLOOR_NAME = "gaitpref_floor"
 
 TERRAIN_NAME = "gaitpref_terrain"
-"""Of the height field that `policy.env.terrain` puts into the floor's place."""
+"""Name of the height field that `policy.env.terrain` puts into the floor's place."""
 
 _LEVEL = 1e-6
 

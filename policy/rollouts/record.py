@@ -26,7 +26,7 @@ from .rollout import Actor, RolloutStep, first_episodes
 from .variation import VariationCfg, Varied
 
 LONGEST_S = 600.0
-"""Of an episode, which is held in memory until it is written."""
+"""Longest episode: it is held in memory until it is written."""
 
 Command = tuple[float, float, float]
 """Forward m/s, left m/s, yaw rad/s."""

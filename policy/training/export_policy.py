@@ -25,7 +25,7 @@ from policy.robots.robot import Robot
 from .checkpoint import Policy, PolicyInfo
 
 FORMAT_VERSION = 2
-"""Of policy.json. In version 1 `kd_nm_s_per_rad` lacked the damping of the joints."""
+"""Version of policy.json. In 1, `kd_nm_s_per_rad` lacked the damping of the joints."""
 
 ONNX_NAME, SCRIPT_NAME = "policy.onnx", "policy.pt"
 JSON_NAME, MJCF_NAME = "policy.json", "robot.xml"

@@ -25,7 +25,7 @@ from rewardmodel.posterior.curve_scorer import PosteriorScorer
 
 _PARTICLES = 400
 _TARGETS = 300
-"""Of either half."""
+"""Targets of either half."""
 _LEAST = 1e-9
 
 

@@ -64,7 +64,7 @@ class AnsweredPairs:
     num_collected: int = 0
     """Answers there were to choose from."""
     num_gone: int = 0
-    """Of these, answers left out because an episode they are about is gone."""
+    """Answers left out because an episode they are about is gone."""
     sides: tuple[Sides, ...] = ()
     """Which side of the screen each rater prefers, in all answers of the data sets."""
     recorded: RecordedClips | None = None

@@ -42,15 +42,15 @@ class UsedAnswers:
     collected: int
     """Answers there are."""
     without_target: int
-    """Of these, answers that neither prefer a clip nor call both equal."""
+    """Answers that neither prefer a clip nor call both equal."""
     gone: int
-    """Of these, answers about an episode that no data set has any more."""
+    """Answers about an episode that no data set has any more."""
     sides: tuple[Sides, ...]
     """Which side of the screen each rater prefers."""
 
     @property
     def preferences(self) -> int:
-        """As of `count_preferences`."""
+        """Number of answers that prefer a clip, as `count_preferences` counts them."""
         clips = [(row.pair.a.key, row.pair.b.key) for row in self.rows]
         return count_preferences(clips, [row.target for row in self.rows])
 

@@ -85,7 +85,7 @@ class Explanation:
     """[K, D] the same by descriptor, as `names`; NaN where occlusion asked only
     about groups."""
     names: tuple[str, ...]
-    """Of the descriptors."""
+    """Names of the descriptors."""
     average: float
     """Reward of an average judged step."""
     method: str

@@ -160,7 +160,7 @@ def erring(pairs: StandardisedPairs, cfg: FitCfg, share: float) -> StandardisedP
 
 
 def errors_alike(pairs: Sized, cfg: FitCfg, share: float) -> Errors:
-    """Of answers that are all expected to be random in a share of the cases."""
+    """Errors of answers that are all random in one share of the cases."""
     return Errors.alike(share, len(pairs), tie_threshold=cfg.tie_threshold)
 
 

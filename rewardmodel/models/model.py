@@ -160,7 +160,7 @@ class RewardModel(nn.Module):
         return self.clip_returns(left) - self.clip_returns(right)
 
     def lead(self, left: ClipBatch, right: ClipBatch) -> Tensor:
-        """The same logit [B] of what is paid."""
+        """Logit [B] of what is paid that each left clip is the better one."""
         worth = [
             self._returns(self.payer, clips).mean(dim=0) for clips in (left, right)
         ]

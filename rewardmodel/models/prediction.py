@@ -23,7 +23,7 @@ class Prediction:
 
     @classmethod
     def of(cls, lead: Tensor, leads: Tensor) -> Prediction:
-        """Of a lead [B], and those of the members [M, B]."""
+        """The prediction of a lead [B], and of the leads of the members [M, B]."""
         return cls(lead, leads.var(dim=0, correction=0))
 
     @classmethod

@@ -19,7 +19,7 @@ from .ranges import HABITS
 
 _CENTRES = torch.linspace(0, 1, 9)
 _WIDTHS = (0.12, 0.25)
-"""Of bumps, on the range of a habit."""
+"""Widths of bumps, on the range of a habit."""
 _EDGES = (0.25, 0.5, 0.75)
 """Where on the range a habit starts to matter."""
 _PROBABLE = {"line": 0.4, "hinge": 0.2, "bump": 0.4}
@@ -59,7 +59,7 @@ _TOLD_CONCEPTS = (
     ("forward_speed", "leftward_speed", "yaw_rate"),
     ("foot_speed_mean", *(f"foot_speed_{leg}" for leg in LEGS)),
 )
-"""The same of what a command says: over a stride feet go as fast as the robot."""
+"""Concepts of what a command says: over a stride feet go as fast as the robot."""
 _SWINGING = (
     "air_time",
     "clearance",
@@ -74,7 +74,7 @@ _SWINGING = (
 """Beginnings of habits that go to and fro with every step: that a foot be neither high
 nor low is no wish, so that there are no bumps."""
 LEAST_DEVIATION = 0.05
-"""Of a curve over the clips, below which they do not differ in the habit."""
+"""Deviation of a curve over the clips below which they do not differ in the habit."""
 
 
 def _shapes() -> tuple[Tensor, Tensor]:

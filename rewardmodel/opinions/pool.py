@@ -34,7 +34,7 @@ class Pool:
     command: Tensor
     """[C] equal where the robot was told the same."""
     told: bool
-    """As of `PosteriorCfg`."""
+    """Whether speeds and errors are among the habits, as `PosteriorCfg` says."""
 
     @classmethod
     def of(cls, pairs: AnsweredPairs, *, told: bool) -> Pool:
@@ -61,7 +61,7 @@ class Pool:
 
     @cached_property
     def ranges(self) -> Ranges:
-        """Of every habit."""
+        """Ranges of every habit."""
         return Ranges().look_at(self._standardised, self.scored, self.before)
 
     @cached_property

@@ -75,7 +75,7 @@ class CautiousReward:
         return torch.where(named(EFFORT), weights.clamp_max(0.0), weights)
 
     def spread(self, features: Tensor, starts: Tensor) -> Tensor:
-        """As the model's own."""
+        """Deviation [T, N] over the members, the model's own."""
         return self.model.spread(features, starts)
 
 

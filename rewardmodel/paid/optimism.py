@@ -76,5 +76,5 @@ class OptimisticReward:
         return self.model.centred(hoped) + self.lift
 
     def spread(self, features: Tensor, starts: Tensor) -> Tensor:
-        """As the model's own."""
+        """Deviation [T, N] over the members, the model's own."""
         return self.model.spread(features, starts)

@@ -62,7 +62,7 @@ class Hypotheses:
         )
 
     def where(self, kept: Tensor, others: Self) -> Self:
-        """Of `others` those not `kept` [N] (bool)."""
+        """These hypotheses where `kept` [N] (bool), and `others` elsewhere."""
         return replace(
             self,
             opinion=torch.where(kept[:, None], self.opinion, others.opinion),

@@ -38,13 +38,13 @@ from .hypotheses import (
 )
 
 _MOVES = 12
-"""Of every particle after a resampling."""
+"""Moves of every particle after a resampling."""
 _LEAST_EFFECTIVE = 0.6
 """Share of the particles below which the effective number leads to a resampling."""
 _MEANT = 0.75
-"""Of what answers are said to be about; the rest is any aspect."""
+"""Share of reasons that are meant; the rest is any aspect."""
 _TINY = 1e-12
-"""Of an answer that is not on offer, and never given."""
+"""Probability of an answer that is not on offer, and never given."""
 _ALONE_SHARPNESS, _ALONE_ERRORS = 5.0, 0.15
 """By which opinions are judged alone, to propose those that explain the answers."""
 

@@ -90,7 +90,7 @@ class Prepared:
         return Prepared(self.described.seen_by(sight), self.clips.seen_by(sight))
 
     def with_errors(self, errors: Errors) -> Prepared:
-        """The same clips and answers, of raters who err as `errors` say."""
+        """These clips and answers, of raters who err as `errors` say."""
         return replace(self, described=replace(self.described, errors=errors))
 
     def subset(self, chosen: Tensor) -> Prepared:

@@ -60,7 +60,7 @@ class Reach:
     spread: float
     """Mean ensemble spread on the policy's rows, in units of the reward."""
     spread_judged: float
-    """The same on the judged clips."""
+    """Spread of the members on the judged clips."""
 
     @property
     def spread_ratio(self) -> float:

@@ -74,7 +74,7 @@ class Foreseen:
     """Held-out answers, ties included."""
     ties: int
     unseen: int
-    """Of these, foreseen by the reward itself; the others by models of folds."""
+    """Answers foreseen by the reward itself; the others by models of folds."""
     left_out: int = 0
     """Held-out answers besides, of raters who hardly look."""
     accuracy: Accuracy | None

@@ -22,7 +22,7 @@ from rewardmodel.trust.alarms import Reach, alarms, reach, spelled
 from rewardmodel.trust.held_out_report import Foreseen, foresee
 
 EPISODES = 16
-"""Of the policy, over the grid of commands."""
+"""Episodes of the policy, over the grid of commands."""
 
 
 def run(command: options.Trust) -> int:

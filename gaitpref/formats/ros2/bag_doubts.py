@@ -28,7 +28,7 @@ _JUMP_RATIO = 4.0
 each other."""
 _JUMPING_SHARE = 0.05
 _RATE_HZ = 30.0
-"""Of slower samples, a gait itself looks as if it jumped."""
+"""Rate of samples below which a gait itself looks as if it jumped."""
 
 
 def refuse_two_publishers(

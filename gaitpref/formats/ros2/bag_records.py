@@ -23,7 +23,7 @@ from data.files.limits import BAG_CHUNK_BYTES
 from data.files.unpacking import unpack_lz4, unpack_zstd
 
 _END_BYTES = 37
-"""Of the last record and what marks the end of a file."""
+"""Bytes of the last record and of what marks the end of a file."""
 
 Undecoded = tuple[Schema | None, Channel, Message]
 """A message as it was written, and what it is."""

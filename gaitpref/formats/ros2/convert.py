@@ -32,7 +32,7 @@ class BagEpisodes:
 
     episodes: tuple[Episode, ...]
     stretches: int
-    """Of time in which joints and base are known, long enough to be used."""
+    """Stretches of time in which joints and base are known, long enough to be used."""
     findings: Findings
 
 

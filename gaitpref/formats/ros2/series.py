@@ -15,7 +15,7 @@ from .bag_map import BagError, BagMap
 from .clock import Run, Timed
 
 MIN_SAMPLES = 6
-"""Of joints and base, for a cubic through them."""
+"""Samples of joints and base, for a cubic through them."""
 UNIT_TOLERANCE = 0.01
 """By how much the length of a quaternion may differ from 1: it is made 1."""
 

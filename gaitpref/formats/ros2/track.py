@@ -30,7 +30,7 @@ from .series import Bag, Series
 _WINDOW_STEPS = 2.5
 """Half the window that velocities are taken over, in control steps."""
 _GROUND_PERCENTILE = 5.0
-"""Of the height of the lowest foot: there is the ground."""
+"""Percentile of the height of the lowest foot: there is the ground."""
 _COMMAND_DIGITS = 1
 
 
