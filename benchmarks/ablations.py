@@ -58,6 +58,25 @@ ABLATIONS: tuple[tuple[str, tuple[Place, ...]], ...] = (
     ("keep-noise", WALKS),
 )
 """What is left out, and where; in the order of running."""
+LEFT_OUT = {
+    "disagreeing": "questions by what they tell; by disagreement instead",
+    "unjudged": "answers that judge the last policy; all teach instead",
+    "linear": "the posterior over habits; weights instead",
+    "from-last": "going on from the best liked policy; from the newest instead",
+    "no-calm": "noise that comes down where the rate of steps is paid",
+    "no-limit": "the price of following commands worse",
+    "no-posture": "clips in another posture",
+    "no-earlier": "clips of earlier policies",
+    "weight-1": "weight 3 beside the task; 1 instead",
+    "few-walk": "six decisions at once",
+    "no-mirror": "steps in the mirror",
+    "no-hope": "optimism where a robot stands still",
+    "no-caution": "caution where answers err",
+    "not-told": "strong opinions about what the robot is told",
+    "not-steady": "unsteady walks expected to be disliked",
+    "keep-noise": "the schedule of exploration noise",
+}
+"""What each method lacks, and has instead."""
 SEEDS = 3
 BEGIN, END = "<!-- ablations: begin -->", "<!-- ablations: end -->"
 """What stands between them in the page is replaced."""
@@ -162,8 +181,8 @@ def markdown(found: Sequence[Worth]) -> str:
         "|---|---|---|---|---|---|",
     ]
     lines += [
-        f"| {each.method} | {', '.join(each.places)} | {len(each.shares)} "
-        f"| {each.mean:+.3f} ± {each.standard_error:.3f} "
+        f"| {LEFT_OUT[each.method]} (`{each.method}`) | {', '.join(each.places)} "
+        f"| {len(each.shares)} | {each.mean:+.3f} ± {each.standard_error:.3f} "
         f"| {statistics.fmean(each.errors_m_s):+.3f} m/s | {each.verdict} |"
         for each in found
     ]
