@@ -22,7 +22,7 @@ import numpy as np
 from data.datasets.segments import Segments, TableAnswer
 from data.errors import GaitprefError
 from gaitpref.console.extras import require
-from gaitpref.formats.pickles import load_plain_pickle
+from gaitpref.formats.pickles import load_integers
 
 PUBLISHED_LABELS = (
     "labels are published in https://github.com/csmile-1006/PreferenceTransformer, "
@@ -56,7 +56,9 @@ def read_labels(
     Raises:
         GaitprefError: a list is missing, damaged, or does not go with the others.
     """
-    files = sorted(directory.glob("*")) if directory.is_dir() else []
+    if not directory.is_dir():
+        raise GaitprefError(f"there is no directory {directory}; {PUBLISHED_LABELS}")
+    files = sorted(directory.glob("*"))
     found = {}
     for what, pattern in _LISTS.items():
         own = [path for path in files if pattern.match(path.name)]
@@ -65,7 +67,7 @@ def read_labels(
                 f"{directory} has {len(own)} lists of {what}, it needs 1; "
                 f"{PUBLISHED_LABELS}"
             )
-        found[what] = _integers(own[0])
+        found[what] = load_integers(own[0])
     labels, first, second = found.values()
     if len({len(labels), len(first), len(second)}) != 1:
         raise GaitprefError(
@@ -139,11 +141,3 @@ def labelled_segments(
         if a != b
     ]
     return segments, answers
-
-
-def _integers(path: Path) -> list[int]:
-    values = load_plain_pickle(path)
-    try:
-        return [int(value) for value in values]
-    except (TypeError, ValueError) as error:
-        raise GaitprefError(f"{path} is no list of whole numbers ({error})") from None

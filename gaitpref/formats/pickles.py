@@ -118,3 +118,17 @@ def load_plain_pickle(
             f"{path} is refused ({found}); only numbers, texts and arrays are taken "
             "from a pickle"
         ) from None
+
+
+def load_integers(path: Path) -> list[int]:
+    """A pickled list or array of whole numbers.
+
+    Raises:
+        FileError: the path leads to no file, or to one that is too large.
+        DatasetError: it cannot be read, is damaged, or holds anything else.
+    """
+    values = load_plain_pickle(path)
+    try:
+        return [int(value) for value in values]
+    except (TypeError, ValueError) as error:
+        raise DatasetError(f"{path} is no list of whole numbers ({error})") from None

@@ -28,7 +28,7 @@ from data.files.files import read_json
 
 from .export_source import Exported, Source, new_directory
 from .hdf5 import write_flat
-from .pickles import load_plain_pickle
+from .pickles import load_integers
 
 NAMESPACE = uuid.UUID("4f1d6c0e-8f0a-4a53-9f44-2a2f1f5f6f10")
 _LABELS: dict[int, Choice] = {0: "a", 1: "b", -1: "equal"}
@@ -150,20 +150,13 @@ def _queries(directory: Path) -> tuple[list[int], list[int], list[int], int]:
                 f"{directory} has {len(files)} files {name}_num_N_len_L.pkl, it needs 1"
             )
         lengths.add(files[0].stem.rpartition("len_")[2].partition("_")[0])
-        lists.append(_integers(load_plain_pickle(files[0]), files[0]))
+        lists.append(load_integers(files[0]))
     if len({len(values) for values in lists}) != 1 or len(lengths) != 1:
         raise DatasetError(f"{directory}: its three lists do not belong together")
     text = lengths.pop()
     if not text.isdecimal() or int(text) < 1:
         raise DatasetError(f"{directory}: no clip has a length of {text!r} steps")
     return lists[0], lists[1], lists[2], int(text)
-
-
-def _integers(values: Any, path: Path) -> list[int]:
-    try:
-        return [int(value) for value in values]
-    except (TypeError, ValueError) as error:
-        raise DatasetError(f"{path} is no list of whole numbers ({error})") from None
 
 
 def _spans(
