@@ -23,6 +23,7 @@ BLOCK = re.compile(r"^ *```(\w*)\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
 FILE = re.compile(r"`([\w./]+\.(?:py|toml|sql|pyi))`")
 PAGE = re.compile(r"\bdocs/[\w./-]+\.md\b")
 ORDER = re.compile(r"^ *(?:\$ )?(gaitpref .*)$", re.MULTILINE)
+LINK = re.compile(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)")
 FOLDERS = ("data", "rewardmodel", "policy", "labeling_ui", "gaitpref", "benchmarks")
 STORED = ROOT / "tests" / "stored" / "run_of_one_room.tar.xz"
 WHOLE = {"README.md", "quickstart.md", "concepts.md"}
@@ -80,6 +81,17 @@ def test_the_python_of_a_page_runs(
                 n for n in tree.body if isinstance(n, ast.Import | ast.ImportFrom)
             ]
         exec(compile(tree, page, "exec"), {"__name__": "page"})
+
+
+def test_a_link_beside_the_site_leads_somewhere() -> None:
+    """Those of the site are looked at when it is built."""
+    dead = {
+        (name, link)
+        for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")
+        for link in LINK.findall((ROOT / name).read_text())
+        if not (ROOT / link).exists()
+    }
+    assert dead == set()
 
 
 def test_a_how_to_is_read_in_two_minutes() -> None:
