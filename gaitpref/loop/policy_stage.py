@@ -27,7 +27,6 @@ from .people import People
 from .run_dir import STANDSTILL_NAME, Round, approved, began_from, place_of, seed_of
 from .show_stage import labels_kept
 from .standstill import Standstill, standstill_before
-from .start_policy import choose_start
 
 
 class Interrupted(KeyboardInterrupt):
@@ -153,7 +152,6 @@ def _plan(
             train_cfg = replace(train_cfg, ppo=in_mirror(cfg.ppo, robot))
         return _Plan(cfg=train_cfg)
     model = load_reward(round.before.reward)
-    choose_start(cfg, round, model)
     init = began_from(round)
     retraining = Retraining(
         method=method,
