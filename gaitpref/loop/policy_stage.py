@@ -106,8 +106,8 @@ def _train(
 
 def _untrained(cfg: LoopCfg, round: Round) -> bytes | None:
     """The policy file of a round that trains nothing; None where it does."""
-    if round.number == 0 and cfg.base not in ("task", "none"):
-        return read_file(Path(cfg.base), POLICY_BYTES)
+    if round.number == 0 and cfg.base_file is not None:
+        return read_file(cfg.base_file, POLICY_BYTES)
     if round.number and not deserves_training(round.before):
         asks = round.number < cfg.rounds
         kept = approved(round.before)
