@@ -118,8 +118,7 @@ class Ranks:
         parts = [torch.zeros_like(padded) for _ in range(self.size)]
         dist.gather(padded, parts, dst=0)
         return [
-            part[: int(each)].clone()
-            for part, each in zip(parts, sizes, strict=True)
+            part[: int(each)].clone() for part, each in zip(parts, sizes, strict=True)
         ]
 
     def require_same(self, what: str) -> None:
@@ -188,6 +187,7 @@ def joined() -> Iterator[Ranks]:
     with others_alive():
         dist.init_process_group(backend, timeout=_TIMEOUT)
         waiting = dist.new_group(backend="gloo", timeout=_PATIENCE)
+        assert isinstance(waiting, dist.ProcessGroup)
         yield Ranks(
             rank=dist.get_rank(),
             size=dist.get_world_size(),

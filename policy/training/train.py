@@ -256,8 +256,8 @@ class _Session:
                 f"({', '.join(changed[:4])}{more}), so it cannot go on: give the same "
                 "settings, or another --out"
             )
-        if self.ranks.size > 1:
-            own = state["ranks"][self.ranks.rank].numpy().tobytes()
+        if not self.ranks.is_first:
+            own = state["others"][self.ranks.rank - 1].numpy().tobytes()
             state |= torch.load(io.BytesIO(own), weights_only=True)
         runner.alg.load(state, None, strict=True)
         runner.current_learning_iteration = int(state["iteration"])
@@ -289,8 +289,9 @@ class _Session:
             if limit is not None:
                 self._std.clamp_(max=limit)
             stopping = ranks.any(bool(interrupted))
-            for tag, value in stats.scalars.items() if writer else ():
-                writer.add_scalar(tag, value, stats.steps)
+            if writer:
+                for tag, value in stats.scalars.items():
+                    writer.add_scalar(tag, value, stats.steps)
             if stats.iteration in cfg.checkpoint_iterations:
                 name = f"step_{self.steps_before + stats.steps:010d}.pt"
                 self._save_policy(self.out / CHECKPOINTS_NAME / name, stats.steps)
@@ -371,7 +372,7 @@ class _Session:
         if self.ranks.size > 1:
             of_rank = runner.alg.OF_RANK
             own |= {name: learned[name] for name in of_rank if name in learned}
-            state["ranks"] = self.ranks.gathered(_written(own))
+            state["others"] = self.ranks.gathered(_written(own))[1:]
         if self.ranks.is_first:
             write_atomically(self.out / RESUME_NAME, _written(state))
 

@@ -50,7 +50,7 @@ def is_to_say(line: str, *, cause: bool = True) -> bool:
     is no `cause` of an end only where nothing else was said."""
     if not is_launched():
         return True
-    from torch.distributed import rendezvous
+    from torch.distributed.rendezvous import rendezvous
 
     try:
         store, _, _ = next(rendezvous("env://", timeout=timedelta(seconds=5)))
