@@ -33,14 +33,15 @@ ERRING: tuple[Place, ...] = (
     ("trot", 60, "mistakes20"),
     ("high_step", 60, "mistakes20"),
 )
+RATE: tuple[Place, ...] = (("low_energy", 20, "perfect"), ("trot", 60, "perfect"))
 POSTURE: tuple[Place, ...] = (("crouch", 20, "perfect"), ("lean", 20, "perfect"))
 ABLATIONS: tuple[tuple[str, tuple[Place, ...]], ...] = (
     ("default", (*STYLES, *WALKS)),
     ("disagreeing", STYLES),
     ("unjudged", STYLES),
     ("linear", STYLES),
-    ("from-last", STYLES),
-    ("no-calm", STYLES),
+    ("no-calm", (*STYLES, *RATE)),
+    ("default", RATE),
     ("no-limit", STYLES),
     ("default", (*POSTURE, *ERRING)),
     ("no-posture", POSTURE),
@@ -51,6 +52,12 @@ ABLATIONS: tuple[tuple[str, tuple[Place, ...]], ...] = (
     ("few-walk", WALKS),
     ("no-mirror", (*STYLES, *WALKS)),
     ("no-hope", WALKS),
+    ("no-later", WALKS),
+    ("unjudged", WALKS),
+    ("no-earlier", WALKS),
+    ("no-front", WALKS),
+    ("no-rhythms", WALKS),
+    ("no-posture", WALKS),
     ("no-caution", (("walk", 100, "mistakes20"), ("brisk_walk", 100, "mistakes20"))),
     ("not-told", (("walk", 100, "mistakes20"), ("brisk_walk", 100, "mistakes20"))),
     ("default", (("brisk_walk", 100, "mistakes20"),)),
@@ -62,7 +69,6 @@ LEFT_OUT = {
     "disagreeing": "questions by what they tell; by disagreement instead",
     "unjudged": "answers that judge the last policy; all teach instead",
     "linear": "the posterior over habits; weights instead",
-    "from-last": "going on from the best liked policy; from the newest instead",
     "no-calm": "noise that comes down where the rate of steps is paid",
     "no-limit": "the price of following commands worse",
     "no-posture": "clips in another posture",
@@ -71,12 +77,21 @@ LEFT_OUT = {
     "few-walk": "six decisions at once",
     "no-mirror": "steps in the mirror",
     "no-hope": "optimism where a robot stands still",
+    "no-later": "what is expected once it walks",
+    "no-front": "a large first round",
+    "no-rhythms": "clips of random rhythms",
     "no-caution": "caution where answers err",
     "not-told": "strong opinions about what the robot is told",
     "not-steady": "unsteady walks expected to be disliked",
     "keep-noise": "the schedule of exploration noise",
 }
 """What each method lacks, and has instead."""
+KEPT_FOR = {
+    "unjudged": "a run says whether it worked",
+    "no-limit": "commands are followed",
+    "weight-1": "some number it must be",
+}
+"""Why a decision stays whose rows alone would not keep it."""
 SEEDS = 3
 BEGIN, END = "<!-- ablations: begin -->", "<!-- ablations: end -->"
 """What stands between them in the page is replaced."""
@@ -139,7 +154,10 @@ class Worth:
         """What the rows say of the decision."""
         if len(self.shares) < 2 * SEEDS:
             return f"open: {len(self.shares)} of {2 * SEEDS} pairs"
-        return "stays" if self.mean > self.standard_error else "leaves"
+        if self.mean > self.standard_error:
+            return "stays"
+        reason = KEPT_FOR.get(self.method)
+        return f"stays: {reason}" if reason else "leaves"
 
 
 def worths(rows: Sequence[Row]) -> list[Worth]:

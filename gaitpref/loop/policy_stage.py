@@ -27,7 +27,6 @@ from .people import People
 from .run_dir import STANDSTILL_NAME, Round, approved, began_from, place_of, seed_of
 from .show_stage import labels_kept
 from .standstill import Standstill, standstill_before
-from .start_policy import choose_start
 
 
 class Interrupted(KeyboardInterrupt):
@@ -107,8 +106,8 @@ def _train(
 
 def _untrained(cfg: LoopCfg, round: Round) -> bytes | None:
     """The policy file of a round that trains nothing; None where it does."""
-    if round.number == 0 and cfg.base not in ("task", "none"):
-        return read_file(Path(cfg.base), POLICY_BYTES)
+    if round.number == 0 and cfg.base_file is not None:
+        return read_file(cfg.base_file, POLICY_BYTES)
     if round.number and not deserves_training(round.before):
         asks = round.number < cfg.rounds
         kept = approved(round.before)
@@ -153,7 +152,6 @@ def _plan(
             train_cfg = replace(train_cfg, ppo=in_mirror(cfg.ppo, robot))
         return _Plan(cfg=train_cfg)
     model = load_reward(round.before.reward)
-    choose_start(cfg, round, model)
     init = began_from(round)
     retraining = Retraining(
         method=method,

@@ -12,10 +12,8 @@ from policy.training.ppo import PpoCfg
 from policy.training.setup import setting_of
 from rewardmodel.asking.clip_questions import ClipCfg
 
-from .loop_cfg import LoopCfg, RunError, StepsCfg
+from .loop_cfg import LoopCfg, RunError, StepsCfg, file_of_base
 
-NEW_BASES = ("task", "none")
-"""What a loop can begin with instead of a policy file."""
 _SCRATCH_EPISODES = 192
 """Recorded a round from scratch: robots that tumble show little each."""
 
@@ -23,7 +21,7 @@ _SCRATCH_EPISODES = 192
 def loop_cfg(
     *,
     criterion: str = "high_step",
-    base: str | Path = "task",
+    base: str | Path | None = None,
     robot: Path | None = None,
     quick: bool = False,
     rounds: int | None = None,
@@ -41,7 +39,7 @@ def loop_cfg(
     Args:
         criterion: What the simulated rater looks for: a built-in name, or
             `module:function`.
-        base: `task`, `none` or a policy file, as of `gaitpref loop --base`.
+        base: `walk`, `task`, `none` or a policy file, as of `gaitpref loop --base`.
         robot: MJCF of another robot than the one that ships.
         quick: About ten minutes on two cores.
         rounds: Times questions are asked and the policy is retrained.
@@ -62,11 +60,12 @@ def loop_cfg(
         raise RunError(
             f"--change-s must lie in (0, {LONGEST_S:g}] seconds, got {change_s:g}"
         )
+    base = usual_base(robot) if base is None else str(base)
     scratch = base == "none"
     clips = ClipCfg.of(clip_s)
     usual_rounds = 4 if scratch else 2 if quick else 4
     usual_labels = 100 if scratch else 30
-    setting = setting_of(None if base in NEW_BASES else Path(base), robot)
+    setting = setting_of(file_of_base(base), robot)
     return LoopCfg(
         method=method or (FROM_SCRATCH if scratch else STYLE),
         rounds=usual_rounds if rounds is None else rounds,
@@ -74,7 +73,7 @@ def loop_cfg(
         rater=rater,
         simulated=simulated or RaterCfg(),
         criterion=criterion,
-        base=str(base),
+        base=base,
         robot=None if robot is None else str(robot),
         seed=seed,
         steps=_scratch_steps(quick) if scratch else _style_steps(quick),
@@ -88,6 +87,12 @@ def loop_cfg(
         env=setting.env,
         ppo=PpoCfg(hidden_sizes=setting.hidden_sizes),
     )
+
+
+def usual_base(robot: Path | None) -> str:
+    """What a loop begins with that is told nothing else: the walk that ships, on the
+    robot it is of."""
+    return "walk" if robot is None else "task"
 
 
 def _scratch_steps(quick: bool) -> StepsCfg:

@@ -116,6 +116,17 @@ def holding_home(path: Path) -> bytes:
     return _saved(payload)
 
 
+def without_optimizer(path: Path) -> bytes:
+    """The contents of the policy file `path` without its optimizer's state, two thirds
+    of it, which nothing begins from.
+
+    Raises:
+        PolicyError: the file is missing, damaged, or not ours.
+    """
+    payload = read_plain(path)
+    return _saved({**payload, "optimizer_state_dict": {}})
+
+
 def save_policy(path: Path, alg: RewardPpo, info: PolicyInfo) -> None:
     """Write a policy file, all or nothing."""
     write_atomically(path, policy_bytes(alg, info))

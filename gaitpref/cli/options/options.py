@@ -78,10 +78,11 @@ class Loop:
     """What the simulated rater looks for: task, smooth, high_step, crouch, low_energy,
     trot, trot@HZ, pace, get_up, or your own as package.module:function, a callable
     features [..., F] -> score [...]."""
-    base: str = "task"
-    """What the learned reward is added to: `task`, a policy first trained on the
-    hand-written walking reward; `none`, a new policy and the known safety terms only;
-    or a policy file."""
+    base: str | None = None
+    """What the learned reward is added to: `walk`, the walking policy that ships; a
+    policy file; `task`, a policy first trained on the hand-written walking reward; or
+    `none`, a new policy and the known safety terms only. By default `walk`, and `task`
+    for another --robot or with --getup."""
     getup: bool = False
     """Begin episodes lying after a fall, which no fall ends, and ask for no walk; the
     `task` is getting up then. With `--base none` answers alone teach it."""

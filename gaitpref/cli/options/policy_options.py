@@ -78,8 +78,8 @@ class Train:
 class Record:
     """Roll a policy and its earlier checkpoints out; log the episodes to a data set."""
 
-    policy: Path
-    """Policy file."""
+    policy: Path | None = None
+    """Policy file; by default the walk that ships."""
     dataset: Path
     """Data set directory; made if it is not there."""
     episodes: Count = 64
@@ -125,8 +125,8 @@ class Evaluate:
 class Play:
     """Drive a policy from the browser, push it, compare it with another."""
 
-    policy: Path
-    """Policy file."""
+    policy: Path | None = None
+    """Policy file; by default the walk that ships."""
     against: Path | None = None
     """Policy file shown beside it, on the same commands."""
     port: int = 8080
