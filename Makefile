@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-SOURCES := benchmarks data docs examples gaitpref labeling_ui policy rewardmodel tests
+SOURCES := benchmarks data docs examples gaitpref labeling_ui policy rewardmodel studies tests
 
 .PHONY: install chromium demo docs test test-fast check format clean
 

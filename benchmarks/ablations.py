@@ -2,7 +2,7 @@
 
 `python -m benchmarks.ablations` takes days on two cores and can be interrupted
 anywhere, as `benchmarks.preferences` can, whose rows these are. `--table-only` writes
-the table of the rows there are into docs/method.md.
+the tables of the rows there are into docs/method.md and docs/benchmarks.md.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from typing import Annotated
 import tyro
 
 from data.errors import GaitprefError
-from data.files.files import write_atomically
 
 from .preference_plan import Cell
-from .preference_table import Row, read_rows
+from .preference_table import PAGE, Row, read_rows, together, write_between
+from .preference_table import markdown as rows_table
 from .preferences import Options, run_cells
 
 Place = tuple[str, int, str]
@@ -93,8 +93,6 @@ KEPT_FOR = {
 }
 """Why a decision stays whose rows alone would not keep it."""
 SEEDS = 3
-BEGIN, END = "<!-- ablations: begin -->", "<!-- ablations: end -->"
-"""What stands between them in the page is replaced."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,10 +107,10 @@ class Ablations:
     """Directory of the runs."""
     results: Path = Path("docs/results/ablations")
     """Directory of the finished rows."""
-    page: Path = Path("docs/method.md")
-    """Page that gets the table."""
+    docs: Path = Path("docs")
+    """Directory of method.md and benchmarks.md, which get the tables."""
     table_only: bool = False
-    """Run nothing: write the table of the rows there are."""
+    """Run nothing: write the tables of the rows there are."""
 
 
 def cells(only: tuple[str, ...] = ()) -> list[Cell]:
@@ -207,23 +205,21 @@ def markdown(found: Sequence[Worth]) -> str:
     return "\n".join(lines)
 
 
-def publish(rows: Sequence[Row], page: Path) -> None:
-    """Write the table of `rows` into `page`, and print it."""
+def publish(rows: Sequence[Row], docs: Path) -> None:
+    """Write what decisions are worth, and the rows of the default, into their pages,
+    and print both."""
     table = markdown(worths(rows))
-    print(table)
-    head, begin, rest = page.read_text().partition(BEGIN)
-    _, end, tail = rest.partition(END)
-    if not (begin and end):
-        raise GaitprefError(f"{page} lacks the lines {BEGIN} and {END}")
-    text = f"{head}{BEGIN}\n\n{table}\n\n{END}{tail}"
-    write_atomically(page, text.encode())
+    default = rows_table(together([r for r in rows if r["method"] == "default"]))
+    print(f"{table}\n\n{default}")
+    write_between(docs / "method.md", "ablations", table)
+    write_between(docs / PAGE, "present", default)
 
 
 def main(options: Annotated[Ablations, tyro.conf.FlagCreatePairsOff]) -> int:
     """Run, publish; the exit code tells whether every row was finished."""
     run = Options(work=options.work, results=options.results, workers=options.workers)
     failed = 0 if options.table_only else run_cells(cells(options.only), run)
-    publish(read_rows(options.results), options.page)
+    publish(read_rows(options.results), options.docs)
     return 1 if failed else 0
 
 

@@ -17,12 +17,14 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = (
     ROOT / "README.md",
     ROOT / "CONTRIBUTING.md",
-    *sorted(path for path in (ROOT / "docs").glob("*.md")),
+    *sorted(path for path in (ROOT / "docs").rglob("*.md")),
 )
 BLOCK = re.compile(r"^ *```(\w*)\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
 FILE = re.compile(r"`([\w./]+\.(?:py|toml|sql|pyi))`")
 ORDER = re.compile(r"^ *(?:\$ )?(gaitpref .*)$", re.MULTILINE)
-FOLDERS = ("data", "rewardmodel", "policy", "labeling_ui", "gaitpref", "benchmarks")
+PROGRAM = re.compile(r"python -m (benchmarks|studies|examples)\.([a-z]\w*)")
+PACKAGES = ("data", "rewardmodel", "policy", "labeling_ui", "gaitpref")
+FOLDERS = (*PACKAGES, "benchmarks", "studies", "tests", "examples", "docs")
 STORED = ROOT / "tests" / "stored" / "run_of_one_room.tar.xz"
 WHOLE = {"README.md", "quickstart.md", "concepts.md"}
 MADE = {"motion.py", "robot.toml", "go2.toml", "hints.toml", "spot.toml"}
@@ -62,6 +64,18 @@ def test_a_command_of_a_page_is_one_there_is(page: str, order: str) -> None:
         assert parse(words[:cut])
 
 
+def test_a_benchmark_or_study_that_a_page_names_is_there() -> None:
+    named = [
+        (page.name, *found)
+        for page in PAGES
+        for found in PROGRAM.findall(page.read_text())
+    ]
+    assert named
+    assert [
+        each for each in named if not (ROOT / each[1] / f"{each[2]}.py").exists()
+    ] == []
+
+
 def test_the_python_of_a_page_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -84,7 +98,7 @@ def test_the_python_of_a_page_runs(
 def test_a_file_that_a_page_names_is_there() -> None:
     here = [
         path.relative_to(ROOT).as_posix()
-        for folder in (*FOLDERS, "tests", "examples", "docs")
+        for folder in FOLDERS
         for path in (ROOT / folder).rglob("*")
     ] + [path.name for path in ROOT.iterdir()]
     missing = {

@@ -17,7 +17,7 @@ from aiohttp import web
 from viser import _messages
 
 from benchmarks import attack_page
-from benchmarks.attack_inputs import FOREIGN, WRONG
+from benchmarks.attacks.inputs import FOREIGN, WRONG
 from benchmarks.visitor import Visitor
 from benchmarks.walks import walking_dataset
 from labeling_ui.label_server import LabelCfg, LabelServer

@@ -1,6 +1,6 @@
 """What people said of other robots: how well rewards foresee it, ours and Uni-RLHF's.
 
-    python -m benchmarks.human_labels --labels human_label/hopper-medium-replay-v2 \\
+    python -m studies.human_labels --labels human_label/hopper-medium-replay-v2 \\
         --rows hopper_medium_replay-v2.hdf5
 
 Both learn from the same four fifths of the answers and are asked about the rest, on
@@ -192,4 +192,4 @@ if __name__ == "__main__":
     try:
         main(tyro.cli(HumanLabels, description=__doc__))
     except GaitprefError as error:
-        sys.exit(f"benchmarks.human_labels: {error}")
+        sys.exit(f"studies.human_labels: {error}")

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 from viser import _messages
 
-from .visitor import CAMERA
+from benchmarks.visitor import CAMERA
 
 MARK = "mark-of-an-attacker"
 """Stands in every hostile message; nobody else's page may ever be sent it."""

@@ -11,9 +11,9 @@ from typing import Any
 import aiohttp
 import msgspec
 
-from .attack_floods import CROWD, Held, crowds, floods, greed
-from .attack_ground import Ground, Target
-from .attack_inputs import FOREIGN, REQUESTS, UNKNOWN, WRONG
+from .floods import CROWD, Held, crowds, floods, greed
+from .ground import Ground, Target
+from .inputs import FOREIGN, REQUESTS, UNKNOWN, WRONG
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from typing import Any
 import aiohttp
 import msgspec
 
-from .attack_ground import Ground, Target
-from .attack_inputs import HALF, UNKNOWN
+from .ground import Ground, Target
+from .inputs import HALF, UNKNOWN
 
 FLOOD = 5000
 CROWD = 300

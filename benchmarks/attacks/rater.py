@@ -9,8 +9,9 @@ import aiohttp
 import msgspec
 import zstandard
 
-from .attack_inputs import MARK
-from .visitor import Visitor
+from benchmarks.visitor import Visitor
+
+from .inputs import MARK
 
 
 class Honest(Visitor):

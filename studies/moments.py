@@ -1,6 +1,6 @@
 """Does the reward of a finished run point at the right moments?
 
-`python -m benchmarks.moments --run RUN [RUN ...]` takes clips that nobody was asked
+`python -m studies.moments --run RUN [RUN ...]` takes clips that nobody was asked
 about: the last reward should rank their steps as the criterion does, and be lowest
 where a stumble is planted in walks of the newest policy.
 
@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import torch
 import tyro
+from numpy.typing import ArrayLike
 
 from data.datasets.dataset import Dataset
 from data.features import column
@@ -29,8 +30,6 @@ from rewardmodel.answers.clip_batch import pad_clips
 from rewardmodel.explain.attribution import explain
 from rewardmodel.models.model import RewardModel
 from rewardmodel.models.storage import load_reward
-
-from .harness import spearman
 
 STUMBLE_STEPS = 3
 NEAR_STEPS = 5
@@ -73,6 +72,12 @@ def share_found(
         lowest = int(explain(model, pad_clips([stumble(clip, step)])).reward.argmin())
         found += abs(lowest - (step + STUMBLE_STEPS // 2)) <= NEAR_STEPS
     return found / len(clips)
+
+
+def spearman(one: ArrayLike, other: ArrayLike) -> float:
+    """Rank correlation of values, hardly any of them equal."""
+    first, second = (np.argsort(np.argsort(np.asarray(v))) for v in (one, other))
+    return float(np.corrcoef(first, second)[0, 1])
 
 
 def rank_correlation(

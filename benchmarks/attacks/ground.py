@@ -15,11 +15,11 @@ from pathlib import Path
 import aiohttp
 import msgspec
 
+from benchmarks.visitor import CAMERA
+from benchmarks.walks import walking_dataset
 from labeling_ui.web.tokens import TokenStore
 
-from .attack_rater import Honest, Target
-from .visitor import CAMERA
-from .walks import walking_dataset
+from .rater import Honest, Target
 
 OPEN_FILES = 256
 MORE_MB = 150.0

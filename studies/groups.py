@@ -1,6 +1,6 @@
 """Whether raters who want different things are told apart, and others are not.
 
-`python -m benchmarks.groups --base POLICY` has five simulated raters answer pairs of
+`python -m studies.groups --base POLICY` has five simulated raters answer pairs of
 recorded clips drawn at random, and prints a line of JSON for every draw.
 """
 
@@ -14,15 +14,16 @@ import numpy as np
 import torch
 import tyro
 
+from benchmarks.preference_plan import TASKS
 from gaitpref.method.method import STYLE
 from gaitpref.raters.criteria import load_criterion
 from gaitpref.raters.criterion_scores import criterion_context, score_of_criterion
 from policy.training.checkpoint import load_policy
 from rewardmodel.answers.answered_pairs import AnsweredPairs, gather_pairs
+from rewardmodel.asking.clip_questions import ask
 from rewardmodel.posterior.group_raters import group_raters
 
 from .few_answers import CUT, FewAnswers, Recording, recordings
-from .preference_plan import TASKS
 
 Wish = tuple[str, ...]
 """Task of every rater, or two tasks of one who changes in the middle: `a>b`."""
@@ -61,8 +62,6 @@ def answered(
     rng: np.random.Generator,
 ) -> AnsweredPairs:
     """Answers of raters who want `wish`, about pairs of equal commands."""
-    from rewardmodel.asking.clip_questions import ask
-
     entries = list(recording.entries.values())
     pairs, targets, raters, times = [], [], [], []
     for number, wanted in enumerate(wish):

@@ -1,6 +1,6 @@
 """What few answers say of a wish, without any training: minutes instead of hours.
 
-`python -m benchmarks.few_answers --base POLICY` records a walking policy twice, asks
+`python -m studies.few_answers --base POLICY` records a walking policy twice, asks
 about the first recording and lets the fitted reward choose among clips of the second.
 A figure is the true worth of the twentieth of those that it likes best, from 0 of the
 mean clip to 1 of the truly best twentieth, in the mean over the commands.
@@ -18,6 +18,7 @@ import numpy as np
 import torch
 import tyro
 
+from benchmarks.preference_plan import ABOUT, TASKS
 from data.answers.answer_records import Aspect, Pair
 from data.answers.strategy_names import StrategyName
 from data.datasets.dataset import Dataset
@@ -39,8 +40,6 @@ from rewardmodel.asking.clip_questions import ClipCfg, ask, clips_of
 from rewardmodel.cfg import FitCfg, KindName
 from rewardmodel.fitting.fit_reward import fit_reward
 from rewardmodel.models.model import RewardModel
-
-from .preference_plan import ABOUT, TASKS
 
 BEST = 0.05
 """Share of the clips that are chosen."""
