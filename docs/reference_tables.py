@@ -7,6 +7,7 @@ import inspect
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from dataclasses import fields
+from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -122,7 +123,7 @@ def _told(tree: ast.AST) -> dict[str, str]:
     """The text below each assignment of a module or class, on one line."""
     body = getattr(tree, "body", [])
     found: dict[str, str] = {}
-    for before, text in zip(body, body[1:], strict=False):
+    for before, text in pairwise(body):
         if not (isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)):
             continue
         target = (

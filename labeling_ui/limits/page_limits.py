@@ -1,7 +1,8 @@
 """What one visitor of the page may use of it: the limits in time, number and size.
 
-`docs/reference/limits.md` lists them. They leave room for the fastest hand: a held key repeats
-some 30 to 100 times a second, the camera and a slider move at most 50 times a second.
+`docs/reference/limits.md` lists them. They leave room for the fastest hand: a held key
+repeats some 30 to 100 times a second, the camera and a slider move at most 50 times a
+second.
 """
 
 REQUEST_S = 10.0
