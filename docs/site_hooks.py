@@ -1,4 +1,4 @@
-"""Fills the reference pages of the site from the code: commands, records, names.
+"""Fills the reference pages of the site from the code: commands, records, tables.
 
 The builder calls `on_page_markdown` for every page.
 """
@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from gaitpref.cli.main import parse
+from reference_tables import TABLES
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORDS = (
@@ -43,6 +44,7 @@ RECORDS = (
 _BRACES = re.compile(r"\{([\w,\s]+)\}")
 _ANSI = re.compile(r"\x1b\[[0-9;]*m")
 _NAMES = re.compile(r"<!-- names: (\w+) -->")
+_TABLE = re.compile(r"<!-- table: ([\w ]+) -->")
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
@@ -52,6 +54,7 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
     if "<!-- records -->" in markdown:
         parts = [f"::: {name}" for name in RECORDS]
         markdown = markdown.replace("<!-- records -->", "\n\n".join(parts))
+    markdown = _TABLE.sub(lambda found: TABLES[found[1]](), markdown)
     return _NAMES.sub(lambda found: _names(found[1]), markdown)
 
 

@@ -38,6 +38,7 @@ class EpisodeMeta:
     """
 
     task: str
+    """What the robot was to do, such as `walk`; `hardware` in what a robot logged."""
     seed: int
     """Seed of the run that recorded the episode."""
     env_index: int

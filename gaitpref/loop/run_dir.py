@@ -27,6 +27,7 @@ class Round:
 
     @property
     def root(self) -> Path:
+        """The directory that all of them are in."""
         return self.run / "rounds" / f"{self.number:02d}"
 
     @property
@@ -71,6 +72,7 @@ class Round:
 
     @property
     def report(self) -> Path:
+        """All figures of the round; it is written last, and ends the round."""
         return self.root / "report.json"
 
     @property

@@ -1,6 +1,6 @@
 """What one visitor of the page may use of it: the limits in time, number and size.
 
-`docs/labeling.md` tells them. They leave room for the fastest hand: a held key repeats
+`docs/reference/limits.md` lists them. They leave room for the fastest hand: a held key repeats
 some 30 to 100 times a second, the camera and a slider move at most 50 times a second.
 """
 
@@ -20,6 +20,7 @@ LOGIN_FAILURES_PER_MINUTE = 10
 REQUESTS_PER_S = 10.0
 """Pages (figures, guidelines) a rater may ask for; more are refused for a moment."""
 REQUESTS_AT_ONCE = 40.0
+"""So many may come at once, after a pause."""
 
 PAGES = 24
 """Open labeling pages in all."""
@@ -28,6 +29,7 @@ PAGES_PER_RATER = 1
 OPENINGS_PER_S = 1.0
 """How often a rater's page may be opened anew; more wait for their turn."""
 OPENINGS_AT_ONCE = 5.0
+"""So many may come at once, after a pause."""
 WATCH_S = 0.25
 """How often it is looked whether the rater of an open page may still be there."""
 CLOSE_S = 1.0
@@ -38,6 +40,7 @@ MESSAGE_BYTES = 2**20
 MESSAGES_PER_S = 200.0
 """Messages of a rater; more are read later, so that they wait at the sender."""
 MESSAGES_AT_ONCE = 400.0
+"""So many may come at once, after a pause."""
 MESSAGE_UNIT_BYTES = 2**12
 """A long message counts as one for each of these."""
 FLOOD_S = 5.0
@@ -49,6 +52,7 @@ ACTIONS_WAITING = 8
 CHANGES_PER_S = 8.0
 """Switches of view, plots, theme and dialogs of one page; more are dropped."""
 CHANGES_AT_ONCE = 8.0
+"""So many may come at once, after a pause."""
 
 INNER_WAITING = 32
 """Connections to viser that have not yet said who they are."""

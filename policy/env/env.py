@@ -14,6 +14,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from data.features import column
+from policy.parallel.ranks import ALONE, Ranks
 from policy.robots.robot import Robot
 
 from .curriculum import Curriculum
@@ -43,6 +44,7 @@ class QuadrupedEnv(VecEnv):
         seed: int,
         sim: Sim | None = None,
         keep_final: bool = False,
+        ranks: Ranks = ALONE,
     ) -> None:
         """Make and reset `num_envs` environments.
 
@@ -53,11 +55,12 @@ class QuadrupedEnv(VecEnv):
             seed: Where all chance comes from.
             sim: A simulator of `num_envs` copies; MuJoCo on the CPU by default.
             keep_final: Put the states before any reset into `extras["final"]`.
+            ranks: Who has further environments of the same training.
         """
         self.robot = robot = in_world(robot, cfg)
         self.cfg: EnvCfg = cfg  # pyright: ignore[reportIncompatibleVariableOverride]
         self.task = task_reward_for(robot, cfg.task)
-        self.sim = sim or BatchSim(robot, num_envs)
+        self.sim = sim or BatchSim(robot, num_envs, threads=ranks.threads)
         self.num_envs = num_envs
         self.num_actions = 12
         self.max_episode_length = cfg.episode_steps
@@ -78,7 +81,9 @@ class QuadrupedEnv(VecEnv):
             self._lying = Lying(robot, cfg.getup, seed=dropped_seed)
         self._curriculum = None
         if cfg.curriculum is not None:
-            self._curriculum = Curriculum(cfg.curriculum, control_dt_s=cfg.control_dt_s)
+            self._curriculum = Curriculum(
+                cfg.curriculum, control_dt_s=cfg.control_dt_s, ranks=ranks
+            )
         self._fall_height = cfg.fall.height_ratio * float(robot.home_qpos[2])
         self._fall_cosine = float(torch.cos(torch.tensor(cfg.fall.tilt_rad)))
         zeros = torch.zeros(num_envs, 12, device=self.device)

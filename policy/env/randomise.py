@@ -17,6 +17,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from data.features import LEGS
+from policy.parallel.ranks import ALONE, Ranks
 from policy.robots.anatomy import bodies_below
 from policy.robots.robot import Robot
 
@@ -152,6 +153,7 @@ class RandomisedEnv(QuadrupedEnv):
         *,
         seed: int,
         keep_final: bool = False,
+        ranks: Ranks = ALONE,
     ) -> None:
         """See `QuadrupedEnv`."""
         self._cfg = cfg.randomise
@@ -159,9 +161,14 @@ class RandomisedEnv(QuadrupedEnv):
         self._foot_radii = torch.tensor(robot.foot_radius, dtype=torch.float32)
         self._privileged = torch.zeros(num_envs, PRIVILEGED_DIM)
         robot = in_world(robot, cfg)
-        sim = VariedSim(robot, num_envs)
         super().__init__(
-            robot, cfg, num_envs, seed=seed, sim=sim, keep_final=keep_final
+            robot,
+            cfg,
+            num_envs,
+            seed=seed,
+            sim=VariedSim(robot, num_envs, threads=ranks.threads),
+            keep_final=keep_final,
+            ranks=ranks,
         )
 
     def get_observations(self) -> TensorDict:
@@ -237,11 +244,17 @@ class RandomisedEnv(QuadrupedEnv):
 
 
 def make_env(
-    robot: Robot, cfg: EnvCfg, num_envs: int, *, seed: int, keep_final: bool = False
+    robot: Robot,
+    cfg: EnvCfg,
+    num_envs: int,
+    *,
+    seed: int,
+    keep_final: bool = False,
+    ranks: Ranks = ALONE,
 ) -> QuadrupedEnv:
     """The environment `cfg` asks for: robots all alike, or robots that differ."""
     kind = QuadrupedEnv if cfg.randomise == RandomiseCfg() else RandomisedEnv
-    return kind(robot, cfg, num_envs, seed=seed, keep_final=keep_final)
+    return kind(robot, cfg, num_envs, seed=seed, keep_final=keep_final, ranks=ranks)
 
 
 def _amplitudes(cfg: NoiseCfg) -> Tensor:

@@ -18,6 +18,7 @@ from data.files.plain import ADDED_LATER, KIND_NONE
 from policy.env.env import QuadrupedEnv
 from policy.extensions.bonus import ExplorationBonusCfg
 from policy.extensions.kl_penalty import KlPenaltyCfg
+from policy.parallel.ranks import ALONE, Ranks
 from policy.robots.hints import RobotError
 
 from .mirror import mirror_of
@@ -37,7 +38,7 @@ class PpoCfg:
     """
 
     num_envs: int = 128
-    """Environments that run side by side."""
+    """Environments that run side by side, those of all ranks together."""
     steps_per_env: int = 24
     """Control steps each environment contributes to one update."""
     hidden_sizes: tuple[int, ...] = (128, 128)
@@ -146,16 +147,28 @@ class Runner(OnPolicyRunner):
     alg: RewardPpo  # pyright: ignore[reportIncompatibleVariableOverride]
     env: QuadrupedEnv
 
-    def __init__(self, env: QuadrupedEnv, cfg: PpoCfg) -> None:
-        self.ppo = cfg
+    def __init__(self, env: QuadrupedEnv, cfg: PpoCfg, ranks: Ranks = ALONE) -> None:
+        """Make networks and storage for `env`, which holds this rank's share of the
+        environments of `cfg`."""
+        self.ppo, self.ranks = cfg, ranks
         with contextlib.redirect_stdout(io.StringIO()):
             super().__init__(env, to_rsl_rl(cfg), log_dir=None, device=str(env.device))
+        self.alg.ranks = ranks
         if cfg.bonus is not None:
-            self.alg.bonus = cfg.bonus.make(step_dt_s=env.step_dt)
+            self.alg.bonus = cfg.bonus.make(step_dt_s=env.step_dt, ranks=ranks)
         if cfg.mirror:
             self.alg.mirror = mirror_of(env.robot)
         if cfg.kl_penalty is not None:
-            self.alg.penalise(cfg.kl_penalty.make())
+            self.alg.penalise(cfg.kl_penalty.make(ranks))
+
+    def _configure_multi_gpu(self) -> None:
+        """Tell RSL-RL of the ranks; its own way knows GPUs only."""
+        ranks = self.ranks
+        self.is_distributed = ranks.size > 1
+        self.gpu_world_size = ranks.size
+        self.gpu_global_rank = self.gpu_local_rank = ranks.rank
+        told = {"global_rank": ranks.rank, "world_size": ranks.size}
+        self.cfg["multi_gpu"] = told if self.is_distributed else None
 
     def learn(  # type: ignore[override]
         self,
@@ -194,10 +207,13 @@ class Runner(OnPolicyRunner):
         # What the environment itself tells, as of the last step.
         log |= extras["log"]
         scalars = {name: float(value) for name, value in log.items()}
-        minutes = self.ppo.steps_per_iteration * self.env.step_dt / 60.0
+        steps = self.env.num_envs * self.ppo.steps_per_env
+        minutes = steps * self.env.step_dt / 60.0
         falls = float(self.alg.features[..., column("fallen")].sum())
         scalars["episode/falls_per_minute"] = falls / minutes
-        scalars["episode/aborted"] = float((1.0 - self.alg.valid).sum())
+        aborted = float((1.0 - self.alg.valid).sum())
+        # Of all ranks, as what is told is a mean over them.
+        scalars["episode/aborted"] = aborted * self.ranks.size
         return obs, scalars
 
     def _stats(
@@ -209,23 +225,24 @@ class Runner(OnPolicyRunner):
         stop_s: float,
     ) -> IterationStats:
         iteration = self.current_learning_iteration
-        steps_per_s = self.ppo.steps_per_iteration / (stop_s - start_s)
-        mean_return = self.alg.mean_reward * self.env.cfg.episode_steps
-        return IterationStats(
-            iteration=iteration,
-            steps=iteration * self.ppo.steps_per_iteration,
-            steps_per_s=steps_per_s,
-            mean_return=mean_return,
-            scalars={
+        found = self.ranks.means(
+            {
                 **scalars,
                 **figures_of(self.alg.reward_fn),
                 **{f"loss/{name}": value for name, value in losses.items()},
                 "loss/learning_rate": self.alg.learning_rate,
                 "policy/std": float(self.alg.get_policy().output_std.detach().mean()),
                 "policy/reference_kl": self.alg.reference_kl,
-                "train/return": mean_return,
-                "perf/steps_per_s": steps_per_s,
+                "train/return": self.alg.mean_reward * self.env.cfg.episode_steps,
+                "perf/steps_per_s": self.ppo.steps_per_iteration / (stop_s - start_s),
                 "perf/collect_s": collected_s - start_s,
                 "perf/learn_s": stop_s - collected_s,
-            },
+            }
+        )
+        return IterationStats(
+            iteration=iteration,
+            steps=iteration * self.ppo.steps_per_iteration,
+            steps_per_s=found["perf/steps_per_s"],
+            mean_return=found["train/return"],
+            scalars=found,
         )

@@ -5,9 +5,10 @@ Shapes: T steps of a rollout, N environments, F feature columns.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from types import BuiltinFunctionType, FunctionType, MethodType
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import torch
 from rsl_rl.algorithms import PPO
@@ -17,6 +18,7 @@ from torch import Tensor
 
 from data.errors import GaitprefError
 from data.features import FEATURE_DIM
+from policy.parallel.ranks import ALONE, Ranks
 
 from .clipped_update import clipped_update
 from .mirror import Mirror
@@ -83,9 +85,18 @@ def figures_of(score: ScoreFn | None) -> dict[str, float]:
 class OfRollout(Protocol):
     """A reward that also looks at a rollout as a whole, as at a mean over it."""
 
-    def of_rollout(self, features: Tensor, starts: Tensor, steps: int) -> Tensor:
+    def of_rollout(
+        self,
+        features: Tensor,
+        starts: Tensor,
+        steps: int,
+        mean: Callable[[Tensor], Tensor],
+    ) -> Tensor:
         """Reward [steps, N] of the rollout that the last `steps` of `features`
-        [T, N, F] are; those before it are only looked back at."""
+        [T, N, F] are; those before it are only looked back at.
+
+        `mean` takes it over what every rank has collected, where several train.
+        """
         ...
 
 
@@ -135,6 +146,10 @@ class RewardPpo(PPO):
     penalty: Penalty | None = None
     mirror: Mirror | None = None
     """Learn from every step in the mirror too."""
+    ranks: Ranks = ALONE
+    """Who learns the same, each from rollouts of its own."""
+    OF_RANK: ClassVar = ("before", "bonus_state_dict")
+    """What `save` gives that each rank has for itself."""
     features: Tensor
     """Feature rows [T, N, F] of the rollout."""
     valid: Tensor
@@ -181,6 +196,10 @@ class RewardPpo(PPO):
         bootstrap = self.gamma * values * self._time_outs
         self.storage.rewards.copy_((rewards + bootstrap)[..., None])
         super().compute_returns(obs)
+        if self.ranks.size > 1:
+            advantages = self.storage.returns - self.storage.values
+            mean, std = self.ranks.mean_and_std(advantages)
+            self.storage.advantages = (advantages - mean) / (std + 1e-8)
 
     def _scored(self, reward_fn: ScoreFn) -> Tensor:
         """Reward [T, N] of the rollout, seen behind what came before it."""
@@ -193,7 +212,7 @@ class RewardPpo(PPO):
             self._before = features[-history:].clone(), starts[-history:].clone()
         steps = len(self.features)
         if isinstance(reward_fn, OfRollout):
-            return reward_fn.of_rollout(features, starts, steps)
+            return reward_fn.of_rollout(features, starts, steps, self.ranks.mean)
         return reward_fn(features, starts)[len(features) - steps :]
 
     def penalise(self, penalty: Penalty) -> None:
@@ -203,7 +222,7 @@ class RewardPpo(PPO):
     def update(self) -> dict[str, float]:
         """Update both networks: by RSL-RL's own update where there is a penalty."""
         if self.penalty is None:
-            return clipped_update(self, self.mirror)
+            return clipped_update(self, self.mirror, self.ranks)
         losses = super().update()
         return losses | self.penalty.after_update(self.num_mini_batches)
 

@@ -22,8 +22,10 @@ ENOUGH = 40
 """Answers from which "no better than chance" is a finding: a reward that foresees three
 of four answers is then cleared nine times of ten."""
 LEAST_OPINION = 0.68
-"""The same share with each answer counted by how sure the model was of it: the closest
-questions are asked first, and those it gets wrong may not matter."""
+"""The share foreseen, with each answer counted by how sure the model was of it: the
+closest questions are asked first, and those it gets wrong may not matter. Fits to 75
+answers of which a fifth is wrong stay below it in 9 of 100 cases, to 150 of which 40 %
+are wrong in 97 or more."""
 MOST_BY_CHANCE = 0.1
 """Probability that the answers are random, up to which they are believed to mean
 something: a style keeps its walk even if they do not."""
@@ -35,14 +37,16 @@ FAR_SHARE = 0.9
 of them, has left what was judged: any that learned something has."""
 EXTRAPOLATED = 0.6
 """Standard deviations of reward, paid for what no judged clip shows of some habit, from
-which on leaving is no longer believed: see docs/trust.md for where this comes from."""
+which on leaving is no longer believed. Of 176 policies of 13 loops, those of the two rounds
+that a learned reward ruined went beyond it; of those that went well, and left what was
+judged, the nearest had 0.5."""
 SPREAD_RATIO = 1.5
 """Ensemble spread, over that on the judged clips, that counts as doubt."""
 
 MUCH_DRIFT_NATS = 100.0
-"""What follows is no alarm, and nothing to be silent about either. A policy that is
-this far a step from the one of the round before (KL divergence) is another policy: the
-retrainings of `make demo` come to 13 to 45."""
+"""This and what follows raise no alarm and are told. A policy this far a step from the
+one of the round before (KL divergence) is another policy: the retrainings of `make
+demo` come to 13 to 45."""
 MUCH_POWER = 2.0
 """Mechanical power over that of the first policy, where that was trained."""
 MUCH_TRACKING_M_S = 0.1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from gaitpref.cli.shared.by_hand import (
     stage_of,
     told_without_method,
 )
+from gaitpref.cli.shared.launched import ranks_of_launch
 from gaitpref.console.progress import console, training_bar
 from gaitpref.console.terminal import EXIT_INTERRUPTED
 from gaitpref.raters.criterion_scores import criterion_context
@@ -28,6 +30,7 @@ from policy.env.env_cfg import RANDOMISE, EnvCfg, getup_env
 from policy.env.known_terms import KnownTermsCfg
 from policy.extensions.bonus import ExplorationBonusCfg
 from policy.extensions.kl_penalty import KlPenaltyCfg
+from policy.parallel.ranks import Ranks
 from policy.training.checkpoint import PolicyError, load_policy
 from policy.training.ppo import PpoCfg, ScoreFn
 from policy.training.setup import Setting, setting_of
@@ -37,11 +40,14 @@ from rewardmodel.models.model import RewardModel
 
 def run(command: options.Train) -> int:
     """Run the command; gives the exit code."""
-    with only_writer(command.out, console.print):
-        return _train(command)
+    with ExitStack() as stack:
+        ranks = stack.enter_context(ranks_of_launch())
+        if ranks.is_first:
+            stack.enter_context(only_writer(command.out, console.print))
+        return _train(command, ranks)
 
 
-def _train(command: options.Train) -> int:
+def _train(command: options.Train, ranks: Ranks) -> int:
     names = (POLICY_NAME, RESUME_NAME)
     if not command.resume and any((command.out / name).exists() for name in names):
         raise PolicyError(
@@ -78,13 +84,15 @@ def _train(command: options.Train) -> int:
             init=command.init,
             resume=command.resume,
             on_iteration=bar,
+            ranks=ranks,
         )
     if not result.finished:
-        print(
-            f"gaitpref: stopped after {result.steps:,} steps; the same command with "
-            f"--resume goes on",
-            file=sys.stderr,
-        )
+        if ranks.is_first:
+            print(
+                f"gaitpref: stopped after {result.steps:,} steps; the same command "
+                "with --resume goes on",
+                file=sys.stderr,
+            )
         return EXIT_INTERRUPTED
     console.print(f"the policy is {result.policy}")
     return 0

@@ -13,7 +13,12 @@ from .bounds import Count, CountOrZero, Seed
 
 @dataclass(frozen=True, kw_only=True)
 class Train:
-    """Train a policy with PPO; writes policy.pt, checkpoints and TensorBoard files."""
+    """Train a policy with PPO; writes policy.pt, checkpoints and TensorBoard files.
+
+    Several processes do it together with `torchrun --nproc-per-node 4 -m gaitpref train
+    ...`: each simulates a share of the environments with chance of its own, gradients
+    and statistics are averaged, and the first one writes.
+    """
 
     out: Path
     """Directory of the training run."""
@@ -23,7 +28,8 @@ class Train:
     steps: CountOrZero = 1_500_000
     """Environment steps, counted over all environments."""
     envs: Count = 128
-    """Environments side by side."""
+    """Environments side by side; with torchrun those of all processes together, so that
+    the number must be divisible by theirs."""
     checkpoints: CountOrZero = 4
     """Policies kept on the way, evenly spaced."""
     init: Path | None = None
@@ -67,7 +73,8 @@ class Train:
     getup: bool = False
     """Begin lying after a fall, and be paid for getting up; no fall ends an episode."""
     resume: bool = False
-    """Go on from where an interrupted run in the same directory stopped."""
+    """Go on from where an interrupted run in the same directory stopped; with torchrun,
+    with as many processes as before."""
     robot: Path | None = None
     """MJCF of the robot; the Go1 that ships by default."""
     seed: Seed = 0

@@ -122,10 +122,11 @@ class Fit:
     second, for rhythms; or whichever of these foresees held-out answers best."""
     semi_supervised: bool = False
     """Let what the reward is sure of in pairs nobody answered count a little too. Where
-    it was measured (docs/tried.md) it did not pay."""
+    it was measured (docs/reference/extensions.md) it did not pay."""
     doubted_below: float = 0.0
     """Take answers for random that a reward fitted to the others gives a probability
-    below this, such as 0.2. Where it was measured (docs/tried.md) it did not pay."""
+    below this, such as 0.2. Where it was measured (docs/reference/extensions.md) it
+    did not pay."""
     whom: Annotated[tuple[str, ...], tyro.conf.arg(name="for", metavar="RATER")] = ()
     """Learn what some raters want: their names, or group:RATER for all who want what
     that one does; `gaitpref raters groups` shows them. By default what all share."""

@@ -1,0 +1,154 @@
+"""The tables of the reference pages, made of what the code itself knows."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import closing
+from dataclasses import fields
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from data.answers.sqlite_file import connect_copy
+from data.datasets.labels import LABEL_TYPES
+from data.episodes.episode_records import EpisodeMeta
+from data.episodes.schema import FINAL_FIELDS, STEP_FIELDS, Field
+from data.features import FEATURES, JOINTS, LEGS, Feature
+from data.files import limits
+from gaitpref.loop.run_dir import Round
+from labeling_ui.limits import page_limits
+from policy.env.feature_row import OBSERVATION
+from rewardmodel.descriptors.table import DESCRIPTORS, columns_seen
+from rewardmodel.trust import alarms
+
+_UNITS = (("GiB", 2**30), ("MiB", 2**20), ("KiB", 2**10))
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A table in Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
+
+
+def _named_columns(parts: Sequence[Feature]) -> str:
+    start = 0
+    rows: list[Sequence[object]] = []
+    for part in parts:
+        end = start + part.width
+        columns = str(start) if part.width == 1 else f"{start} to {end - 1}"
+        rows.append((columns, f"`{part.name}`", part.unit, part.meaning))
+        start = end
+    return _table(("columns", "name", "unit", "meaning"), rows)
+
+
+def _descriptors() -> str:
+    everywhere = {item.name for item in DESCRIPTORS}
+    rows = (
+        (
+            f"`{item.name}`",
+            item.unit,
+            item.meaning,
+            "all" if item.name in everywhere else "posterior, some networks",
+        )
+        for item in columns_seen("legs")
+    )
+    return _table(("name", "unit", "meaning", "models that see it"), rows)
+
+
+def _members(message: Sequence[Field]) -> str:
+    rows = ((f"`{each.name}`", each.ros_type, each.comment) for each in message)
+    return _table(("name", "type", "what"), rows)
+
+
+def _episode_facts() -> str:
+    told = _told(ast.parse(inspect.getsource(EpisodeMeta)).body[0])
+    rows = (
+        (f"`{each.name}`", each.type, told.get(each.name, ""))
+        for each in fields(EpisodeMeta)
+    )
+    return _table(("name", "type", "what"), rows)
+
+
+def _answer_tables() -> str:
+    """The statements that make the present store, as SQLite keeps them."""
+    with closing(connect_copy(Path("there is no such file"))) as store:
+        made = store.execute(
+            "SELECT sql FROM sqlite_master WHERE sql IS NOT NULL ORDER BY rowid"
+        ).fetchall()
+    return "```sql\n" + ";\n\n".join(text for (text,) in made) + ";\n```"
+
+
+def _label_columns() -> str:
+    rows = ((f"`{name}`", kind.__name__) for name, kind in LABEL_TYPES.items())
+    return _table(("column", "type"), rows)
+
+
+def _round_files() -> str:
+    """What `Round` calls the files of a round, and what its docstrings say."""
+    round = Round(Path("RUN"), 1)
+    rows = (
+        (f"`{place.relative_to(round.root)}`", inspect.getdoc(found))
+        for name, found in vars(Round).items()
+        if isinstance(found, property) and name != "root"
+        if isinstance(place := getattr(round, name), Path)
+    )
+    return _table(("file", "what"), rows)
+
+
+def _constants(module: ModuleType) -> str:
+    """A row for each public constant that has a text below it."""
+    told = _told(ast.parse(inspect.getsource(module)))
+    rows = (
+        (f"`{name}`", _spelled(name, getattr(module, name)), text)
+        for name, text in told.items()
+        if not name.startswith("_")
+    )
+    return _table(("name", "value", "what"), rows)
+
+
+def _spelled(name: str, value: Any) -> str:
+    if name.endswith("_BYTES"):
+        for unit, size in _UNITS:
+            if value >= size and value % size == 0:
+                return f"{value // size} {unit}"
+    if name == "BIGGEST_INTEGER":
+        return "2^63 - 1"
+    return f"{value:g}" if isinstance(value, float) else f"{value:,}"
+
+
+def _told(tree: ast.AST) -> dict[str, str]:
+    """The text below each assignment of a module or class, on one line."""
+    body = getattr(tree, "body", [])
+    found: dict[str, str] = {}
+    for before, text in zip(body, body[1:], strict=False):
+        if not (isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)):
+            continue
+        target = (
+            before.targets[0]
+            if isinstance(before, ast.Assign)
+            else getattr(before, "target", None)
+        )
+        if isinstance(target, ast.Name):
+            found[target.id] = " ".join(str(text.value.value).split())
+    return found
+
+
+TABLES: dict[str, Callable[[], str]] = {
+    "features": lambda: _named_columns(FEATURES),
+    "observation": lambda: _named_columns(OBSERVATION),
+    "descriptors": _descriptors,
+    "legs": lambda: ", ".join(LEGS),
+    "joints": lambda: ", ".join(f"`{joint}`" for joint in JOINTS),
+    "step": lambda: _members(STEP_FIELDS),
+    "final": lambda: _members(FINAL_FIELDS),
+    "episode": _episode_facts,
+    "answers": _answer_tables,
+    "labels": _label_columns,
+    "round": _round_files,
+    "file limits": lambda: _constants(limits),
+    "page limits": lambda: _constants(page_limits),
+    "alarm limits": lambda: _constants(alarms),
+}
+"""By the name that stands in a page, as in `<!-- table: features -->`."""
