@@ -26,6 +26,7 @@ def loop_cfg(
     quick: bool = False,
     rounds: int | None = None,
     labels: int | None = None,
+    steps: int | None = None,
     rater: Literal["simulated", "human"] = "simulated",
     simulated: RaterCfg | None = None,
     clip_s: float = 1.2,
@@ -44,6 +45,7 @@ def loop_cfg(
         quick: About ten minutes on two cores.
         rounds: Times questions are asked and the policy is retrained.
         labels: Answers in all.
+        steps: Environment steps of each training.
         rater: Who answers.
         simulated: How the simulated rater errs; by default never.
         clip_s: Length of a clip.
@@ -60,6 +62,8 @@ def loop_cfg(
         raise RunError(
             f"--change-s must lie in (0, {LONGEST_S:g}] seconds, got {change_s:g}"
         )
+    if steps is not None and steps < 1:
+        raise RunError(f"--steps must be at least 1, got {steps}")
     base = usual_base(robot) if base is None else str(base)
     scratch = base == "none"
     clips = ClipCfg.of(clip_s)
@@ -76,7 +80,7 @@ def loop_cfg(
         base=base,
         robot=None if robot is None else str(robot),
         seed=seed,
-        steps=_scratch_steps(quick) if scratch else _style_steps(quick),
+        steps=_steps(scratch=scratch, quick=quick, given=steps),
         clips=clips,
         stop_asking=stop_asking,
         record=RecordCfg(
@@ -95,12 +99,12 @@ def usual_base(robot: Path | None) -> str:
     return "walk" if robot is None else "task"
 
 
-def _scratch_steps(quick: bool) -> StepsCfg:
-    # A long one overdoes what a reward got wrong, and nothing is learned then.
-    return StepsCfg(base=0, round=600_000, last=800_000 if quick else 1_500_000)
-
-
-def _style_steps(quick: bool) -> StepsCfg:
+def _steps(*, scratch: bool, quick: bool, given: int | None) -> StepsCfg:
+    if given is not None:
+        return StepsCfg(base=0 if scratch else given, round=given, last=given)
+    if scratch:
+        # A long one overdoes what a reward got wrong, and nothing is learned then.
+        return StepsCfg(base=0, round=600_000, last=800_000 if quick else 1_500_000)
     if quick:
         return StepsCfg(base=800_000, round=600_000, last=600_000)
     return StepsCfg(base=1_500_000, round=700_000, last=700_000)

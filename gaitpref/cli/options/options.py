@@ -64,6 +64,8 @@ class Loop:
     """Times questions are asked and the policy retrained; the preset's by default."""
     labels: Count | None = None
     """Answers in all, over all rounds; the preset's by default."""
+    steps: Count | None = None
+    """Environment steps of each training; the preset's by default."""
     clip_s: float = 1.2
     """Length of a clip; 5 to 20 to ask about a whole manoeuvre. Episodes are recorded
     three clips long, and no shorter than else."""

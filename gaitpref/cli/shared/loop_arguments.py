@@ -31,6 +31,7 @@ def resolve(options: Loop) -> LoopCfg:
         quick=options.preset == "quick",
         rounds=options.rounds,
         labels=options.labels,
+        steps=options.steps,
         rater=options.rater,
         simulated=erring_rater(options.erring),
         clip_s=options.clip_s,
