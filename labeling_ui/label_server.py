@@ -9,6 +9,7 @@ from types import TracebackType
 import numpy as np
 import viser
 
+from data.answers.question_board import QuestionBoard
 from data.datasets.dataset import Dataset
 from labeling_ui.page.loop_status import StatusSource, no_status
 from labeling_ui.page.page_access import Desk
@@ -87,6 +88,7 @@ class LabelServer:
             GaitprefError: the port is busy, or the options would leave it unguarded.
         """
         cfg, self._store = self._cfg, self._dataset.answers()
+        self._board = QuestionBoard(self._store, cfg.queue.plan.overlap)
         self._motions = MotionCache(self._dataset)
         self._site = Site(
             ProxyCfg(
@@ -111,6 +113,7 @@ class LabelServer:
             guidelines=self._guidelines,
         )
         try:
+            self._board.follow()
             self._site.start(self._new_page)
         except BaseException:
             self._store.close()
@@ -135,7 +138,11 @@ class LabelServer:
 
     def _new_page(self, client: viser.ClientHandle, visit: Visit) -> Page:
         session = RaterSession(
-            self._store, visit.rater, cfg=self._cfg.queue, rng=np.random.default_rng()
+            self._store,
+            visit.rater,
+            cfg=self._cfg.queue,
+            board=self._board,
+            rng=np.random.default_rng(),
         )
         desk = Desk(session, self._motions, may_act=visit.may_act)
         return Page(client, desk, self._shared)
