@@ -11,6 +11,7 @@ import viser
 
 from data.answers.question_board import QuestionBoard
 from data.datasets.dataset import Dataset
+from labeling_ui.limits import page_limits as limits
 from labeling_ui.page.loop_status import StatusSource, no_status
 from labeling_ui.page.page_access import Desk
 from labeling_ui.page.rater_page import Page, Shared
@@ -48,6 +49,8 @@ class LabelCfg:
     """Where people open the page, if a reverse proxy stands before it."""
     auth: bool = True
     """Ask for a token; only loopback may go without."""
+    most_raters: int = limits.PAGES
+    """Raters whose pages are open at once; more are told when to come back."""
     shadows: bool = True
     """Draw shadows; without a graphics card they take most of the time."""
     queue: QueueCfg = field(default_factory=lambda: QueueCfg(guard=_GUARD))
@@ -99,6 +102,7 @@ class LabelServer:
                 public_url=cfg.public_url,
                 auth=cfg.auth,
                 guidelines=cfg.guidelines,
+                max_clients=cfg.most_raters,
             ),
             tokens=TokenStore(self._dataset.root),
             figures=lambda rater_id: rater_figures(self._store, rater_id),

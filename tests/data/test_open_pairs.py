@@ -34,9 +34,7 @@ def make_pair(number: int) -> Pair:
 
 def answer(number: int, pair: Pair, rater: str, **changes: str) -> Answer:
     values = {"choice": "a", "shown_left": "a", "created_utc": NOW} | changes
-    return Answer(
-        answer_id=f"{number}", pair_id=pair.pair_id, rater_id=rater, **values
-    )  # type: ignore[arg-type]
+    return Answer(answer_id=f"{number}", pair_id=pair.pair_id, rater_id=rater, **values)  # type: ignore[arg-type]
 
 
 def expected(store: AnswerStore, rater: str) -> list[Pair]:
