@@ -47,6 +47,8 @@ class Serving:
     https://label.example.org/gait."""
     no_auth: bool = False
     """Ask for no token; only on loopback."""
+    most_raters: Count = 24
+    """Raters whose pages may be open at once; the next is told when to come back."""
 
 
 @dataclass(frozen=True, kw_only=True)
