@@ -42,7 +42,7 @@ def gradients_of(
         _gradients(alg.critic, alg.value_loss_coef * error, alg),
     )
     losses = {"value": error, "surrogate": surrogate, "entropy": entropy}
-    return *found, {f"loss/{name}": float(loss) for name, loss in losses.items()}
+    return *found, {f"loss/{k}": float(loss.detach()) for k, loss in losses.items()}
 
 
 def _gradients(network: nn.Module, loss: Tensor, alg: RewardPpo) -> list[np.ndarray]:
@@ -74,11 +74,12 @@ def absorb(network: MLPModel, moments: Moments) -> None:
 
     As RSL-RL's own does with those it sees (Chan et al. 1979, updating formulae).
     """
-    norm = network.obs_normalizer
+    # These share their memory with the normaliser's own.
+    own = network.obs_normalizer.state_dict()
     count, mean, var = moments[0], *map(torch.tensor, moments[1:])
-    norm.count += count
-    rate = count / norm.count
-    change = mean - norm._mean
-    norm._mean += rate * change
-    norm._var += rate * (var - norm._var + change * (mean - norm._mean))
-    norm._std = norm._var.sqrt()
+    own["count"] += count
+    rate = count / own["count"]
+    change = mean - own["_mean"]
+    own["_mean"] += rate * change
+    own["_var"] += rate * (var - own["_var"] + change * (mean - own["_mean"]))
+    own["_std"].copy_(own["_var"].sqrt())

@@ -88,7 +88,7 @@ class Train:
     learns, and what they collect with older weights is corrected by V-trace; or send
     gradients, each taken as it comes (A3C)."""
     most_lag: CountOrZero = 2
-    """With --actors: updates since the weights of a rollout; an older one is dropped."""
+    """With --actors: updates since the weights of a rollout; older ones are dropped."""
     robot: Path | None = None
     """MJCF of the robot; the Go1 that ships by default."""
     seed: Seed = 0
