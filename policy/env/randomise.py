@@ -153,6 +153,7 @@ class RandomisedEnv(QuadrupedEnv):
         *,
         seed: int,
         keep_final: bool = False,
+        threads: int = 0,
         ranks: Ranks = ALONE,
     ) -> None:
         """See `QuadrupedEnv`."""
@@ -166,7 +167,7 @@ class RandomisedEnv(QuadrupedEnv):
             cfg,
             num_envs,
             seed=seed,
-            sim=VariedSim(robot, num_envs, threads=ranks.threads),
+            sim=VariedSim(robot, num_envs, threads=threads),
             keep_final=keep_final,
             ranks=ranks,
         )
@@ -250,11 +251,20 @@ def make_env(
     *,
     seed: int,
     keep_final: bool = False,
+    threads: int = 0,
     ranks: Ranks = ALONE,
 ) -> QuadrupedEnv:
     """The environment `cfg` asks for: robots all alike, or robots that differ."""
     kind = QuadrupedEnv if cfg.randomise == RandomiseCfg() else RandomisedEnv
-    return kind(robot, cfg, num_envs, seed=seed, keep_final=keep_final, ranks=ranks)
+    return kind(
+        robot,
+        cfg,
+        num_envs,
+        seed=seed,
+        keep_final=keep_final,
+        threads=threads,
+        ranks=ranks,
+    )
 
 
 def _amplitudes(cfg: NoiseCfg) -> Tensor:

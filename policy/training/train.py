@@ -99,6 +99,10 @@ class TrainResult:
     """The last iteration; None where there was nothing to do."""
 
 
+Engine = Callable[[Robot, TrainCfg, int], Runner]
+"""Makes a runner of a training, whose environments have their chance from a seed."""
+
+
 def train(
     out: Path,
     robot: Robot,
@@ -110,6 +114,7 @@ def train(
     resume: bool = False,
     on_iteration: Callable[[IterationStats], None] = lambda stats: None,
     ranks: Ranks = ALONE,
+    engine: Engine | None = None,
 ) -> TrainResult:
     """Train a policy into the directory `out`.
 
@@ -126,6 +131,7 @@ def train(
         ranks: Processes that do this training together: each calls this with the same
             arguments, has a share of the environments and chance of its own, and the
             first one writes.
+        engine: Makes what collects and learns; by default this process does both.
 
     Raises:
         PolicyError: `init` or the state to resume cannot be used.
@@ -135,12 +141,12 @@ def train(
     """
     out.mkdir(parents=True, exist_ok=True)
     torch_seed, env_seed = spawned(cfg.seed, 2)
-    num_envs = ranks.share_of(cfg.ppo.num_envs)
     with torch.random.fork_rng(devices=[]), others_alive():
         torch.manual_seed(torch_seed)
-        seed = _of_rank(env_seed, ranks)
-        env = make_env(robot, cfg.env, num_envs, seed=seed, ranks=ranks)
-        runner = Runner(env, cfg.ppo, ranks)
+        if engine is None:
+            runner = _runner_here(robot, cfg, _of_rank(env_seed, ranks), ranks)
+        else:
+            runner = engine(robot, cfg, env_seed)
         runner.alg.reward_fn = reward_fn
         session = _Session(out, robot, cfg, runner, reward_name)
         if init is not None:
@@ -152,6 +158,18 @@ def train(
             session.start_fresh()
         session.require_same()
         return session.run(on_iteration)
+
+
+def _runner_here(robot: Robot, cfg: TrainCfg, seed: int, ranks: Ranks) -> Runner:
+    env = make_env(
+        robot,
+        cfg.env,
+        ranks.share_of(cfg.ppo.num_envs),
+        seed=seed,
+        threads=ranks.threads,
+        ranks=ranks,
+    )
+    return Runner(env, cfg.ppo, ranks)
 
 
 def _of_rank(seed: int, ranks: Ranks) -> int:
@@ -219,11 +237,7 @@ class _Session:
         """Prepare the first iteration."""
         if self.cfg.exploration_std is not None:
             self._std.fill_(self.cfg.exploration_std)
-        env = self.runner.env
-        # Spread the time-outs, or all environments would be reset at the same step.
-        env.episode_length_buf = torch.randint_like(
-            env.episode_length_buf, high=env.max_episode_length
-        )
+        self.runner.begin()
 
     @property
     def _steps(self) -> int:
@@ -261,8 +275,7 @@ class _Session:
             state |= torch.load(io.BytesIO(own), weights_only=True)
         runner.alg.load(state, None, strict=True)
         runner.current_learning_iteration = int(state["iteration"])
-        runner.env.restore(state["env"])
-        torch.set_rng_state(state["torch_rng"])
+        runner.restore(state)
         return True
 
     def require_same(self) -> None:
@@ -336,9 +349,8 @@ class _Session:
             "reward_name": self.reward_name,
             "reward": content_of(self.runner.alg.reward_fn),
             "init": None,
+            **self.runner.told,
         }
-        if self.ranks.size > 1:
-            told["ranks"] = self.ranks.size
         # As a file gives it back: a tuple is a list there.
         return json.loads(json.dumps(told))
 
@@ -362,7 +374,7 @@ class _Session:
 
     def _save_state(self) -> None:
         runner, learned = self.runner, self.runner.alg.save()
-        own = {"env": runner.env.snapshot(), "torch_rng": torch.get_rng_state()}
+        own = runner.snapshot()
         state = {
             **learned,
             "identity": json.dumps(self.identity, sort_keys=True),

@@ -20,11 +20,14 @@ from gaitpref.cli.shared.by_hand import (
     told_without_method,
 )
 from gaitpref.cli.shared.launched import ranks_of_launch
+from gaitpref.console.extras import require
 from gaitpref.console.progress import console, training_bar
 from gaitpref.console.terminal import EXIT_INTERRUPTED
 from gaitpref.raters.criterion_scores import criterion_context
 from gaitpref.training.by_method import Retraining, rows_of
 from gaitpref.training.total_reward import load_score, total_reward
+from policy.engines.actors_cfg import ActorsCfg
+from policy.engines.with_actors import WithActors
 from policy.env.curriculum import CurriculumCfg
 from policy.env.env_cfg import RANDOMISE, EnvCfg, getup_env
 from policy.env.known_terms import KnownTermsCfg
@@ -34,7 +37,7 @@ from policy.parallel.ranks import Ranks
 from policy.training.checkpoint import PolicyError, load_policy
 from policy.training.ppo import PpoCfg, ScoreFn
 from policy.training.setup import Setting, setting_of
-from policy.training.train import POLICY_NAME, RESUME_NAME, TrainCfg, train
+from policy.training.train import POLICY_NAME, RESUME_NAME, Engine, TrainCfg, train
 from rewardmodel.models.model import RewardModel
 
 
@@ -85,6 +88,7 @@ def _train(command: options.Train, ranks: Ranks) -> int:
             resume=command.resume,
             on_iteration=bar,
             ranks=ranks,
+            engine=_engine(command, ranks),
         )
     if not result.finished:
         if ranks.is_first:
@@ -96,6 +100,33 @@ def _train(command: options.Train, ranks: Ranks) -> int:
         return EXIT_INTERRUPTED
     console.print(f"the policy is {result.policy}")
     return 0
+
+
+def _engine(command: options.Train, ranks: Ranks) -> Engine | None:
+    """Who collects; None where this process does.
+
+    Raises:
+        GaitprefError: two ways to use many cores at once, or Ray is not installed.
+    """
+    if command.actors is None:
+        if command.ray is not None:
+            raise GaitprefError(
+                "--ray says where actors run: give --actors N too, or leave it out"
+            )
+        return None
+    if ranks.size > 1:
+        raise GaitprefError(
+            "--actors has one process that learns: start it without torchrun, or "
+            "leave --actors out"
+        )
+    require("ray", "scale")
+    cfg = ActorsCfg(
+        actors=command.actors,
+        update=command.update,
+        address=command.ray,
+        most_lag=command.most_lag,
+    )
+    return WithActors(cfg=cfg, tell=console.print)
 
 
 def _plain_cfg(command: options.Train, setting: Setting) -> TrainCfg:

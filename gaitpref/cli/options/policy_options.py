@@ -75,6 +75,20 @@ class Train:
     resume: bool = False
     """Go on from where an interrupted run in the same directory stopped; with torchrun,
     with as many processes as before."""
+    actors: Count | None = None
+    """Collect with so many actors, each a process on a core of its own with a share of
+    the environments, while this process learns; needs Ray: pip install -e '.[scale]'.
+    What is on their way when they or this process die is lost, nothing is used twice.
+    By default this process does all of it."""
+    ray: str | None = None
+    """With --actors: the Ray they run on, HOST:PORT as `ray start --head` prints it, or
+    `auto`; by default one on this machine for this command alone."""
+    update: Literal["sync", "vtrace", "gradients"] = "vtrace"
+    """With --actors: they wait for new weights, as in PPO; or go on while this process
+    learns, and what they collect with older weights is corrected by V-trace; or send
+    gradients, each taken as it comes (A3C)."""
+    most_lag: CountOrZero = 2
+    """With --actors: updates since the weights of a rollout; older ones are dropped."""
     robot: Path | None = None
     """MJCF of the robot; the Go1 that ships by default."""
     seed: Seed = 0
