@@ -62,7 +62,7 @@ def train_on(
         TrainCfg(
             steps=steps,
             env=setting.env,
-            ppo=PpoCfg(hidden_sizes=setting.hidden_sizes),
+            ppo=setting.ppo,
             seed=seed,
         ),
         reward_fn=paid,

@@ -86,7 +86,7 @@ def loop_cfg(
             change_s=change_s,
         ),
         env=setting.env,
-        ppo=PpoCfg(hidden_sizes=setting.hidden_sizes),
+        ppo=setting.ppo,
     )
 
 

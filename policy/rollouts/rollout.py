@@ -20,7 +20,7 @@ class Actor(Protocol):
     """Anything that acts: a `Policy`, or a test's own."""
 
     def __call__(self, obs: Tensor, noise: Tensor | None = None) -> Tensor:
-        """Actions [N, 12] for `obs` [N, 48] and standard normal draws [N, 12]."""
+        """Actions [N, 12] for `obs` [N, D] and standard normal draws [N, 12]."""
         ...
 
 
@@ -38,7 +38,7 @@ class RolloutStep:
     qvel: np.ndarray
     """[N, nv] before the step"""
     obs: Tensor
-    """[N, 48] before the step"""
+    """[N, D] before the step; D is 48 unless a law says otherwise"""
     action: Tensor
     """[N, 12] as the robot got it, clipped to the action limit"""
     targets: Tensor

@@ -61,7 +61,7 @@ class Policy:
 
     @torch.inference_mode()
     def __call__(self, obs: Tensor, noise: Tensor | None = None) -> Tensor:
-        """Actions [N, 12] for `obs` [N, 48].
+        """Actions [N, 12] for `obs` [N, 48], or what its law says.
 
         Args:
             obs: What `QuadrupedEnv.get_observations` gives.
@@ -75,7 +75,7 @@ class Policy:
 
     @property
     def network(self) -> nn.Module:
-        """Observations [N, 48] to actions [N, 12], scriptable and without noise."""
+        """Observations [N, D] to actions [N, 12], without noise."""
         return self._actor.as_jit()
 
     @property
@@ -144,7 +144,8 @@ def load_policy(path: Path) -> Policy:
     info = policy_info(path, payload)
     cfg = to_rsl_rl(info.ppo)
     actor_class, actor_cfg = resolve_class(cfg["actor"])
-    obs = TensorDict({"policy": torch.zeros(1, OBS_DIM)}, batch_size=[1])
+    dim = OBS_DIM if info.env.law is None else info.env.law.obs_dim
+    obs = TensorDict({"policy": torch.zeros(1, dim)}, batch_size=[1])
     actor = actor_class(obs, cfg["obs_groups"], "actor", 12, **actor_cfg)
     weights = payload["actor_state_dict"]
     if differences := misfits(weights, actor.state_dict()):

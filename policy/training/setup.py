@@ -7,6 +7,7 @@ from pathlib import Path
 
 from policy.env.env_cfg import EnvCfg
 from policy.env.velocity_commands import env_for
+from policy.law.driven import driven_by
 from policy.robots.robot import Robot, load_robot
 
 from .checkpoint import load_policy
@@ -19,7 +20,8 @@ class Setting:
 
     robot: Robot
     env: EnvCfg
-    hidden_sizes: tuple[int, ...]
+    ppo: PpoCfg
+    """The networks it has; all else is the default."""
 
 
 def setting_of(policy_file: Path | None, robot_xml: Path | None) -> Setting:
@@ -35,10 +37,19 @@ def setting_of(policy_file: Path | None, robot_xml: Path | None) -> Setting:
     if policy_file is None:
         env = EnvCfg()
         robot = load_robot(robot_xml, physics_dt_s=env.physics_dt_s)
-        return Setting(robot, env_for(robot, env), PpoCfg().hidden_sizes)
+        return Setting(robot, env_for(robot, env), PpoCfg())
     policy = load_policy(policy_file)
     env = policy.info.env
     robot = policy.robot()
     if robot_xml is not None:
         robot = load_robot(robot_xml, physics_dt_s=env.physics_dt_s)
-    return Setting(robot, env, policy.info.ppo.hidden_sizes)
+        if env.law is not None:
+            robot = driven_by(robot, env.law)
+    trained = policy.info.ppo
+    ppo = PpoCfg(
+        hidden_sizes=trained.hidden_sizes,
+        recipe=trained.recipe,
+        # What a law hides from the policy, the critic may see.
+        privileged_critic=env.law is not None,
+    )
+    return Setting(robot, env, ppo)

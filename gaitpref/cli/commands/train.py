@@ -103,9 +103,9 @@ def _plain_cfg(command: options.Train, setting: Setting) -> TrainCfg:
     return TrainCfg(
         steps=command.steps,
         env=env,
-        ppo=PpoCfg(
+        ppo=replace(
+            setting.ppo,
             num_envs=command.envs,
-            hidden_sizes=setting.hidden_sizes,
             bonus=(
                 None
                 if command.exploration == "none"
@@ -117,7 +117,7 @@ def _plain_cfg(command: options.Train, setting: Setting) -> TrainCfg:
                 else KlPenaltyCfg(kind=command.kl_penalty)
             ),
             mirror=command.mirror,
-            privileged_critic=command.randomize != "off",
+            privileged_critic=command.randomize != "off" or env.law is not None,
         ),
         seed=command.seed,
         checkpoints=command.checkpoints,
