@@ -53,9 +53,7 @@ def driven_by(robot: Robot, law: Law) -> Robot:
             spec.delete(key)
     spec.add_key(name="home", qpos=_home(robot, law))
     spec.compile()
-    return load_robot_xml(
-        spec.to_xml(), name=robot.name, physics_dt_s=law.physics_dt_s
-    )
+    return load_robot_xml(spec.to_xml(), name=robot.name, physics_dt_s=law.physics_dt_s)
 
 
 def _home(robot: Robot, law: Law) -> np.ndarray:

@@ -26,13 +26,16 @@ _LEAST_RATE, _HIGHEST_RATE = 1e-5, 1e-2
 """Bounds of the adapted learning rate, those of RSL-RL."""
 
 
-def clipped_update(alg: PPO, mirror: Mirror | None = None) -> dict[str, float]:
+def clipped_update(
+    alg: PPO, mirror: Mirror | None = None, *, actor: bool = True
+) -> dict[str, float]:
     """Run all epochs over the stored rollout; mean losses by name.
 
     For feed-forward networks without RSL-RL's extensions; others need its own update.
 
     Args:
         mirror: Learn from every step in the mirror too.
+        actor: Change the actor as well, and not the critic alone.
     """
     # Every epoch takes the same minibatches, so they are gathered once.
     batches = list(alg.storage.mini_batch_generator(alg.num_mini_batches, 1))
@@ -44,7 +47,9 @@ def clipped_update(alg: PPO, mirror: Mirror | None = None) -> dict[str, float]:
         for batch in batches * alg.num_learning_epochs:
             alg.optimizer.zero_grad()
             critic = pool.submit(_critic_gradients, alg, batch)
-            surrogate, entropy = _actor_gradients(alg, batch)
+            surrogate, entropy = (0.0, 0.0)
+            if actor:
+                surrogate, entropy = _actor_gradients(alg, batch)
             sums += torch.tensor([critic.result(), surrogate, entropy])
             alg.optimizer.step()
     obs = alg.storage.observations.flatten(0, 1)

@@ -139,6 +139,8 @@ class RewardPpo(PPO):
     """Feature rows [T, N, F] of the rollout."""
     valid: Tensor
     """[T, N] 0 where a simulation diverged, else 1."""
+    looking_on: int = 0
+    """Updates in which the critic alone still learns."""
     _before: tuple[Tensor, Tensor] | None = None
     """Features [H, N, F] and starts [H, N] of the last steps before the rollout."""
 
@@ -202,8 +204,10 @@ class RewardPpo(PPO):
 
     def update(self) -> dict[str, float]:
         """Update both networks: by RSL-RL's own update where there is a penalty."""
-        if self.penalty is None:
-            return clipped_update(self, self.mirror)
+        if self.looking_on or self.penalty is None:
+            looks_on = self.looking_on > 0
+            self.looking_on = max(0, self.looking_on - 1)
+            return clipped_update(self, self.mirror, actor=not looks_on)
         losses = super().update()
         return losses | self.penalty.after_update(self.num_mini_batches)
 
@@ -217,6 +221,8 @@ class RewardPpo(PPO):
             saved["bonus_state_dict"] = self.bonus.state_dict()
         if self.penalty is not None:
             saved |= self.penalty.saved()
+        if self.looking_on:
+            saved["looking_on"] = self.looking_on
         return saved
 
     def load(
@@ -224,6 +230,7 @@ class RewardPpo(PPO):
     ) -> bool:
         """Load what `save` gave; only networks where not all is loaded."""
         if load_cfg is None:
+            self.looking_on = int(loaded_dict.get("looking_on", 0))
             if "before" in loaded_dict:
                 features, starts = loaded_dict["before"]
                 self._before = features.to(self.device), starts.to(self.device)

@@ -29,7 +29,7 @@ from policy.env.known_terms import KnownTermsCfg
 from policy.extensions.bonus import ExplorationBonusCfg
 from policy.extensions.kl_penalty import KlPenaltyCfg
 from policy.training.checkpoint import PolicyError, load_policy
-from policy.training.ppo import PpoCfg, ScoreFn
+from policy.training.ppo import ScoreFn
 from policy.training.setup import Setting, setting_of
 from policy.training.train import POLICY_NAME, RESUME_NAME, TrainCfg, train
 from rewardmodel.models.model import RewardModel

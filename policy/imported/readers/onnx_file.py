@@ -39,9 +39,7 @@ def read_onnx(content: bytes) -> Found:
     graph = model.graph
     if len(graph.node) > MOST_NODES:
         raise NetworkError(f"a network of {len(graph.node)} operations is too long")
-    tensors = {
-        each.name: _tensor(each.name, each, onnx) for each in graph.initializer
-    }
+    tensors = {each.name: _tensor(each.name, each, onnx) for each in graph.initializer}
     for node in graph.node:
         if node.op_type != "Constant":
             require_known(node.op_type)

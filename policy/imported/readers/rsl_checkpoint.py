@@ -57,9 +57,7 @@ def read_checkpoint(content: bytes, activation: str | None) -> Found:
     """
     try:
         require_stored(content)
-        payload = torch.load(
-            io.BytesIO(content), weights_only=True, map_location="cpu"
-        )
+        payload = torch.load(io.BytesIO(content), weights_only=True, map_location="cpu")
     except Exception as error:
         raise NetworkError(
             f"torch cannot read it without running code ({type(error).__name__}): "

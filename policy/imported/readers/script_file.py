@@ -180,8 +180,9 @@ class _Translation:
             if kind == "prim::If":
                 taken = list(node.blocks())[0 if given[0] is True else 1]
                 if not isinstance(given[0], bool):
-                    raise NetworkError("it decides by what it computes, which is not "
-                                       "followed here")
+                    raise NetworkError(
+                        "it decides by what it computes, which is not followed here"
+                    )
                 self._walk(taken)
                 results = [self._values.get(v.debugName()) for v in taken.outputs()]
                 for out, value in zip(node.outputs(), results, strict=True):
@@ -239,7 +240,9 @@ class _Translation:
         if isinstance(value, _Value):
             return value.name
         if isinstance(value, int | float) and not isinstance(value, bool):
-            return self._store(f"number {float(value)!r}", torch.tensor(float(value))).name
+            return self._store(
+                f"number {float(value)!r}", torch.tensor(float(value))
+            ).name
         raise NetworkError("an operation gets something that is no tensor")
 
     def _add(self, op: str, values: list[Any], **attributes: Any) -> _Value:
@@ -263,19 +266,21 @@ class _Translation:
                 return self._add("Gemm", [x, weight, bias])
             case "aten::t", [x]:
                 return self._add("Transpose", [x], perm=[1, 0])
-            case ("aten::elu" | "aten::elu_"), [x, alpha, *_]:
+            case (("aten::elu" | "aten::elu_"), [x, alpha, *_]):
                 return self._add("Elu", [x], alpha=float(alpha))
-            case ("aten::leaky_relu" | "aten::leaky_relu_"), [x, slope]:
+            case (("aten::leaky_relu" | "aten::leaky_relu_"), [x, slope]):
                 return self._add("LeakyRelu", [x], alpha=float(slope))
-            case ("aten::add" | "aten::add_"), [a, b, 1]:
+            case (("aten::add" | "aten::add_"), [a, b, 1]):
                 return self._add("Add", [a, b])
-            case ("aten::sub" | "aten::sub_"), [a, b, 1]:
+            case (("aten::sub" | "aten::sub_"), [a, b, 1]):
                 return self._add("Sub", [a, b])
             case "aten::slice", [x, int(axis), first, last, int(step)]:
                 ends = 2**62 if last is None else last
                 cut = {"starts": [first or 0], "ends": [ends], "axes": [axis]}
-                return x if step == 1 and cut["starts"] == [0] and ends > 2**31 else (
-                    self._sliced(x, cut, step)
+                return (
+                    x
+                    if step == 1 and cut["starts"] == [0] and ends > 2**31
+                    else (self._sliced(x, cut, step))
                 )
             case "aten::narrow", [x, int(axis), int(first), int(length)]:
                 cut = {"starts": [first], "ends": [first + length], "axes": [axis]}
@@ -285,18 +290,21 @@ class _Translation:
                 return self._add("Gather", [x, at], axis=axis)
             case "aten::cat", [list(parts), int(axis)]:
                 return self._add("Concat", parts, axis=axis)
-            case ("aten::clamp" | "aten::clip" | "aten::hardtanh"), [x, low, high]:
+            case (("aten::clamp" | "aten::clip" | "aten::hardtanh"), [x, low, high]):
                 return self._add("Clip", [x], min=low, max=high)
-            case ("aten::clamp_min" | "aten::clamp_min_"), [x, low]:
+            case (("aten::clamp_min" | "aten::clamp_min_"), [x, low]):
                 return self._add("Clip", [x], min=low)
-            case ("aten::norm" | "aten::linalg_vector_norm"), [x, 2 | 2.0, axes, keep, *_]:
+            case (
+                ("aten::norm" | "aten::linalg_vector_norm"),
+                [x, 2 | 2.0, axes, keep, *_],
+            ):
                 return self._add("ReduceL2", [x], axes=axes, keepdims=int(keep))
-            case ("aten::sum" | "aten::mean"), [x, list(axes), keep, *_]:
+            case (("aten::sum" | "aten::mean"), [x, list(axes), keep, *_]):
                 op = "ReduceSum" if kind == "aten::sum" else "ReduceMean"
                 return self._add(op, [x], axes=axes, keepdims=int(keep))
             case "aten::softmax", [x, int(axis), *_]:
                 return self._add("Softmax", [x], axis=axis)
-            case ("aten::view" | "aten::reshape"), [x, list(sizes)]:
+            case (("aten::view" | "aten::reshape"), [x, list(sizes)]):
                 return self._add("Reshape", [x], shape=sizes)
             case "aten::unsqueeze", [x, int(axis)]:
                 return self._add("Unsqueeze", [x], axes=[axis])
@@ -305,9 +313,7 @@ class _Translation:
             case "aten::flatten", [x, 1, -1]:
                 return self._add("Flatten", [x], axis=1)
             case "aten::layer_norm", [x, [_], weight, bias, float(eps), *_]:
-                return self._add(
-                    "LayerNormalization", [x, weight, bias], epsilon=eps
-                )
+                return self._add("LayerNormalization", [x, weight, bias], epsilon=eps)
         if "conv" in kind or "pool" in kind:
             raise NetworkError(f"it looks at pictures ({kind}), which is not taken")
         raise NetworkError(f"it has the operation {kind[:40]}, not followed here")
