@@ -132,6 +132,13 @@ class QuadrupedEnv(VecEnv):
             groups["privileged"] = self._true_obs
         return TensorDict(groups, batch_size=[self.num_envs])
 
+    @property
+    def own_obs(self) -> Tensor:
+        """[N, 48] what policies of this project see, without noise, whatever the law.
+
+        It is what is recorded, so that episodes of all policies are alike."""
+        return self._true_obs
+
     def fix_commands(self, command: Tensor) -> None:
         """Ask for `command` [N, 3] from now on, in this and all later episodes."""
         self.command = command.to(self.device, torch.float32).clone()
@@ -194,7 +201,7 @@ class QuadrupedEnv(VecEnv):
             "log": log,
         }
         if self._keep_final:
-            extras["final"] = (*self.sim.raw_state(), self._observe(state, base))
+            extras["final"] = (*self.sim.raw_state(), self._own_obs(state, base))
         self._resample_commands()
         if dones.any():
             ids = dones.nonzero().flatten()

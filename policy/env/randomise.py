@@ -219,7 +219,7 @@ class RandomisedEnv(QuadrupedEnv):
         )
 
     def _observe(self, state: SimState, base: BaseState | None = None) -> Tensor:
-        true = self._own_obs(state, base)
+        self._true_obs = true = self._own_obs(state, base)
         draw = self.sim.draw
         self._privileged = torch.cat(
             (

@@ -11,7 +11,7 @@ from typing import Any
 from data.errors import GaitprefError
 from policy.law.origin import Measured
 
-from .acceptance import measure
+from .trial import measure
 from .bring import Understood, embodied
 from .meaning.draft import BY_TYPE, LEFT_FIRST, RIGHT_FIRST, Draft
 

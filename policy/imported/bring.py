@@ -19,11 +19,11 @@ from policy.training.checkpoint import Policy, PolicyInfo, load_policy, payload_
 from policy.training.ppo import PpoCfg
 from policy.training.train import POLICY_NAME
 
-from .acceptance import measure
+from .trial import measure
 from .meaning.beside import activation_beside, meaning_of, policy_file
 from .meaning.draft import Draft, complete, with_guesses
 from .meaning.law_toml import read_law_toml
-from .meaning.presets import PRESETS
+from .meaning.trainer_laws import PRESETS
 from .readers.found import Found
 from .readers.network_file import read_network
 

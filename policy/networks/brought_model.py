@@ -32,7 +32,7 @@ class BroughtModel(MLPModel):
             hidden_dims=(1,),
             distribution_cfg=distribution_cfg,
         )
-        self.mlp = RecipeNetwork(recipe)  # type: ignore[assignment]
+        self.mlp = RecipeNetwork(recipe)
 
     def as_jit(self) -> nn.Module:
         """The network alone; it is traced, not scripted."""

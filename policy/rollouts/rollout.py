@@ -38,7 +38,7 @@ class RolloutStep:
     qvel: np.ndarray
     """[N, nv] before the step"""
     obs: Tensor
-    """[N, D] before the step; D is 48 unless a law says otherwise"""
+    """[N, 48] before the step, as policies of this project see it"""
     action: Tensor
     """[N, 12] as the robot got it, clipped to the action limit"""
     targets: Tensor
@@ -86,7 +86,7 @@ def first_episodes(
         yield RolloutStep(
             qpos=qpos,
             qvel=qvel,
-            obs=obs,
+            obs=env.own_obs,
             action=action,
             targets=extras["targets"],
             features=extras["features"],

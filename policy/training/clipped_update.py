@@ -22,7 +22,7 @@ from .mirror import Mirror
 
 Batch = RolloutStorage.Batch
 
-_LEAST_RATE, _HIGHEST_RATE = 1e-5, 1e-2
+LEAST_RATE, _HIGHEST_RATE = 1e-5, 1e-2
 """Bounds of the adapted learning rate, those of RSL-RL."""
 
 
@@ -123,7 +123,7 @@ def _critic_gradients(alg: PPO, batch: Batch) -> float:
 def _adapt_rate(alg: PPO, kl: float, desired: float) -> None:
     """A smaller step where the last one moved the policy too far, and vice versa."""
     if kl > 2.0 * desired:
-        alg.learning_rate = max(_LEAST_RATE, alg.learning_rate / 1.5)
+        alg.learning_rate = max(LEAST_RATE, alg.learning_rate / 1.5)
     elif 0.0 < kl < desired / 2.0:
         alg.learning_rate = min(_HIGHEST_RATE, alg.learning_rate * 1.5)
     for group in alg.optimizer.param_groups:

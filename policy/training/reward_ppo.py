@@ -21,6 +21,9 @@ from data.features import FEATURE_DIM
 from .clipped_update import clipped_update
 from .mirror import Mirror
 
+LOOKING_ON_RATE = 1e-3
+"""Step size of a critic that learns alone."""
+
 _FUNCTIONS = (FunctionType, BuiltinFunctionType, MethodType, partial)
 
 
@@ -205,11 +208,17 @@ class RewardPpo(PPO):
     def update(self) -> dict[str, float]:
         """Update both networks: by RSL-RL's own update where there is a penalty."""
         if self.looking_on or self.penalty is None:
-            looks_on = self.looking_on > 0
-            self.looking_on = max(0, self.looking_on - 1)
-            return clipped_update(self, self.mirror, actor=not looks_on)
+            return self._clipped()
         losses = super().update()
         return losses | self.penalty.after_update(self.num_mini_batches)
+
+    def _clipped(self) -> dict[str, float]:
+        looks_on = self.looking_on > 0
+        if looks_on:
+            for group in self.optimizer.param_groups:
+                group["lr"] = LOOKING_ON_RATE
+        self.looking_on = max(0, self.looking_on - 1)
+        return clipped_update(self, self.mirror, actor=not looks_on)
 
     def save(self) -> dict[str, Any]:
         """Networks and optimiser, what penalty and bonus have learned, and the steps a

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from policy.env.env_cfg import EnvCfg
@@ -11,6 +11,7 @@ from policy.law.driven import driven_by
 from policy.robots.robot import Robot, load_robot
 
 from .checkpoint import load_policy
+from .clipped_update import LEAST_RATE
 from .ppo import PpoCfg
 
 
@@ -46,10 +47,12 @@ def setting_of(policy_file: Path | None, robot_xml: Path | None) -> Setting:
         if env.law is not None:
             robot = driven_by(robot, env.law)
     trained = policy.info.ppo
+    # What a law hides from the policy, the critic may see.
     ppo = PpoCfg(
-        hidden_sizes=trained.hidden_sizes,
-        recipe=trained.recipe,
-        # What a law hides from the policy, the critic may see.
-        privileged_critic=env.law is not None,
+        hidden_sizes=trained.hidden_sizes, privileged_critic=env.law is not None
     )
+    if trained.recipe is not None:
+        # How far a step moves the network of a stranger is not known: a rate that suits
+        # ours may end its walk at once, and the least one adapts soon.
+        ppo = replace(ppo, recipe=trained.recipe, learning_rate=LEAST_RATE)
     return Setting(robot, env, ppo)

@@ -113,15 +113,16 @@ def with_guesses(draft: Draft, obs_dim: int) -> Draft:
     draft = draft.guess("substeps", 4, "4, an action every 20 ms with 5 ms of physics")
     if draft.terms is None:
         return draft
-    width = sum(term.width for term in draft.terms)
-    shown = sum(term.width * term.frames for term in draft.terms)
-    once = all(term.frames == 1 for term in draft.terms)
+    terms = draft.terms
+    width = sum(term.width for term in terms)
+    shown = sum(term.width * term.frames for term in terms)
+    once = all(term.frames == 1 for term in terms)
     if shown != obs_dim and once and obs_dim % width == 0:
         frames = obs_dim // width
-        terms = tuple(replace(term, frames=frames) for term in draft.terms)
+        terms = tuple(replace(term, frames=frames) for term in terms)
         why = f"{frames} frames, since the network takes {obs_dim} numbers"
         draft = replace(draft, terms=terms, guessed={**draft.guessed, "frames": why})
-    if any(term.frames > 1 for term in draft.terms):
+    if any(term.frames > 1 for term in terms):
         draft = draft.guess("by_term", True, "all frames of a term together")
         draft = draft.guess("newest_first", False, "the oldest frame first")
     return draft

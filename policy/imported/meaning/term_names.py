@@ -7,18 +7,29 @@ from typing import Any
 
 from policy.law.law import WIDTHS, LawError, Term
 
-_NAMES = {
+_NAMES: dict[str, tuple[str, ...]] = {
     "base_lin_vel": ("lin_vel", "base_linear_velocity", "base_lin_vel_b"),
-    "base_ang_vel": ("ang_vel", "base_angular_velocity", "imu_ang_vel", "gyro")
-    + ("base_ang_vel_b",),
+    "base_ang_vel": (
+        "ang_vel",
+        "base_angular_velocity",
+        "imu_ang_vel",
+        "gyro",
+        "base_ang_vel_b",
+    ),
     "projected_gravity": (
         "gravity_vec",
         "gravity",
         "gravity_b",
         "imu_projected_gravity",
     ),
-    "command": ("commands", "velocity_commands", "velocity_command", "base_velocity")
-    + ("generated_commands", "twist"),
+    "command": (
+        "commands",
+        "velocity_commands",
+        "velocity_command",
+        "base_velocity",
+        "generated_commands",
+        "twist",
+    ),
     "joint_pos": ("joint_pos_rel", "dof_pos", "joint_pos_offset"),
     "joint_vel": ("joint_vel_rel", "dof_vel"),
     "last_action": ("actions", "action", "prev_actions", "previous_actions"),

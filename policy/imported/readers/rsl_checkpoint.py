@@ -153,8 +153,8 @@ def _refuse_others(states: Mapping[str, Tensor]) -> None:
         for pattern, told in kinds.items():
             if re.search(pattern, name) and not name.startswith("critic"):
                 raise NetworkError(
-                    f"it is {told} ({name[:60]}), and a checkpoint does not say how its "
-                    "parts are joined: recurrent nets and pictures are not taken; "
+                    f"it is {told} ({name[:60]}), and a checkpoint does not say how "
+                    "its parts are joined: recurrent nets and pictures are not taken; "
                     "others give as TorchScript or ONNX"
                 )
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import torch
+from torch import Tensor
 
 from data.features import column
 from policy.env.env import QuadrupedEnv
@@ -50,19 +51,20 @@ def measure(
         *range(*column("base_lin_vel_b").indices(1000))[:2],
         range(*column("base_ang_vel_b").indices(1000))[2],
     ]
-    moved, fell_at = [], [None] * len(asked)
+    moved: list[Tensor] = []
+    fell_at: list[float | None] = [None] * len(asked)
     for done, step in enumerate(first_episodes(actor, env), start=1):
         moved.append(torch.where(step.alive[:, None], step.features[:, columns], 0.0))
         for index in (step.fallen | step.aborted).nonzero().flatten().tolist():
             fell_at[index] = done * cfg.control_dt_s
     rows = torch.stack(moved)
     found = []
-    for index, command in enumerate(asked):
+    for index, (command, fell) in enumerate(zip(asked, fell_at, strict=True)):
         seconds = walk_s if any(command) else STAND_S
         first = round((SETTLING_S if any(command) else 0.0) / cfg.control_dt_s)
-        last = round((fell_at[index] or seconds) / cfg.control_dt_s)
+        last = round((fell or seconds) / cfg.control_dt_s)
         part = rows[first:last, index] if last > first else rows[:last, index]
-        late = fell_at[index] is not None and fell_at[index] > seconds
+        late = fell is not None and fell > seconds
         forward, left, yaw = part.mean(dim=0).tolist()
         found.append(
             Measured(
@@ -71,7 +73,7 @@ def measure(
                 forward_m_s=forward,
                 left_m_s=left,
                 yaw_rad_s=yaw,
-                fell_at_s=None if late else fell_at[index],
+                fell_at_s=None if late else fell,
             )
         )
     return tuple(found)
