@@ -122,6 +122,7 @@ _HOMES: dict[type, tuple[str, str]] = {
     options.Method: ("method", "train"),
     options.Pairs: ("pairs", "fit"),
     options.Play: ("play", "train,label"),
+    options.Policy: ("import_policy", "train,onnx"),
     options.Raters: ("raters", "label"),
     options.Record: ("record", "train"),
     options.Relabel: ("fit", "fit"),

@@ -173,7 +173,8 @@ class RandomisedEnv(QuadrupedEnv):
         )
 
     def get_observations(self) -> TensorDict:
-        """The current observations: `policy` [N, 48] and `privileged` [N, 76]."""
+        """The current observations: `policy` [N, 48], or what its law says, and
+        `privileged` [N, 76]."""
         groups = {"policy": self._obs, "privileged": self._privileged}
         return TensorDict(groups, batch_size=[self.num_envs])
 
@@ -226,7 +227,7 @@ class RandomisedEnv(QuadrupedEnv):
         )
 
     def _observe(self, state: SimState, base: BaseState | None = None) -> Tensor:
-        true = super()._observe(state, base)
+        self._true_obs = true = self._own_obs(state, base)
         draw = self.sim.draw
         self._privileged = torch.cat(
             (
@@ -241,7 +242,7 @@ class RandomisedEnv(QuadrupedEnv):
         seen = true.clone()
         seen[:, obs_column("joint_pos_offset")] += draw.encoder_bias_rad
         noise = self._uniform(self.num_envs, true.shape[1], (-1.0, 1.0))
-        return seen + noise * self._amplitudes
+        return self._encoded(seen + noise * self._amplitudes)
 
 
 def make_env(

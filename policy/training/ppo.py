@@ -19,6 +19,8 @@ from policy.env.env import QuadrupedEnv
 from policy.extensions.bonus import ExplorationBonusCfg
 from policy.extensions.kl_penalty import KlPenaltyCfg
 from policy.parallel.ranks import ALONE, Ranks
+from policy.networks.brought_model import BroughtModel
+from policy.networks.recipe import Recipe
 from policy.robots.hints import RobotError
 
 from .mirror import mirror_of
@@ -72,6 +74,8 @@ class PpoCfg:
     learning rate."""
     bonus: ExplorationBonusCfg | None = field(default=None, metadata=KIND_NONE)
     """A bonus for motion that is new."""
+    recipe: Recipe | None = field(default=None, metadata=ADDED_LATER)
+    """The network of a policy from elsewhere; None is an MLP of `hidden_sizes`."""
 
     def __post_init__(self) -> None:
         if self.mirror and (self.privileged_critic or self.kl_penalty is not None):
@@ -99,6 +103,9 @@ def to_rsl_rl(cfg: PpoCfg) -> dict[str, Any]:
         "init_std": cfg.init_std,
         "std_type": "scalar",
     }
+    actor: dict[str, Any] = dict(network)
+    if cfg.recipe is not None:
+        actor = {"class_name": BroughtModel, "recipe": cfg.recipe}
     return {
         "num_steps_per_env": cfg.steps_per_env,
         "save_interval": 1,
@@ -106,7 +113,7 @@ def to_rsl_rl(cfg: PpoCfg) -> dict[str, Any]:
             "actor": ["policy"],
             "critic": ["privileged" if cfg.privileged_critic else "policy"],
         },
-        "actor": {**network, "distribution_cfg": noise},
+        "actor": {**actor, "distribution_cfg": noise},
         "critic": dict(network),
         "algorithm": {
             "class_name": RewardPpo,

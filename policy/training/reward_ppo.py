@@ -23,6 +23,9 @@ from policy.parallel.ranks import ALONE, Ranks
 from .clipped_update import clipped_update
 from .mirror import Mirror
 
+LOOKING_ON_RATE = 1e-3
+"""Step size of a critic that learns alone."""
+
 _FUNCTIONS = (FunctionType, BuiltinFunctionType, MethodType, partial)
 
 
@@ -158,6 +161,8 @@ class RewardPpo(PPO):
     """[T, N] 1 where a step ended an episode that would have gone on, else 0."""
     valid: Tensor
     """[T, N] 0 where a simulation diverged, else 1."""
+    looking_on: int = 0
+    """Updates in which the critic alone still learns."""
     before: tuple[Tensor, Tensor] | None = None
     """Features [H, N, F] and starts [H, N] of the last steps before the rollout."""
 
@@ -230,10 +235,18 @@ class RewardPpo(PPO):
 
     def update(self) -> dict[str, float]:
         """Update both networks: by RSL-RL's own update where there is a penalty."""
-        if self.penalty is None:
-            return clipped_update(self, self.mirror, self.ranks)
+        if self.looking_on or self.penalty is None:
+            return self._clipped()
         losses = super().update()
         return losses | self.penalty.after_update(self.num_mini_batches)
+
+    def _clipped(self) -> dict[str, float]:
+        looks_on = self.looking_on > 0
+        if looks_on:
+            for group in self.optimizer.param_groups:
+                group["lr"] = LOOKING_ON_RATE
+        self.looking_on = max(0, self.looking_on - 1)
+        return clipped_update(self, self.mirror, self.ranks, actor=not looks_on)
 
     def save(self) -> dict[str, Any]:
         """Networks and optimiser, what penalty and bonus have learned, and the steps a
@@ -245,6 +258,8 @@ class RewardPpo(PPO):
             saved["bonus_state_dict"] = self.bonus.state_dict()
         if self.penalty is not None:
             saved |= self.penalty.saved()
+        if self.looking_on:
+            saved["looking_on"] = self.looking_on
         return saved
 
     def load(
@@ -252,6 +267,7 @@ class RewardPpo(PPO):
     ) -> bool:
         """Load what `save` gave; only networks where not all is loaded."""
         if load_cfg is None:
+            self.looking_on = int(loaded_dict.get("looking_on", 0))
             if "before" in loaded_dict:
                 features, starts = loaded_dict["before"]
                 self.before = features.to(self.device), starts.to(self.device)

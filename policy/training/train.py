@@ -23,6 +23,7 @@ from policy.env.env_cfg import EnvCfg
 from policy.env.randomise import make_env
 from policy.env.seeding import spawned
 from policy.parallel.ranks import ALONE, Ranks, others_alive
+from policy.law.origin import Origin
 from policy.robots.robot import Robot
 
 from .checkpoint import PolicyError, PolicyInfo, policy_info, read_plain, save_policy
@@ -34,6 +35,8 @@ RESUME_NAME = "resume.pt"
 POLICY_NAME = "policy.pt"
 CHECKPOINTS_NAME = "checkpoints"
 SUMMARY_NAME = "summary.json"
+LOOKING_ON = 10
+"""Updates of a new critic before the policy it judges is changed."""
 
 _PASSED_ON_S = 2.0
 """Within this time, a signal that comes again is the same one."""
@@ -187,6 +190,7 @@ class _Session:
         self.ranks = runner.ranks
         self.reward_name = reward_name
         self.steps_before = 0
+        self.origin: Origin | None = None
         # Before anything is scored: what a reward keeps of a rollout is not what it is.
         self.identity = self._identity()
         """What must be equal for a run to be the same run."""
@@ -197,7 +201,12 @@ class _Session:
         info = policy_info(init, payload)
         alg = self.runner.alg
         self._require_same_critic(init, payload)
-        for part, network in (("actor", alg.actor), ("critic", alg.critic)):
+        parts: dict[str, Any] = {"actor": alg.actor, "critic": alg.critic}
+        if "critic_state_dict" not in payload and info.origin is not None:
+            # Others' critics were shown other rewards: a new one looks on first.
+            del parts["critic"]
+            alg.looking_on = LOOKING_ON
+        for part, network in parts.items():
             found = payload.get(f"{part}_state_dict", {})
             if differences := misfits(found, network.state_dict()):
                 raise PolicyError(
@@ -205,7 +214,8 @@ class _Session:
                     f"{self.cfg.ppo.hidden_sizes}, its {part} does not fit: "
                     f"{differences}"
                 )
-        alg.load(payload, {"actor": True, "critic": True}, strict=True)
+        alg.load(payload, dict.fromkeys(parts, True), strict=True)
+        self.origin = info.origin
         self.steps_before = info.steps
         self.identity["init"] = sha256_file(init)
         self._hold_reference()
@@ -400,6 +410,7 @@ class _Session:
             ppo=self.cfg.ppo,
             robot_name=self.robot.name,
             robot_mjcf=self.robot.mjcf,
+            origin=self.origin,
         )
         save_policy(path, self.runner.alg, info)
 

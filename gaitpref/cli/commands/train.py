@@ -35,7 +35,7 @@ from policy.extensions.bonus import ExplorationBonusCfg
 from policy.extensions.kl_penalty import KlPenaltyCfg
 from policy.parallel.ranks import Ranks
 from policy.training.checkpoint import PolicyError, load_policy
-from policy.training.ppo import PpoCfg, ScoreFn
+from policy.training.ppo import ScoreFn
 from policy.training.setup import Setting, setting_of
 from policy.training.train import POLICY_NAME, RESUME_NAME, Engine, TrainCfg, train
 from rewardmodel.models.model import RewardModel
@@ -142,9 +142,9 @@ def _plain_cfg(command: options.Train, setting: Setting) -> TrainCfg:
     return TrainCfg(
         steps=command.steps,
         env=env,
-        ppo=PpoCfg(
+        ppo=replace(
+            setting.ppo,
             num_envs=command.envs,
-            hidden_sizes=setting.hidden_sizes,
             bonus=(
                 None
                 if command.exploration == "none"
@@ -156,7 +156,7 @@ def _plain_cfg(command: options.Train, setting: Setting) -> TrainCfg:
                 else KlPenaltyCfg(kind=command.kl_penalty)
             ),
             mirror=command.mirror,
-            privileged_critic=command.randomize != "off",
+            privileged_critic=command.randomize != "off" or env.law is not None,
         ),
         seed=command.seed,
         checkpoints=command.checkpoints,

@@ -16,6 +16,7 @@ from .data_options import Data as Data
 from .policy_options import Evaluate as Evaluate
 from .policy_options import Export as Export
 from .policy_options import Play as Play
+from .policy_options import Policy as Policy
 from .policy_options import Record as Record
 from .policy_options import Robot as Robot
 from .policy_options import Train as Train
@@ -176,6 +177,7 @@ Command = (
     | Annotated[Label, tyro.conf.subcommand("label")]
     | Annotated[Play, tyro.conf.subcommand("play")]
     | Annotated[Export, tyro.conf.subcommand("export")]
+    | Annotated[Policy, tyro.conf.subcommand("policy")]
     | Annotated[Robot, tyro.conf.subcommand("robot")]
     | Annotated[Data, tyro.conf.subcommand("data")]
 )

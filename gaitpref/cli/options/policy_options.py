@@ -177,3 +177,40 @@ class Robot:
     out: Path | None = None
     """Directory that gets NAME.png and the completed model NAME.xml; the working
     directory gets the picture alone by default."""
+
+
+Preset = Literal[
+    "legged-gym-a1",
+    "legged-gym-go2",
+    "isaac-lab-go2-flat",
+    "unitree-rl-lab-go2",
+    "unitree-rl-mjlab-go2",
+    "mjlab-go1-flat",
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Policy:
+    """Bring a policy that others trained: it records, plays, is labeled and trained on
+    like one of our own.
+
+    Reads checkpoints of rsl_rl 1 to 5, TorchScript and ONNX; nothing in them is run.
+    What the numbers mean is taken from the first that is there: --preset, metadata in
+    the ONNX, deploy.yaml, IO_descriptors.yaml, params/env.yaml with agent.yaml,
+    config.yaml with base.yaml of rl_sar, policy.json of ours.
+    """
+
+    action: tyro.conf.Positional[Literal["import"]]
+    """import reads it, tries it on the robot, and says how it walks."""
+    file: tyro.conf.Positional[Path]
+    """File of the policy, or the directory of its training run."""
+    robot: Path | None = None
+    """MJCF of its robot; the Go1 that ships by default."""
+    out: Path | None = None
+    """Directory that gets policy.pt."""
+    preset: Preset | None = None
+    """The trainer it is from, where nothing beside the file says what it sees."""
+    law: Path | None = None
+    """TOML that says what the numbers mean, wholly or where it differs."""
+    explain: bool = False
+    """Print what is known, and what is guessed, as a TOML for --law, and stop."""
