@@ -128,6 +128,7 @@ _HOMES: dict[type, tuple[str, str]] = {
     options.Relabel: ("fit", "fit"),
     options.Report: ("report", "train"),
     options.Robot: ("robot", "train,label"),
+    options.Sweep: ("sweep", "train"),
     options.Train: ("train", "train"),
     options.Trust: ("trust", "train"),
 }

@@ -14,8 +14,8 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from data.features import column
-from policy.parallel.ranks import ALONE, Ranks
 from policy.law.encoder import Encoder
+from policy.parallel.ranks import ALONE, Ranks
 from policy.robots.robot import Robot
 
 from .curriculum import Curriculum

@@ -18,9 +18,9 @@ from data.files.plain import ADDED_LATER, KIND_NONE
 from policy.env.env import QuadrupedEnv
 from policy.extensions.bonus import ExplorationBonusCfg
 from policy.extensions.kl_penalty import KlPenaltyCfg
-from policy.parallel.ranks import ALONE, Ranks
 from policy.networks.brought_model import BroughtModel
 from policy.networks.recipe import Recipe
+from policy.parallel.ranks import ALONE, Ranks
 from policy.robots.hints import RobotError
 
 from .mirror import mirror_of

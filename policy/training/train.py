@@ -22,8 +22,8 @@ from data.files.weights import misfits, not_finite
 from policy.env.env_cfg import EnvCfg
 from policy.env.randomise import make_env
 from policy.env.seeding import spawned
-from policy.parallel.ranks import ALONE, Ranks, others_alive
 from policy.law.origin import Origin
+from policy.parallel.ranks import ALONE, Ranks, others_alive
 from policy.robots.robot import Robot
 
 from .checkpoint import PolicyError, PolicyInfo, policy_info, read_plain, save_policy
