@@ -45,10 +45,14 @@ class PolicyInfo:
     reward: str
     """What it was trained against, in words."""
     seed: int
+    """Of its training."""
     env: EnvCfg
+    """What it was trained in: rates, commands, scale of the actions, ground."""
     ppo: PpoCfg
+    """How it was trained, the sizes of its networks among it."""
     robot_name: str
     robot_mjcf: str
+    """The robot as one self-contained MJCF text."""
     format_version: int = FORMAT_VERSION
     origin: Origin | None = field(default=None, metadata=ADDED_LATER)
     """Where it was brought in from, if it was."""
