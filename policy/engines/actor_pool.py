@@ -204,5 +204,8 @@ class ActorPool:
                 raise error.cause from None
             except errors.RayActorError as error:
                 reason = " ".join(str(error).split())
-                raise ActorsError(f"an actor cannot begin: {reason[-300:]}") from None
+                raise ActorsError(
+                    f"an actor cannot begin ({reason[-200:]}): `ray status` tells "
+                    "whether that Ray still runs, and what it has left"
+                ) from None
             require_same_versions(found, node)

@@ -301,18 +301,18 @@ class _Session:
         """Train until done or interrupted, saving on the way."""
         cfg, last, ranks = self.cfg, None, self.ranks
         writer = None
-        if ranks.is_first:
-            writer = SummaryWriter(str(self.out), flush_secs=10)
 
         def after(stats: IterationStats) -> bool:
-            nonlocal last
+            nonlocal last, writer
             self._require_sound()
             last = stats
             limit = cfg.std_limit(stats.iteration)
             if limit is not None:
                 self._std.clamp_(max=limit)
             stopping = ranks.any(bool(interrupted))
-            if writer:
+            if ranks.is_first:
+                # Not before: what cannot begin leaves nothing.
+                writer = writer or SummaryWriter(str(self.out), flush_secs=10)
                 for tag, value in stats.scalars.items():
                     writer.add_scalar(tag, value, stats.steps)
             if stats.iteration in cfg.checkpoint_iterations:
