@@ -11,9 +11,9 @@ from typing import Any
 from data.errors import GaitprefError
 from policy.law.origin import Measured
 
-from .trial import measure
 from .bring import Understood, embodied
 from .meaning.draft import BY_TYPE, LEFT_FIRST, RIGHT_FIRST, Draft
+from .trial import measure
 
 _ASKED = ((0.0, 0.0, 0.0), (0.5, 0.0, 0.0))
 _WALK_S = 5.0

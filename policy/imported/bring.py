@@ -19,13 +19,13 @@ from policy.training.checkpoint import Policy, PolicyInfo, load_policy, payload_
 from policy.training.ppo import PpoCfg
 from policy.training.train import POLICY_NAME
 
-from .trial import measure
 from .meaning.beside import activation_beside, meaning_of, policy_file
 from .meaning.draft import Draft, complete, with_guesses
 from .meaning.law_toml import read_law_toml
 from .meaning.trainer_laws import PRESETS
 from .readers.found import Found
 from .readers.network_file import read_network
+from .trial import measure
 
 _NOISE_RAD = 0.05
 """Exploration noise of a policy whose file says none, at the joints."""

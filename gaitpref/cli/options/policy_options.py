@@ -143,6 +143,9 @@ class Export:
     """Policy file."""
     out: Path
     """Directory that gets policy.onnx, policy.pt, policy.json and robot.xml."""
+    like: Path | None = None
+    """The file the policy was imported from: write one file in its layout instead, with
+    the weights of the policy, for what ran that file."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,9 +9,9 @@ from pathlib import Path
 from policy.law.law import LawError
 
 from .deploy_yaml import read_deploy
-from .own_words import of_metadata, read_own
 from .draft import Draft
 from .isaac_lab import activation_of, read_descriptors, read_env
+from .own_words import of_metadata, read_own
 from .rl_sar import read_rl_sar
 
 _POLICIES = ("exported/policy.onnx", "policy.onnx", "exported/policy.pt", "policy.pt")
