@@ -135,7 +135,7 @@ class RecipeNetwork(nn.Module):
         for node in self.recipe.nodes:
             given = [values[name] for name in node.inputs]
             values[node.output] = _OPS[node.op](node.attributes, *given)
-        return values[self.recipe.output][:, self.order]
+        return values[self.recipe.output].index_select(1, self.order)
 
 
 def require_known(op: str) -> None:

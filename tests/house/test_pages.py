@@ -28,7 +28,7 @@ PACKAGES = ("data", "rewardmodel", "policy", "labeling_ui", "gaitpref")
 FOLDERS = (*PACKAGES, "benchmarks", "studies", "tests", "examples", "docs")
 STORED = ROOT / "tests" / "stored" / "run_of_one_room.tar.xz"
 WHOLE = {"README.md", "quickstart.md", "concepts.md"}
-MADE = {"scene.toml", "walk.toml"}
+MADE = {"scene.toml", "walk.toml", "wish.py"}
 """Names of files that are the reader's own."""
 
 

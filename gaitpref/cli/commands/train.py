@@ -34,6 +34,8 @@ from policy.env.known_terms import KnownTermsCfg
 from policy.extensions.bonus import ExplorationBonusCfg
 from policy.extensions.kl_penalty import KlPenaltyCfg
 from policy.parallel.ranks import Ranks
+from policy.law.law import Term
+from policy.law.own_law import OWN_TERMS, own_law
 from policy.training.checkpoint import PolicyError, load_policy
 from policy.training.ppo import ScoreFn
 from policy.training.setup import Setting, setting_of
@@ -139,6 +141,7 @@ def _plain_cfg(command: options.Train, setting: Setting) -> TrainCfg:
     )
     if command.getup:
         env = getup_env(env)
+    env = _observed(command, setting, env)
     return TrainCfg(
         steps=command.steps,
         env=env,
@@ -161,6 +164,38 @@ def _plain_cfg(command: options.Train, setting: Setting) -> TrainCfg:
         seed=command.seed,
         checkpoints=command.checkpoints,
     )
+
+
+def _observed(command: options.Train, setting: Setting, env: EnvCfg) -> EnvCfg:
+    """`env` with what a new policy is to see.
+
+    Raises:
+        GaitprefError: that cannot be chosen here.
+    """
+    if command.observe == "all":
+        if command.history > 1:
+            raise GaitprefError("--history shows more than one step with --observe imu")
+        return env
+    if command.init is not None:
+        raise GaitprefError(
+            "--observe imu with --init: a policy goes on seeing what it was trained "
+            "with; leave one of the two out"
+        )
+    if command.mirror:
+        raise GaitprefError("--observe imu learns in no mirror: leave --mirror out")
+    law = own_law(
+        setting.robot,
+        action_scale_rad=env.action_scale_rad,
+        action_limit=env.action_limit,
+        physics_dt_s=env.physics_dt_s,
+        substeps=env.substeps,
+        terms=tuple(
+            Term(name=name, frames=command.history)
+            for name in OWN_TERMS
+            if name != "base_lin_vel"
+        ),
+    )
+    return env.under(law)
 
 
 def _plain_reward(

@@ -70,6 +70,11 @@ class Train:
     curriculum: bool = False
     """Ask for slow walks first, and for more as commands are followed better, in the
     end for half as much again."""
+    observe: Literal["all", "imu"] = "all"
+    """What a new policy sees: `imu` leaves out the velocity of the base, which robots
+    do not measure; the critic sees it still."""
+    history: Count = 1
+    """With --observe imu: control steps that are shown, the present one included."""
     getup: bool = False
     """Begin lying after a fall, and be paid for getting up; no fall ends an episode."""
     resume: bool = False
@@ -164,6 +169,9 @@ class Export:
     """Policy file."""
     out: Path
     """Directory that gets policy.onnx, policy.pt, policy.json and robot.xml."""
+    like: Path | None = None
+    """The file the policy was imported from: write one file in its layout instead, with
+    the weights of the policy, for what ran that file."""
 
 
 @dataclass(frozen=True, kw_only=True)

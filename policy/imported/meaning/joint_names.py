@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from itertools import pairwise
 
 from data.features import JOINTS
 from policy.law.law import LawError
@@ -39,7 +40,7 @@ def canonical_joints(names: Sequence[str], of_robot: Sequence[str]) -> tuple[str
         for name, joint in zip(names, found, strict=True)
     )
     raise LawError(
-        f"the joints of the policy must be the 12 of the robot ({', '.join(of_robot)}), "
+        f"the joints must be the 12 of the robot ({', '.join(of_robot)}), "
         f"got {told}; write `joints` in their order into a TOML (--explain prints one)"
     )
 
@@ -62,7 +63,7 @@ def _plain(name: str) -> str:
 
 
 def _which(words: Sequence[str], kinds: dict[str, tuple[str, ...]]) -> str | None:
-    joined = {first + second for first, second in zip(words, words[1:], strict=False)}
+    joined = {first + second for first, second in pairwise(words)}
     fits = [
         kind
         for kind, spellings in kinds.items()

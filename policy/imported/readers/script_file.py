@@ -240,9 +240,8 @@ class _Translation:
         if isinstance(value, _Value):
             return value.name
         if isinstance(value, int | float) and not isinstance(value, bool):
-            return self._store(
-                f"number {float(value)!r}", torch.tensor(float(value))
-            ).name
+            number = float(value)
+            return self._store(f"number {number!r}", torch.tensor(number)).name
         raise NetworkError("an operation gets something that is no tensor")
 
     def _add(self, op: str, values: list[Any], **attributes: Any) -> _Value:
@@ -288,6 +287,8 @@ class _Translation:
             case "aten::select", [x, int(axis), int(index)]:
                 at = self._store(f"index {index}", torch.tensor(index))
                 return self._add("Gather", [x, at], axis=axis)
+            case "aten::index_select", [x, int(axis), idx]:
+                return self._add("Gather", [x, idx], axis=axis)
             case "aten::cat", [list(parts), int(axis)]:
                 return self._add("Concat", parts, axis=axis)
             case (("aten::clamp" | "aten::clip" | "aten::hardtanh"), [x, low, high]):
