@@ -14,7 +14,7 @@ from typing import Any
 
 from .gpu_slots import require_gpus
 from .pieces import DEVICES, Outcome, Piece, attempt, died, unpacked
-from .ray_cluster import connected
+from .ray_connection import connected
 
 _STOP_S = 15.0
 """How long a task may take to save what it was at."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import nn
 
 from policy.env.env_cfg import EnvCfg
 from policy.env.randomise import make_env
@@ -144,6 +144,6 @@ def _load(network: nn.Module, state: Mapping[str, np.ndarray]) -> None:
     network.load_state_dict({k: torch.tensor(v) for k, v in state.items()})
 
 
-def _array(values: Tensor) -> np.ndarray:
-    """A copy that later rollouts do not write into."""
+def _array(values: Any) -> np.ndarray:
+    """A copy of a tensor that later rollouts do not write into."""
     return values.detach().cpu().numpy().copy()

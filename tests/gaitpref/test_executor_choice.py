@@ -9,7 +9,7 @@ import pytest
 from gaitpref.executor.choose_executor import choose_executor
 from gaitpref.executor.pieces import Piece, PieceError, in_order
 from gaitpref.executor.processes import Processes
-from gaitpref.executor.ray_cluster import ClusterError
+from gaitpref.executor.ray_connection import ClusterError
 from gaitpref.executor.ray_tasks import RayTasks
 
 

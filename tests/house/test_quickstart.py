@@ -24,7 +24,9 @@ INSTEAD = {
     "gaitpref loop --run runs/demo": f"gaitpref loop --run runs/demo {SMALL}",
     "gaitpref loop --run runs/level": f"gaitpref loop --run runs/level {SMALL}",
     " --labels 20": "",
-    "gaitpref loop --run runs/ours": "served gaitpref loop --run runs/ours --port $PORT",
+    "gaitpref loop --run runs/ours": (
+        "served gaitpref loop --port $PORT --run runs/ours"
+    ),
     "gaitpref play": "served gaitpref play --port $PORT",
     "rounds/02": "rounds/01",
 }

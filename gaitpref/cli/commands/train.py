@@ -33,9 +33,9 @@ from policy.env.env_cfg import RANDOMISE, EnvCfg, getup_env
 from policy.env.known_terms import KnownTermsCfg
 from policy.extensions.bonus import ExplorationBonusCfg
 from policy.extensions.kl_penalty import KlPenaltyCfg
-from policy.parallel.ranks import Ranks
 from policy.law.law import Term
 from policy.law.own_law import OWN_TERMS, own_law
+from policy.parallel.ranks import Ranks
 from policy.training.checkpoint import PolicyError, load_policy
 from policy.training.ppo import ScoreFn
 from policy.training.setup import Setting, setting_of
