@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-SOURCES := benchmarks data docs examples gaitpref labeling_ui policy rewardmodel tests
+SOURCES := benchmarks data docs examples gaitpref labeling_ui policy rewardmodel studies tests
 
 .PHONY: install chromium demo docs test test-fast check format clean
 
@@ -10,7 +10,7 @@ install: $(VENV)/.installed
 
 $(VENV)/.installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[train,label,explain,parquet,postgres,view,export,onnx,sb3,docs,dev]'
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[train,label,explain,parquet,postgres,view,export,onnx,scale,sb3,docs,dev]'
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[interop]' \
 	  || echo 'without the extra interop: tests that open files with other projects skip'
 	touch $@
@@ -18,9 +18,10 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 demo: install
 	$(BIN)/gaitpref loop --run runs/demo --preset quick --criterion high_step
 
-# The pages as a site in runs/site; a link that leads nowhere is an error.
+# The pages as a site in runs/site; a link that leads nowhere is an error. With --quiet, warnings
+# are not counted and nothing is one.
 docs: install
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 # For the browser tests, which skip by name where none can be had.
 chromium: install

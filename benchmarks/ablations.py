@@ -2,7 +2,7 @@
 
 `python -m benchmarks.ablations` takes days on two cores and can be interrupted
 anywhere, as `benchmarks.preferences` can, whose rows these are. `--table-only` writes
-the table of the rows there are into docs/method.md.
+the tables of the rows there are into docs/method.md and docs/benchmarks.md.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from typing import Annotated
 import tyro
 
 from data.errors import GaitprefError
-from data.files.files import write_atomically
 
 from .preference_plan import Cell
-from .preference_table import Row, read_rows
+from .preference_table import PAGE, Row, read_rows, together, write_between
+from .preference_table import markdown as rows_table
 from .preferences import Options, run_cells
 
 Place = tuple[str, int, str]
@@ -33,14 +33,15 @@ ERRING: tuple[Place, ...] = (
     ("trot", 60, "mistakes20"),
     ("high_step", 60, "mistakes20"),
 )
+RATE: tuple[Place, ...] = (("low_energy", 20, "perfect"), ("trot", 60, "perfect"))
 POSTURE: tuple[Place, ...] = (("crouch", 20, "perfect"), ("lean", 20, "perfect"))
 ABLATIONS: tuple[tuple[str, tuple[Place, ...]], ...] = (
     ("default", (*STYLES, *WALKS)),
     ("disagreeing", STYLES),
     ("unjudged", STYLES),
     ("linear", STYLES),
-    ("from-last", STYLES),
-    ("no-calm", STYLES),
+    ("no-calm", (*STYLES, *RATE)),
+    ("default", RATE),
     ("no-limit", STYLES),
     ("default", (*POSTURE, *ERRING)),
     ("no-posture", POSTURE),
@@ -51,6 +52,12 @@ ABLATIONS: tuple[tuple[str, tuple[Place, ...]], ...] = (
     ("few-walk", WALKS),
     ("no-mirror", (*STYLES, *WALKS)),
     ("no-hope", WALKS),
+    ("no-later", WALKS),
+    ("unjudged", WALKS),
+    ("no-earlier", WALKS),
+    ("no-front", WALKS),
+    ("no-rhythms", WALKS),
+    ("no-posture", WALKS),
     ("no-caution", (("walk", 100, "mistakes20"), ("brisk_walk", 100, "mistakes20"))),
     ("not-told", (("walk", 100, "mistakes20"), ("brisk_walk", 100, "mistakes20"))),
     ("default", (("brisk_walk", 100, "mistakes20"),)),
@@ -62,7 +69,6 @@ LEFT_OUT = {
     "disagreeing": "questions by what they tell; by disagreement instead",
     "unjudged": "answers that judge the last policy; all teach instead",
     "linear": "the posterior over habits; weights instead",
-    "from-last": "going on from the best liked policy; from the newest instead",
     "no-calm": "noise that comes down where the rate of steps is paid",
     "no-limit": "the price of following commands worse",
     "no-posture": "clips in another posture",
@@ -71,15 +77,22 @@ LEFT_OUT = {
     "few-walk": "six decisions at once",
     "no-mirror": "steps in the mirror",
     "no-hope": "optimism where a robot stands still",
+    "no-later": "what is expected once it walks",
+    "no-front": "a large first round",
+    "no-rhythms": "clips of random rhythms",
     "no-caution": "caution where answers err",
     "not-told": "strong opinions about what the robot is told",
     "not-steady": "unsteady walks expected to be disliked",
     "keep-noise": "the schedule of exploration noise",
 }
 """What each method lacks, and has instead."""
+KEPT_FOR = {
+    "unjudged": "a run says whether it worked",
+    "no-limit": "commands are followed",
+    "weight-1": "some number it must be",
+}
+"""Why a decision stays whose rows alone would not keep it."""
 SEEDS = 3
-BEGIN, END = "<!-- ablations: begin -->", "<!-- ablations: end -->"
-"""What stands between them in the page is replaced."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,10 +107,10 @@ class Ablations:
     """Directory of the runs."""
     results: Path = Path("docs/results/ablations")
     """Directory of the finished rows."""
-    page: Path = Path("docs/method.md")
-    """Page that gets the table."""
+    docs: Path = Path("docs")
+    """Directory of method.md and benchmarks.md, which get the tables."""
     table_only: bool = False
-    """Run nothing: write the table of the rows there are."""
+    """Run nothing: write the tables of the rows there are."""
 
 
 def cells(only: tuple[str, ...] = ()) -> list[Cell]:
@@ -139,7 +152,10 @@ class Worth:
         """What the rows say of the decision."""
         if len(self.shares) < 2 * SEEDS:
             return f"open: {len(self.shares)} of {2 * SEEDS} pairs"
-        return "stays" if self.mean > self.standard_error else "leaves"
+        if self.mean > self.standard_error:
+            return "stays"
+        reason = KEPT_FOR.get(self.method)
+        return f"stays: {reason}" if reason else "leaves"
 
 
 def worths(rows: Sequence[Row]) -> list[Worth]:
@@ -189,23 +205,21 @@ def markdown(found: Sequence[Worth]) -> str:
     return "\n".join(lines)
 
 
-def publish(rows: Sequence[Row], page: Path) -> None:
-    """Write the table of `rows` into `page`, and print it."""
+def publish(rows: Sequence[Row], docs: Path) -> None:
+    """Write what decisions are worth, and the rows of the default, into their pages,
+    and print both."""
     table = markdown(worths(rows))
-    print(table)
-    head, begin, rest = page.read_text().partition(BEGIN)
-    _, end, tail = rest.partition(END)
-    if not (begin and end):
-        raise GaitprefError(f"{page} lacks the lines {BEGIN} and {END}")
-    text = f"{head}{BEGIN}\n\n{table}\n\n{END}{tail}"
-    write_atomically(page, text.encode())
+    default = rows_table(together([r for r in rows if r["method"] == "default"]))
+    print(f"{table}\n\n{default}")
+    write_between(docs / "method.md", "ablations", table)
+    write_between(docs / PAGE, "present", default)
 
 
 def main(options: Annotated[Ablations, tyro.conf.FlagCreatePairsOff]) -> int:
     """Run, publish; the exit code tells whether every row was finished."""
     run = Options(work=options.work, results=options.results, workers=options.workers)
     failed = 0 if options.table_only else run_cells(cells(options.only), run)
-    publish(read_rows(options.results), options.page)
+    publish(read_rows(options.results), options.docs)
     return 1 if failed else 0
 
 

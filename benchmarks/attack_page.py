@@ -16,9 +16,9 @@ from pathlib import Path
 
 import tyro
 
-from .attack_floods import FLOOD
-from .attack_ground import ground
-from .attack_kinds import inputs
+from .attacks.floods import FLOOD
+from .attacks.ground import ground
+from .attacks.kinds import inputs
 
 _QUICK = {"flood": 2, "greed": 1, "waiting connections": 2, "order of events": 4}
 """Inputs of a kind in the small version, where they are not three."""

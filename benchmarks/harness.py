@@ -11,20 +11,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import ArrayLike
 from rich.console import Console
 from rich.table import Table
 
 from data.files.files import write_atomically
 
 Figure = float | int | str | bool | None
-
-
-def spearman(one: ArrayLike, other: ArrayLike) -> float:
-    """Rank correlation of values, hardly any of them equal."""
-    first, second = (np.argsort(np.argsort(np.asarray(v))) for v in (one, other))
-    return float(np.corrcoef(first, second)[0, 1])
 
 
 @dataclass(frozen=True)

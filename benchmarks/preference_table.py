@@ -10,6 +10,7 @@ from typing import Any
 
 import matplotlib
 
+from data.errors import GaitprefError
 from data.files.files import write_atomically
 
 from .harness import median
@@ -20,8 +21,8 @@ from matplotlib.axes import Axes
 
 PAGE = "benchmarks.md"
 PLOT = "images/preferences.svg"
-BEGIN, END = "<!-- preferences: begin -->", "<!-- preferences: end -->"
-"""What stands between them in the page is replaced."""
+MARK = "preferences"
+"""Of what is replaced in the page."""
 
 Row = dict[str, Any]
 KEY = ("task", "robot", "answers", "rater", "method")
@@ -82,38 +83,45 @@ def _median_of_known(rows: Sequence[Row], name: str) -> float | None:
 
 
 def markdown(rows: Sequence[Row]) -> str:
-    """The table of `together`'s rows."""
-    lines = [
-        "| task | answers | rater | method | seeds | fraction: median (min to max) "
-        "| tracking error added | held out: accuracy, of pairs at random, ECE "
-        "| fresh pairs: accuracy, ECE | called better | minutes |",
-        "|---|---|---|---|---|---|---|---|---|---|---|",
+    """The table of `together`'s rows; without a verdict where no row has one."""
+    table = [
+        {
+            "row": _name(row)
+            + ("" if row["method"] == "default" else f", {row['method']}"),
+            "seeds": str(row["seeds"]),
+            "fraction: median (min to max)": _spread(row),
+            "tracking error added": f"{row['tracking_error_added_m_s']:+.2f}",
+            "held out: accuracy, of pairs at random, ECE": f"{_shown(row['accuracy'])}"
+            f", {_shown(row['at_random_accuracy'])}, {_shown(row['ece'], 3)}",
+            "fresh pairs: accuracy, ECE": f"{_shown(row['fresh_accuracy'])}, "
+            f"{_shown(row['fresh_ece'], 3)}",
+            "called better": row["verdicts"],
+            "minutes": _shown(row["minutes"], 1),
+        }
+        for row in rows
     ]
-    for row in rows:
-        spread = f"{row['fraction_min']:.2f} to {row['fraction_max']:.2f}"
-        cells = (
-            _task(row),
-            row["answers"],
-            row["rater"],
-            row["method"],
-            row["seeds"],
-            f"{row['fraction_median']:.2f} ({spread})",
-            f"{row['tracking_error_added_m_s']:+.2f}",
-            f"{_shown(row['accuracy'], 2)}, {_shown(row['at_random_accuracy'], 2)}, "
-            f"{_shown(row['ece'], 3)}",
-            f"{_shown(row['fresh_accuracy'], 2)}, {_shown(row['fresh_ece'], 3)}",
-            row["verdicts"],
-            _shown(row["minutes"], 1),
-        )
-        lines.append(f"| {' | '.join(map(str, cells))} |")
-    return "\n".join(lines)
+    if not table:
+        return "No row is finished."
+    columns = list(table[0])
+    if all(line["called better"] == "-" for line in table):
+        columns = [name for name in columns if name != "called better"]
+    lines = [columns, *([line[name] for name in columns] for line in table)]
+    head, *body = (f"| {' | '.join(cells)} |" for cells in lines)
+    return "\n".join([head, "|" + "---|" * len(columns), *body])
+
+
+def _spread(row: Row) -> str:
+    middle = f"{row['fraction_median']:.2f}"
+    if row["seeds"] == 1:
+        return middle
+    return f"{middle} ({row['fraction_min']:.2f} to {row['fraction_max']:.2f})"
 
 
 def _task(row: Row) -> str:
     return row["task"] if row["robot"] is None else f"{row['task']}, {row['robot']}"
 
 
-def _shown(value: float | None, digits: int) -> str:
+def _shown(value: float | None, digits: int = 2) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
 
 
@@ -190,7 +198,7 @@ def _one_line_each(axis: Axes, rows: Sequence[Row]) -> None:
 
 
 def _name(row: Row) -> str:
-    """Of what is drawn beside other tasks; a perfect rater is not said."""
+    """Task, answers and rater of a row; a perfect rater is not said."""
     told = [_task(row), f"{row['answers']} answers"]
     return ", ".join(told + ([row["rater"]] if row["rater"] != "perfect" else []))
 
@@ -205,13 +213,31 @@ def publish_rows(rows: Sequence[Row], docs: Path, json_file: Path | None) -> Non
     print(table)
     plot(summary, docs / PLOT)
     page = docs / PAGE
-    text = page.read_text() if page.exists() else f"{BEGIN}\n{END}\n"
-    head, begin, rest = text.partition(BEGIN)
-    _, end, tail = rest.partition(END)
-    if not (begin and end):
-        raise ValueError(f"{page} lacks the lines {BEGIN} and {END}")
-    body = f"{BEGIN}\n\n{table}\n\n![Fraction against answers]({PLOT})\n\n{END}"
-    write_atomically(page, (head + body + tail).encode())
+    if not page.exists():
+        write_atomically(page, between(MARK, "").encode())
+    write_between(page, MARK, f"{table}\n\n![Fraction against answers]({PLOT})")
     if json_file is not None:
         content = json.dumps({"rows": summary}, indent=1) + "\n"
         write_atomically(json_file, content.encode())
+
+
+def between(mark: str, text: str) -> str:
+    """`text` between the lines of a page that say where it begins and ends."""
+    return f"<!-- {mark}: begin -->\n\n{text}\n\n<!-- {mark}: end -->\n"
+
+
+def write_between(page: Path, mark: str, text: str) -> None:
+    """Replace what stands between the lines of `mark` in `page`.
+
+    Raises:
+        GaitprefError: The page lacks them.
+    """
+    begin, end = f"<!-- {mark}: begin -->\n", f"<!-- {mark}: end -->\n"
+    head, found, rest = page.read_text().partition(begin)
+    _, closed, tail = rest.partition(end)
+    if not (found and closed):
+        raise GaitprefError(
+            f"{page} has no lines {begin.strip()} and {end.strip()}: add them where "
+            "the table is to stand"
+        )
+    write_atomically(page, (head + between(mark, text) + tail).encode())

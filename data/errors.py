@@ -7,8 +7,9 @@ GaitprefError            what went wrong lies in the user's input or files
 │   ├── TruncatedEpisode     the writer died before closing the file
 │   └── CorruptEpisode       its bytes are not what was written
 ├── DatasetError         a data set directory or its manifest cannot be used
-└── AnswerError          the answer store cannot be used
-    └── AnswersUnreachable   no server of answers is there
+├── AnswerError          the answer store cannot be used
+│   └── AnswersUnreachable   no server of answers is there
+└── RankLost             a process that trained along is gone
 """
 
 
@@ -49,3 +50,7 @@ class AnswerError(GaitprefError):
 
 class AnswersUnreachable(AnswerError):
     """No server of answers is there; nothing is known about the answers themselves."""
+
+
+class RankLost(GaitprefError):
+    """Another process of a training is gone; it, or torchrun, tells why."""

@@ -28,7 +28,6 @@ RECORDS = (
     "gaitpref.method.paid.SurelyLiked",
     "gaitpref.method.exploration.Descending",
     "gaitpref.method.exploration.PutBack",
-    "gaitpref.method.start.BestLiked",
     "gaitpref.method.unstick.Optimism",
     "gaitpref.method.acceptance.Compared",
     "gaitpref.method.tracking.TrackingPrice",

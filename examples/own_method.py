@@ -16,10 +16,10 @@ from gaitpref import STYLE, LoopCfg, loop_cfg, run_loop
 
 BOLD = replace(
     STYLE,
-    start=None,  # Each training goes on from the newest policy.
+    mirror=False,  # A style may favour one side.
     clips=replace(STYLE.clips, posture_share=0.25),
 )
-"""Styles as they ship, but for where training starts and which postures are shown."""
+"""Styles as they ship, but for one-sided ones and for which postures are shown."""
 
 
 def cfg(seed: int = 0) -> LoopCfg:

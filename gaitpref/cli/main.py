@@ -10,7 +10,7 @@ from pathlib import Path
 
 import tyro
 
-from data.errors import GaitprefError
+from data.errors import GaitprefError, RankLost
 from data.files.faults import is_full, told
 from gaitpref.cli.options import options
 from gaitpref.cli.options.bounds import require_bounds
@@ -24,6 +24,7 @@ from gaitpref.console.terminal import (
     prepare,
 )
 
+from .shared.launched import is_launched, is_to_say
 from .usage import did_you_mean, require_command
 
 EXIT_BAD_INPUT = 2
@@ -78,12 +79,16 @@ def main(args: Sequence[str] | None = None) -> int:
         drop_output()
         return EXIT_NOT_READ
     except GaitprefError as error:
-        complain(" ".join(str(error).split()), error.lines)
+        line = " ".join(str(error).split())
+        if is_to_say(line, cause=not isinstance(error, RankLost)):
+            complain(line, error.lines)
         return EXIT_BAD_INPUT
     except OSError as error:
         return _failed(error, command)
     except KeyboardInterrupt:
-        complain("interrupted; the same command goes on")
+        line = "interrupted; the same command goes on"
+        if is_to_say(line, cause=False):
+            complain(line)
         return EXIT_INTERRUPTED
 
 
@@ -117,11 +122,13 @@ _HOMES: dict[type, tuple[str, str]] = {
     options.Method: ("method", "train"),
     options.Pairs: ("pairs", "fit"),
     options.Play: ("play", "train,label"),
+    options.Policy: ("import_policy", "train,onnx"),
     options.Raters: ("raters", "label"),
     options.Record: ("record", "train"),
     options.Relabel: ("fit", "fit"),
     options.Report: ("report", "train"),
     options.Robot: ("robot", "train,label"),
+    options.Sweep: ("sweep", "train"),
     options.Train: ("train", "train"),
     options.Trust: ("trust", "train"),
 }
@@ -140,6 +147,11 @@ def _place(command: options.Command | None) -> Path | None:
 def run(command: options.Command) -> int:
     """Hand the command to its function."""
     require_bounds(command)
+    if is_launched() and not isinstance(command, options.Train | options.Loop):
+        raise GaitprefError(
+            "torchrun is for `train` and for `loop`, whose trainings it makes several "
+            "processes do together: start any other command once, without it"
+        )
     if isinstance(command, options.Data):
         from gaitpref.cli.commands import data as data_commands
 

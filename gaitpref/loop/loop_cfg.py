@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 from data.errors import GaitprefError
 from gaitpref.method.method import Method
 from gaitpref.raters.rater_cfg import RaterCfg
 from policy.env.env_cfg import EnvCfg
+from policy.robots.shipped import WALK
 from policy.rollouts.record import RecordCfg
 from policy.training.ppo import PpoCfg
 from rewardmodel.answers.answered_pairs import MIN_ANSWERS
 from rewardmodel.asking.clip_questions import ClipCfg
+
+NEW_BASES = ("task", "none")
+"""What a loop can begin with instead of a policy file."""
+
+
+def file_of_base(base: str) -> Path | None:
+    """The policy file that `base` names; None where a policy is trained first."""
+    if base in NEW_BASES:
+        return None
+    return WALK if base == "walk" else Path(base)
 
 
 class RunError(GaitprefError):
@@ -48,7 +60,7 @@ class LoopCfg:
     criterion: str
     """What the simulated rater looks for, and what the report measures."""
     base: str
-    """`task`, `none` or a policy file."""
+    """`walk`, `task`, `none` or a policy file."""
     robot: str | None
     """MJCF file; None is the Go1 that ships."""
     seed: int
@@ -80,6 +92,11 @@ class LoopCfg:
                 f"first needs {MIN_ANSWERS} answers and each other {each}, so "
                 f"give at least {least}, or fewer --rounds"
             )
+
+    @property
+    def base_file(self) -> Path | None:
+        """The policy file it begins with; None where it trains its own."""
+        return file_of_base(self.base)
 
     @property
     def keeps_task(self) -> bool:

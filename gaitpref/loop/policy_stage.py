@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from data.answers.address import Address
 from data.datasets.dataset import Dataset
 from data.files.files import read_file, read_json, replace_directory, write_atomically
 from data.files.limits import POLICY_BYTES
@@ -15,6 +16,7 @@ from gaitpref.console.progress import console, training_bar
 from gaitpref.method.context import RoundContext
 from gaitpref.training.by_method import Retraining, rows_of
 from gaitpref.training.symmetry import in_mirror
+from policy.parallel.ranks import ALONE, Ranks, others_alive
 from policy.robots.robot import Robot
 from policy.training.checkpoint import holding_home, load_policy
 from policy.training.ppo import IterationStats, ScoreFn
@@ -24,10 +26,17 @@ from rewardmodel.models.storage import load_reward
 from .drift import deserves_training, why_not_trained
 from .loop_cfg import LoopCfg
 from .people import People
-from .run_dir import STANDSTILL_NAME, Round, approved, began_from, place_of, seed_of
+from .run_dir import (
+    STANDSTILL_NAME,
+    Round,
+    approved,
+    began_from,
+    context_of,
+    place_of,
+    seed_of,
+)
 from .show_stage import labels_kept
 from .standstill import Standstill, standstill_before
-from .start_policy import choose_start
 
 
 class Interrupted(KeyboardInterrupt):
@@ -41,6 +50,7 @@ def policy_stage(
     robot: Robot,
     dataset: Dataset,
     people: People,
+    ranks: Ranks = ALONE,
 ) -> None:
     """Train the round's policy: the first on the base, later ones on the reward.
 
@@ -52,7 +62,7 @@ def policy_stage(
         return
     judged = context.is_last and labels_kept(cfg.method, context)
     done = round.candidate if judged else round.policy.parent
-    partial = round.root / "policy.partial"
+    partial = partial_of(round)
     untrained = _untrained(cfg, round)
     if untrained is not None:
         partial.mkdir(parents=True, exist_ok=True)
@@ -67,20 +77,46 @@ def policy_stage(
             f"round {round.number}: the robot goes nowhere ({plan.standstill}); it is "
             f"trained on what those members of the reward think who like that least"
         )
-    _train(cfg, round, robot, plan, people, out=partial)
+    _train(cfg, round, robot, plan, people, ranks)
     if plan.standstill:
         plan.standstill.save(partial)
     replace_directory(partial, done)
 
 
-def _train(
-    cfg: LoopCfg, round: Round, robot: Robot, plan: _Plan, people: People, *, out: Path
+def train_along(
+    run: Path, cfg: LoopCfg, robot: Robot, answers: Address | None, ranks: Ranks
 ) -> None:
-    """Train as planned into `out`, or go on with it.
+    """Take part in the trainings that the first of `ranks` comes to in `run`, to its
+    end.
+
+    Raises:
+        Interrupted: the user ended one of them before it was done.
+        RankLost: another rank is gone.
+    """
+    with others_alive():
+        while (number := ranks.awaited()) is not None:
+            round = Round(run, number)
+            dataset = Dataset.open(run / "dataset", answers=answers)
+            context = context_of(cfg, round, dataset)
+            plan = _plan(cfg, round, context, robot, dataset)
+            _train(cfg, round, robot, plan, People(), ranks)
+
+
+def _train(
+    cfg: LoopCfg,
+    round: Round,
+    robot: Robot,
+    plan: _Plan,
+    people: People,
+    ranks: Ranks,
+) -> None:
+    """Train as planned into the round's unfinished directory, or go on with it.
 
     Raises:
         Interrupted: the user ended it before it was done.
     """
+    if ranks.is_first:
+        ranks.begin(round.number)
     place = place_of(cfg, round)
     with training_bar(f"round {round.number}: training", plan.cfg.steps) as bar:
 
@@ -92,7 +128,7 @@ def _train(
 
         people.tell(f"{place}: training", 0.0)
         result = train(
-            out,
+            partial_of(round),
             robot,
             plan.cfg,
             reward_fn=plan.reward_fn,
@@ -100,15 +136,21 @@ def _train(
             init=plan.init,
             resume=True,
             on_iteration=after,
+            ranks=ranks,
         )
     if not result.finished:
         raise Interrupted
 
 
+def partial_of(round: Round) -> Path:
+    """Where the round's policy is until it is finished."""
+    return round.root / "policy.partial"
+
+
 def _untrained(cfg: LoopCfg, round: Round) -> bytes | None:
     """The policy file of a round that trains nothing; None where it does."""
-    if round.number == 0 and cfg.base not in ("task", "none"):
-        return read_file(Path(cfg.base), POLICY_BYTES)
+    if round.number == 0 and cfg.base_file is not None:
+        return read_file(cfg.base_file, POLICY_BYTES)
     if round.number and not deserves_training(round.before):
         asks = round.number < cfg.rounds
         kept = approved(round.before)
@@ -153,7 +195,6 @@ def _plan(
             train_cfg = replace(train_cfg, ppo=in_mirror(cfg.ppo, robot))
         return _Plan(cfg=train_cfg)
     model = load_reward(round.before.reward)
-    choose_start(cfg, round, model)
     init = began_from(round)
     retraining = Retraining(
         method=method,

@@ -8,14 +8,11 @@ from typing import Literal
 from gaitpref.method.method import FROM_SCRATCH, STYLE, Method
 from gaitpref.raters.rater_cfg import RaterCfg
 from policy.rollouts.record import LONGEST_S, RecordCfg
-from policy.training.ppo import PpoCfg
 from policy.training.setup import setting_of
 from rewardmodel.asking.clip_questions import ClipCfg
 
-from .loop_cfg import LoopCfg, RunError, StepsCfg
+from .loop_cfg import LoopCfg, RunError, StepsCfg, file_of_base
 
-NEW_BASES = ("task", "none")
-"""What a loop can begin with instead of a policy file."""
 _SCRATCH_EPISODES = 192
 """Recorded a round from scratch: robots that tumble show little each."""
 
@@ -23,11 +20,12 @@ _SCRATCH_EPISODES = 192
 def loop_cfg(
     *,
     criterion: str = "high_step",
-    base: str | Path = "task",
+    base: str | Path | None = None,
     robot: Path | None = None,
     quick: bool = False,
     rounds: int | None = None,
     labels: int | None = None,
+    steps: int | None = None,
     rater: Literal["simulated", "human"] = "simulated",
     simulated: RaterCfg | None = None,
     clip_s: float = 1.2,
@@ -41,11 +39,12 @@ def loop_cfg(
     Args:
         criterion: What the simulated rater looks for: a built-in name, or
             `module:function`.
-        base: `task`, `none` or a policy file, as of `gaitpref loop --base`.
+        base: `walk`, `task`, `none` or a policy file, as of `gaitpref loop --base`.
         robot: MJCF of another robot than the one that ships.
         quick: About ten minutes on two cores.
         rounds: Times questions are asked and the policy is retrained.
         labels: Answers in all.
+        steps: Environment steps of each training.
         rater: Who answers.
         simulated: How the simulated rater errs; by default never.
         clip_s: Length of a clip.
@@ -62,11 +61,14 @@ def loop_cfg(
         raise RunError(
             f"--change-s must lie in (0, {LONGEST_S:g}] seconds, got {change_s:g}"
         )
+    if steps is not None and steps < 1:
+        raise RunError(f"--steps must be at least 1, got {steps}")
+    base = usual_base(robot) if base is None else str(base)
     scratch = base == "none"
     clips = ClipCfg.of(clip_s)
     usual_rounds = 4 if scratch else 2 if quick else 4
     usual_labels = 100 if scratch else 30
-    setting = setting_of(None if base in NEW_BASES else Path(base), robot)
+    setting = setting_of(file_of_base(base), robot)
     return LoopCfg(
         method=method or (FROM_SCRATCH if scratch else STYLE),
         rounds=usual_rounds if rounds is None else rounds,
@@ -74,10 +76,10 @@ def loop_cfg(
         rater=rater,
         simulated=simulated or RaterCfg(),
         criterion=criterion,
-        base=str(base),
+        base=base,
         robot=None if robot is None else str(robot),
         seed=seed,
-        steps=_scratch_steps(quick) if scratch else _style_steps(quick),
+        steps=_steps(scratch=scratch, quick=quick, given=steps),
         clips=clips,
         stop_asking=stop_asking,
         record=RecordCfg(
@@ -86,16 +88,22 @@ def loop_cfg(
             change_s=change_s,
         ),
         env=setting.env,
-        ppo=PpoCfg(hidden_sizes=setting.hidden_sizes),
+        ppo=setting.ppo,
     )
 
 
-def _scratch_steps(quick: bool) -> StepsCfg:
-    # A long one overdoes what a reward got wrong, and nothing is learned then.
-    return StepsCfg(base=0, round=600_000, last=800_000 if quick else 1_500_000)
+def usual_base(robot: Path | None) -> str:
+    """What a loop begins with that is told nothing else: the walk that ships, on the
+    robot it is of."""
+    return "walk" if robot is None else "task"
 
 
-def _style_steps(quick: bool) -> StepsCfg:
+def _steps(*, scratch: bool, quick: bool, given: int | None) -> StepsCfg:
+    if given is not None:
+        return StepsCfg(base=0 if scratch else given, round=given, last=given)
+    if scratch:
+        # A long one overdoes what a reward got wrong, and nothing is learned then.
+        return StepsCfg(base=0, round=600_000, last=800_000 if quick else 1_500_000)
     if quick:
         return StepsCfg(base=800_000, round=600_000, last=600_000)
     return StepsCfg(base=1_500_000, round=700_000, last=700_000)

@@ -10,11 +10,12 @@ from data.answers.address import Address
 from data.datasets.dataset import Dataset
 from data.files.lock import only_writer
 from gaitpref.console.progress import console
+from policy.parallel.ranks import ALONE, Ranks
 
 from .fit_stage import fit_stage
 from .loop_cfg import LoopCfg
 from .people import People
-from .policy_stage import policy_stage
+from .policy_stage import policy_stage, train_along
 from .questions_stage import questions_stage
 from .record_stage import record_stage
 from .report_stage import report_stage
@@ -40,6 +41,7 @@ def run_loop(
     *,
     open_page: OpenPage = no_page,
     answers: Address | None = None,
+    ranks: Ranks = ALONE,
 ) -> Path:
     """Run or go on with the loop of `cfg` in the directory `run`.
 
@@ -49,13 +51,21 @@ def run_loop(
         open_page: Lets people in while it runs.
         answers: Where pairs and answers are kept, if not in a file of the run. It is
             no part of the configuration: it may hold a password.
+        ranks: Processes that train together, each of which calls this with the same
+            arguments; the first one does all the rest alone.
     """
-    with only_writer(run, console.print):
-        _run(run, cfg, open_page, answers)
+    if ranks.is_first:
+        with only_writer(run, console.print):
+            _run(run, cfg, open_page, answers, ranks)
+        ranks.end()
+    else:
+        train_along(run, cfg, inputs_of(cfg).robot, answers, ranks)
     return run / PAGE_NAME
 
 
-def _run(run: Path, cfg: LoopCfg, open_page: OpenPage, answers: Address | None) -> None:
+def _run(
+    run: Path, cfg: LoopCfg, open_page: OpenPage, answers: Address | None, ranks: Ranks
+) -> None:
     inputs = inputs_of(cfg)
     robot, criterion = inputs.robot, inputs.criterion
     claim(run, cfg, inputs.contents)
@@ -65,7 +75,7 @@ def _run(run: Path, cfg: LoopCfg, open_page: OpenPage, answers: Address | None) 
             round = Round(run, number)
             round.root.mkdir(parents=True, exist_ok=True)
             context = context_of(cfg, round, dataset)
-            policy_stage(cfg, round, context, robot, dataset, people)
+            policy_stage(cfg, round, context, robot, dataset, people, ranks)
             if number < cfg.rounds:
                 record_stage(cfg, round, dataset, people)
                 show_stage(cfg, round, context, dataset, people)

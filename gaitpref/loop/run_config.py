@@ -121,7 +121,8 @@ def _differing(
     old: object, new: object, name: str = ""
 ) -> Iterator[tuple[str, object, object]]:
     """Names and both values of the settings that differ, `_UNTOLD` where there is none;
-    records of different classes as a whole."""
+    records of different classes as a whole. A setting that was None, and is no more,
+    decided nothing."""
     if not (isinstance(old, dict) and isinstance(new, dict)) or (
         old.get(CLASS) != new.get(CLASS)
     ):
@@ -130,7 +131,8 @@ def _differing(
         return
     for key in sorted(old | new, key=str):
         within = f"{name}.{key}" if name else str(key)
-        yield from _differing(old.get(key, _UNTOLD), new.get(key, _UNTOLD), within)
+        if not (key in old and old[key] is None and key not in new):
+            yield from _differing(old.get(key, _UNTOLD), new.get(key, _UNTOLD), within)
 
 
 def _told(value: object) -> str:

@@ -81,11 +81,6 @@ class Round:
         return self.root / "episodes.json"
 
     @property
-    def began(self) -> Path:
-        """Names the round whose policy the training of this one began from."""
-        return self.root / "began.json"
-
-    @property
     def before(self) -> Round:
         """The round before.
 
@@ -128,8 +123,6 @@ def approved(round: Round) -> Path:
 
 def began_from(round: Round) -> Path:
     """The policy that the training of `round` began from."""
-    if round.began.exists():
-        return Round(round.run, read_json(round.began)["round"]).policy
     return approved(round.before)
 
 

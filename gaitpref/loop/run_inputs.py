@@ -41,7 +41,7 @@ def inputs_of(cfg: LoopCfg) -> RunInputs:
     Raises:
         GaitprefError: one of them cannot be used.
     """
-    base = None if cfg.base in ("task", "none") else Path(cfg.base)
+    base = cfg.base_file
     robot = setting_of(base, None if cfg.robot is None else Path(cfg.robot)).robot
     criterion = load_criterion(cfg.criterion, criterion_context(robot, cfg.env))
     return RunInputs(robot, criterion, None if base is None else sha256_file(base))

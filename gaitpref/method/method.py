@@ -1,11 +1,12 @@
 """The two methods that ship: what the loop decides, from top to bottom.
 
-A decision is left out with `replace(STYLE, start=None)`, or another put in its place.
+A decision is left out with `replace(STYLE, tracking=None)`, or another is put there.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 from data.files.plain import ONE_OF
 from policy.env.known_terms import KnownTermsCfg
@@ -19,7 +20,6 @@ from .expectations import OnceItWalks
 from .exploration import Descending, PutBack
 from .paid import AsFitted, SurelyLiked
 from .questions import Questions
-from .start import BestLiked
 from .tracking import TrackingPrice
 from .unstick import Optimism
 
@@ -44,8 +44,6 @@ class Method:
     """Weight of that, which has unit standard deviation per second."""
     safety: KnownTermsCfg = field(default_factory=KnownTermsCfg)
     """Known terms it is added to, the robot's safety."""
-    start: BestLiked | None = field(default=None, metadata=ONE_OF)
-    """Where a training goes on from; None: from the newest policy."""
     exploration: Descending | PutBack | None = field(metadata=ONE_OF)
     """Its exploration noise; None: what the policy has."""
     mirror: bool = True
@@ -59,6 +57,8 @@ class Method:
     tracking: TrackingPrice | None = None
     """What following commands worse than the base costs; None: nothing, or there is no
     base."""
+
+    REMOVED: ClassVar = ("start",)
 
     def __post_init__(self) -> None:
         suited = self.paid.kind
@@ -105,7 +105,6 @@ STYLE = Method(
     ),
     paid=AsFitted(),
     weight=3.0,
-    start=BestLiked(),
     exploration=PutBack(),
     accept=Compared(first=1, noisy_labels=0),
     tracking=TrackingPrice(),

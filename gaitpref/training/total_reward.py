@@ -27,7 +27,7 @@ from policy.robots.robot import Robot
 from policy.training.ppo import ScoreFn, history_of
 from rewardmodel.models.storage import load_reward
 
-from .tracking_limit import TrackingLimit
+from .tracking_limit import Mean, TrackingLimit
 
 _SPREAD_STRIDE = 4
 """Every how many of the environments is asked how unsure the ensemble is."""
@@ -73,10 +73,12 @@ class TotalReward:
         """Reward [T, N] per step of `features` [T, N, F], which are one rollout."""
         return self.of_rollout(features, starts, len(features))
 
-    def of_rollout(self, features: Tensor, starts: Tensor, steps: int) -> Tensor:
+    def of_rollout(
+        self, features: Tensor, starts: Tensor, steps: int, mean: Mean = torch.mean
+    ) -> Tensor:
         """Reward [steps, N] of the rollout that the last `steps` of `features`
         [T, N, F] are; only `score` looks back at those before it."""
-        parts = self.parts(features, starts, steps)
+        parts = self.parts(features, starts, steps, mean)
         self._measure(parts, features, starts, steps)
         return torch.stack(tuple(parts.values())).sum(dim=0)
 
@@ -94,7 +96,9 @@ class TotalReward:
             spread = self.score.spread(features[:, some], starts[:, some])
             self.figures["reward/spread"] = float(spread[-steps:].mean())
 
-    def parts(self, features: Tensor, starts: Tensor, steps: int) -> dict[str, Tensor]:
+    def parts(
+        self, features: Tensor, starts: Tensor, steps: int, mean: Mean = torch.mean
+    ) -> dict[str, Tensor]:
         """What the total of the last `steps` is the sum of, by name, each
         [steps, N]."""
         score = self.score(features, starts)[-steps:]
@@ -102,10 +106,10 @@ class TotalReward:
         standing = 1.0 - features[..., column("fallen")][..., 0]
         score = score * standing
         if self.tracking_limit is not None:
-            score = score * self.tracking_limit.share(features)
+            score = score * self.tracking_limit.share(features, mean)
         parts = {"score": self.weight * self.control_dt_s * score}
         if self.tracking_limit is not None:
-            cost = self.tracking_limit.cost(features) * standing
+            cost = self.tracking_limit.cost(features, mean) * standing
             parts["tracking"] = -self.control_dt_s * cost
         parts |= known_terms(
             features,

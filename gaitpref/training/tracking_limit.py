@@ -13,8 +13,10 @@ Shapes: T steps of a rollout, N environments, F feature columns.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import torch
 from torch import Tensor
 
 from data.features import column
@@ -24,6 +26,9 @@ from policy.rollouts.rollout import first_episodes
 from policy.training.checkpoint import Policy
 
 _EPISODES = 64
+
+Mean = Callable[[Tensor], Tensor]
+"""Mean over a rollout: over those of all ranks, where several train."""
 
 
 def tracking_error(features: Tensor) -> Tensor:
@@ -41,29 +46,29 @@ class TrackingLimit:
     price: TrackingPrice = field(default_factory=TrackingPrice)
     """What more costs."""
 
-    def excess(self, features: Tensor) -> float:
+    def excess(self, features: Tensor, mean: Mean = torch.mean) -> float:
         """How far, as a share of the limit, the mean error of a rollout [T, N, F] is
         beyond it; 0 within.
 
         One number a rollout: it changes slowly, and no step is worth less for being the
         first after a start.
         """
-        error_m_s = float(tracking_error(features).mean())
+        error_m_s = float(mean(tracking_error(features)))
         return max(0.0, error_m_s / self.error_m_s - 1.0)
 
-    def share(self, features: Tensor) -> float:
+    def share(self, features: Tensor, mean: Mean = torch.mean) -> float:
         """Share of the style's reward left for a rollout [T, N, F], in (0, 1]."""
-        return math.exp(-self.price.sharpness * self.excess(features))
+        return math.exp(-self.price.sharpness * self.excess(features, mean))
 
-    def cost(self, features: Tensor) -> Tensor:
+    def cost(self, features: Tensor, mean: Mean = torch.mean) -> Tensor:
         """What the errors of a rollout [T, N, F] cost, per second, [T, N].
 
         It sums to nothing: a step is paid for missing its command by less than others
         do, and walking on is worth what it was.
         """
         error = tracking_error(features)
-        due = min(1.0, self.excess(features) / self.price.full_price_at)
-        return self.price.price * due * (error - error.mean())
+        due = min(1.0, self.excess(features, mean) / self.price.full_price_at)
+        return self.price.price * due * (error - mean(error))
 
 
 def limit_beside(base: Policy, price: TrackingPrice, *, seed: int) -> TrackingLimit:

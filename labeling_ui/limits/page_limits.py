@@ -24,7 +24,11 @@ REQUESTS_AT_ONCE = 40.0
 """So many may come at once, after a pause."""
 
 PAGES = 24
-"""Open labeling pages in all."""
+"""Open labeling pages in all, unless `--most-raters` says otherwise."""
+FULL_S = 60.0
+"""How often who finds no place asks again, with the page left open."""
+FULL_WAIT_S = 1800.0
+"""When to come back where nobody has left yet."""
 PAGES_PER_RATER = 1
 """A newer one closes the oldest."""
 OPENINGS_PER_S = 1.0

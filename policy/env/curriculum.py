@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from data.features import column
+from policy.parallel.ranks import ALONE, Ranks
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,8 +45,10 @@ class CurriculumCfg:
 class Curriculum:
     """How far the commands have come."""
 
-    def __init__(self, cfg: CurriculumCfg, *, control_dt_s: float) -> None:
-        self._cfg = cfg
+    def __init__(
+        self, cfg: CurriculumCfg, *, control_dt_s: float, ranks: Ranks = ALONE
+    ) -> None:
+        self._cfg, self._ranks = cfg, ranks
         self._window = max(1, round(cfg.window_s / control_dt_s))
         self.share = cfg.start
         self._sum, self._steps = 0.0, 0
@@ -64,7 +67,8 @@ class Curriculum:
         self._steps += 1
         if self._steps < self._window:
             return
-        if self._sum / self._steps >= self._cfg.good:
+        followed = self._ranks.means({"": self._sum / self._steps})[""]
+        if followed >= self._cfg.good:
             self.share = min(self._cfg.end, self.share + self._cfg.widen)
         self._sum, self._steps = 0.0, 0
 

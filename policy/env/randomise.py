@@ -17,6 +17,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from data.features import LEGS
+from policy.parallel.ranks import ALONE, Ranks
 from policy.robots.anatomy import bodies_below
 from policy.robots.robot import Robot
 
@@ -152,6 +153,8 @@ class RandomisedEnv(QuadrupedEnv):
         *,
         seed: int,
         keep_final: bool = False,
+        threads: int = 0,
+        ranks: Ranks = ALONE,
     ) -> None:
         """See `QuadrupedEnv`."""
         self._cfg = cfg.randomise
@@ -159,13 +162,19 @@ class RandomisedEnv(QuadrupedEnv):
         self._foot_radii = torch.tensor(robot.foot_radius, dtype=torch.float32)
         self._privileged = torch.zeros(num_envs, PRIVILEGED_DIM)
         robot = in_world(robot, cfg)
-        sim = VariedSim(robot, num_envs)
         super().__init__(
-            robot, cfg, num_envs, seed=seed, sim=sim, keep_final=keep_final
+            robot,
+            cfg,
+            num_envs,
+            seed=seed,
+            sim=VariedSim(robot, num_envs, threads=threads),
+            keep_final=keep_final,
+            ranks=ranks,
         )
 
     def get_observations(self) -> TensorDict:
-        """The current observations: `policy` [N, 48] and `privileged` [N, 76]."""
+        """The current observations: `policy` [N, 48], or what its law says, and
+        `privileged` [N, 76]."""
         groups = {"policy": self._obs, "privileged": self._privileged}
         return TensorDict(groups, batch_size=[self.num_envs])
 
@@ -218,7 +227,7 @@ class RandomisedEnv(QuadrupedEnv):
         )
 
     def _observe(self, state: SimState, base: BaseState | None = None) -> Tensor:
-        true = super()._observe(state, base)
+        self._true_obs = true = self._own_obs(state, base)
         draw = self.sim.draw
         self._privileged = torch.cat(
             (
@@ -233,15 +242,30 @@ class RandomisedEnv(QuadrupedEnv):
         seen = true.clone()
         seen[:, obs_column("joint_pos_offset")] += draw.encoder_bias_rad
         noise = self._uniform(self.num_envs, true.shape[1], (-1.0, 1.0))
-        return seen + noise * self._amplitudes
+        return self._encoded(seen + noise * self._amplitudes)
 
 
 def make_env(
-    robot: Robot, cfg: EnvCfg, num_envs: int, *, seed: int, keep_final: bool = False
+    robot: Robot,
+    cfg: EnvCfg,
+    num_envs: int,
+    *,
+    seed: int,
+    keep_final: bool = False,
+    threads: int = 0,
+    ranks: Ranks = ALONE,
 ) -> QuadrupedEnv:
     """The environment `cfg` asks for: robots all alike, or robots that differ."""
     kind = QuadrupedEnv if cfg.randomise == RandomiseCfg() else RandomisedEnv
-    return kind(robot, cfg, num_envs, seed=seed, keep_final=keep_final)
+    return kind(
+        robot,
+        cfg,
+        num_envs,
+        seed=seed,
+        keep_final=keep_final,
+        threads=threads,
+        ranks=ranks,
+    )
 
 
 def _amplitudes(cfg: NoiseCfg) -> Tensor:

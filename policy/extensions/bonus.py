@@ -16,6 +16,7 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 
 from data.features import column
+from policy.parallel.ranks import ALONE, Ranks
 
 MOTION_SCALE = (0.3, 0.3, 0.6, 0.05, 0.2, 0.2)
 """What counts as a difference in (forward m/s, left m/s, yaw rad/s, height m, roll,
@@ -53,10 +54,13 @@ class ExplorationBonusCfg:
                 f"decay_iterations must be at least 1, got {self.decay_iterations}"
             )
 
-    def make(self, *, step_dt_s: float) -> ExplorationBonus:
-        """The bonus of a training whose control steps take `step_dt_s`."""
+    def make(self, *, step_dt_s: float, ranks: Ranks = ALONE) -> ExplorationBonus:
+        """The bonus of a training whose control steps take `step_dt_s`, and which
+        `ranks` do together."""
         made = RndBonus if self.kind == "rnd" else EntropyBonus
-        return made(self, step_dt_s=step_dt_s)
+        bonus = made(self, step_dt_s=step_dt_s)
+        bonus.ranks = ranks
+        return bonus
 
 
 def base_motion(features: Tensor) -> Tensor:
@@ -80,6 +84,9 @@ class ExplorationBonus(nn.Module):
     neither pays for staying alive nor for falling.
     """
 
+    ranks: Ranks = ALONE
+    """Whose rollouts count as one."""
+
     def __init__(self, cfg: ExplorationBonusCfg, *, step_dt_s: float) -> None:
         super().__init__()
         self.cfg = cfg
@@ -100,10 +107,11 @@ class ExplorationBonus(nn.Module):
         """Bonus [T, N] of `features` [T, N, F], which count as seen from then on."""
         motion = base_motion(features)
         novelty = self.novelty(motion)
-        scale = self.weight * self._step_dt_s / novelty.std().clamp_min(1e-6)
+        mean, std = self.ranks.mean_and_std(novelty)
+        scale = self.weight * self._step_dt_s / std.clamp_min(1e-6)
         self.remember(motion)
         self.iterations += 1
-        return (novelty - novelty.mean()) * scale
+        return (novelty - mean) * scale
 
     def novelty(self, motion: Tensor) -> Tensor:
         """How new states [T, N, S] are, [T, N], in any unit."""
@@ -171,6 +179,8 @@ class RndBonus(ExplorationBonus):
             for chosen in torch.randperm(len(states)).chunk(4):
                 self.rnd.optimizer.zero_grad()
                 self.rnd.compute_loss(states[chosen]).backward()
+                found = (p.grad for p in self.rnd.predictor.parameters())
+                self.ranks.average([each for each in found if each is not None])
                 self.rnd.optimizer.step()
 
     def get_extra_state(self) -> dict[str, object]:

@@ -8,6 +8,8 @@ from typing import Any, Literal
 from rsl_rl.models import MLPModel
 from torch import Tensor
 
+from policy.parallel.ranks import ALONE, Ranks
+
 NO_CLIP = 1e6
 """Clip range of a ratio that is not clipped."""
 
@@ -30,9 +32,9 @@ class KlPenaltyCfg:
                 f"beta and target must be positive, got {self.beta} and {self.target}"
             )
 
-    def make(self) -> KlPenalty:
-        """The penalty of a training."""
-        return KlPenalty(self)
+    def make(self, ranks: Ranks = ALONE) -> KlPenalty:
+        """The penalty of a training that `ranks` do together."""
+        return KlPenalty(self, ranks)
 
     @property
     def algorithm(self) -> dict[str, Any]:
@@ -53,8 +55,8 @@ class KlPenalty:
 
     use_mirror_loss = True
 
-    def __init__(self, cfg: KlPenaltyCfg) -> None:
-        self._cfg = cfg
+    def __init__(self, cfg: KlPenaltyCfg, ranks: Ranks = ALONE) -> None:
+        self._cfg, self._ranks = cfg, ranks
         self._kls: list[float] = []
         self.mirror_loss_coeff = cfg.beta
 
@@ -104,7 +106,7 @@ class KlPenalty:
         """
         last = self._kls[-minibatches:]
         self._kls = []
-        kl = sum(last) / len(last)
+        kl = self._ranks.means({"kl": sum(last) / len(last)})["kl"]
         if self._cfg.kind != "adaptive":
             return kl
         if kl < self._cfg.target / 1.5:

@@ -18,21 +18,31 @@ from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 from torch import Tensor, nn
 
+from policy.parallel.ranks import ALONE, Ranks
+
 from .mirror import Mirror
 
 Batch = RolloutStorage.Batch
 
-_LEAST_RATE, _HIGHEST_RATE = 1e-5, 1e-2
+LEAST_RATE, _HIGHEST_RATE = 1e-5, 1e-2
 """Bounds of the adapted learning rate, those of RSL-RL."""
 
 
-def clipped_update(alg: PPO, mirror: Mirror | None = None) -> dict[str, float]:
+def clipped_update(
+    alg: PPO,
+    mirror: Mirror | None = None,
+    ranks: Ranks = ALONE,
+    *,
+    actor: bool = True,
+) -> dict[str, float]:
     """Run all epochs over the stored rollout; mean losses by name.
 
     For feed-forward networks without RSL-RL's extensions; others need its own update.
 
     Args:
         mirror: Learn from every step in the mirror too.
+        ranks: Who takes the same steps, each on a rollout of its own.
+        actor: Change the actor as well, and not the critic alone.
     """
     # Every epoch takes the same minibatches, so they are gathered once.
     batches = list(alg.storage.mini_batch_generator(alg.num_mini_batches, 1))
@@ -44,9 +54,11 @@ def clipped_update(alg: PPO, mirror: Mirror | None = None) -> dict[str, float]:
         for batch in batches * alg.num_learning_epochs:
             alg.optimizer.zero_grad()
             critic = pool.submit(_critic_gradients, alg, batch)
-            surrogate, entropy = _actor_gradients(alg, batch)
+            surrogate, entropy, kl = 0.0, 0.0, None
+            if actor:
+                surrogate, entropy, kl = _actor_gradients(alg, batch)
             sums += torch.tensor([critic.result(), surrogate, entropy])
-            alg.optimizer.step()
+            _step(alg, kl, ranks)
     obs = alg.storage.observations.flatten(0, 1)
     alg.actor.update_normalization(obs)
     alg.critic.update_normalization(obs)
@@ -77,27 +89,25 @@ def _twice(values: Tensor | None) -> Tensor:
     return torch.cat([values, values])
 
 
-def _actor_gradients(alg: PPO, batch: Batch) -> tuple[float, float]:
-    """Set the actor's gradients and the learning rate; surrogate loss and entropy."""
+def _actor_gradients(alg: PPO, batch: Batch) -> tuple[float, float, Tensor]:
+    """Set the actor's gradients; surrogate loss, entropy, and the KL from the policy
+    that acted."""
     assert batch.actions is not None
     assert batch.old_distribution_params is not None
     alg.actor(batch.observations, stochastic_output=True)
     log_prob = alg.actor.get_output_log_prob(batch.actions)
     entropy = alg.actor.output_entropy.mean()
-    if alg.desired_kl is not None and alg.schedule == "adaptive":
-        with torch.inference_mode():
-            # What is mirrored follows what was done.
-            old = batch.old_distribution_params
-            new = tuple(p[: len(old[0])] for p in alg.actor.output_distribution_params)
-            kl = alg.actor.get_kl_divergence(old, new)
-            _adapt_rate(alg, float(kl.mean()), alg.desired_kl)
+    with torch.no_grad():
+        # What is mirrored follows what was done.
+        old = batch.old_distribution_params
+        new = tuple(p[: len(old[0])] for p in alg.actor.output_distribution_params)
+        kl = alg.actor.get_kl_divergence(old, new).mean()
     gain = -_flat(batch.advantages)
     ratio = torch.exp(log_prob - _flat(batch.old_actions_log_prob))
     clipped = ratio.clamp(1.0 - alg.clip_param, 1.0 + alg.clip_param)
     surrogate = torch.max(gain * ratio, gain * clipped).mean()
     (surrogate - alg.entropy_coef * entropy).backward()
-    nn.utils.clip_grad_norm_(alg.actor.parameters(), alg.max_grad_norm)
-    return float(surrogate.detach()), float(entropy.detach())
+    return float(surrogate.detach()), float(entropy.detach()), kl
 
 
 def _critic_gradients(alg: PPO, batch: Batch) -> float:
@@ -111,14 +121,27 @@ def _critic_gradients(alg: PPO, batch: Batch) -> float:
         losses = torch.max(losses, (batch.values + change - batch.returns).pow(2))
     loss = losses.mean()
     (alg.value_loss_coef * loss).backward()
-    nn.utils.clip_grad_norm_(alg.critic.parameters(), alg.max_grad_norm)
     return float(loss.detach())
+
+
+def _step(alg: PPO, kl: Tensor | None, ranks: Ranks) -> None:
+    """Step both networks along what all ranks found, as far as their KL allows; None
+    where the actor stays as it is."""
+    networks = (alg.actor, alg.critic)
+    found = [p.grad for network in networks for p in network.parameters()]
+    averaged = [each for each in (kl, *found) if each is not None]
+    ranks.average(averaged)
+    if kl is not None and alg.desired_kl is not None and alg.schedule == "adaptive":
+        _adapt_rate(alg, float(kl), alg.desired_kl)
+    for network in networks:
+        nn.utils.clip_grad_norm_(network.parameters(), alg.max_grad_norm)
+    alg.optimizer.step()
 
 
 def _adapt_rate(alg: PPO, kl: float, desired: float) -> None:
     """A smaller step where the last one moved the policy too far, and vice versa."""
     if kl > 2.0 * desired:
-        alg.learning_rate = max(_LEAST_RATE, alg.learning_rate / 1.5)
+        alg.learning_rate = max(LEAST_RATE, alg.learning_rate / 1.5)
     elif 0.0 < kl < desired / 2.0:
         alg.learning_rate = min(_HIGHEST_RATE, alg.learning_rate * 1.5)
     for group in alg.optimizer.param_groups:

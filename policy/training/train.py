@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import signal
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -21,6 +22,8 @@ from data.files.weights import misfits, not_finite
 from policy.env.env_cfg import EnvCfg
 from policy.env.randomise import make_env
 from policy.env.seeding import spawned
+from policy.law.origin import Origin
+from policy.parallel.ranks import ALONE, Ranks, others_alive
 from policy.robots.robot import Robot
 
 from .checkpoint import PolicyError, PolicyInfo, policy_info, read_plain, save_policy
@@ -32,6 +35,11 @@ RESUME_NAME = "resume.pt"
 POLICY_NAME = "policy.pt"
 CHECKPOINTS_NAME = "checkpoints"
 SUMMARY_NAME = "summary.json"
+LOOKING_ON = 10
+"""Updates of a new critic before the policy it judges is changed."""
+
+_PASSED_ON_S = 2.0
+"""Within this time, a signal that comes again is the same one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,6 +102,10 @@ class TrainResult:
     """The last iteration; None where there was nothing to do."""
 
 
+Engine = Callable[[Robot, TrainCfg, int], Runner]
+"""Makes a runner of a training, whose environments have their chance from a seed."""
+
+
 def train(
     out: Path,
     robot: Robot,
@@ -104,6 +116,8 @@ def train(
     init: Path | None = None,
     resume: bool = False,
     on_iteration: Callable[[IterationStats], None] = lambda stats: None,
+    ranks: Ranks = ALONE,
+    engine: Engine | None = None,
 ) -> TrainResult:
     """Train a policy into the directory `out`.
 
@@ -117,23 +131,53 @@ def train(
         init: A policy file to start from.
         resume: Go on from the state left in `out`; without one, start anew.
         on_iteration: Called after every iteration.
+        ranks: Processes that do this training together: each calls this with the same
+            arguments, has a share of the environments and chance of its own, and the
+            first one writes.
+        engine: Makes what collects and learns; by default this process does both.
 
     Raises:
         PolicyError: `init` or the state to resume cannot be used.
+        RankLost: another rank is gone.
+        GaitprefError: the environments cannot be shared by the ranks, or these were
+            not given the same.
     """
     out.mkdir(parents=True, exist_ok=True)
     torch_seed, env_seed = spawned(cfg.seed, 2)
-    with torch.random.fork_rng(devices=[]):
+    with torch.random.fork_rng(devices=[]), others_alive():
         torch.manual_seed(torch_seed)
-        env = make_env(robot, cfg.env, cfg.ppo.num_envs, seed=env_seed)
-        runner = Runner(env, cfg.ppo)
+        if engine is None:
+            runner = _runner_here(robot, cfg, _of_rank(env_seed, ranks), ranks)
+        else:
+            runner = engine(robot, cfg, env_seed)
         runner.alg.reward_fn = reward_fn
         session = _Session(out, robot, cfg, runner, reward_name)
         if init is not None:
             session.start_from(init)
+        if ranks.size > 1:
+            # Networks begin the same, what is tried on the way differs.
+            torch.manual_seed(_of_rank(torch_seed, ranks))
         if not (resume and session.resume()):
             session.start_fresh()
+        session.require_same()
         return session.run(on_iteration)
+
+
+def _runner_here(robot: Robot, cfg: TrainCfg, seed: int, ranks: Ranks) -> Runner:
+    env = make_env(
+        robot,
+        cfg.env,
+        ranks.share_of(cfg.ppo.num_envs),
+        seed=seed,
+        threads=ranks.threads,
+        ranks=ranks,
+    )
+    return Runner(env, cfg.ppo, ranks)
+
+
+def _of_rank(seed: int, ranks: Ranks) -> int:
+    """The rank's own seed of what follows from `seed`."""
+    return seed if ranks.size == 1 else spawned(seed, ranks.size)[ranks.rank]
 
 
 class _Session:
@@ -143,8 +187,10 @@ class _Session:
         self, out: Path, robot: Robot, cfg: TrainCfg, runner: Runner, reward_name: str
     ) -> None:
         self.out, self.robot, self.cfg, self.runner = out, robot, cfg, runner
+        self.ranks = runner.ranks
         self.reward_name = reward_name
         self.steps_before = 0
+        self.origin: Origin | None = None
         # Before anything is scored: what a reward keeps of a rollout is not what it is.
         self.identity = self._identity()
         """What must be equal for a run to be the same run."""
@@ -155,7 +201,12 @@ class _Session:
         info = policy_info(init, payload)
         alg = self.runner.alg
         self._require_same_critic(init, payload)
-        for part, network in (("actor", alg.actor), ("critic", alg.critic)):
+        parts: dict[str, Any] = {"actor": alg.actor, "critic": alg.critic}
+        if "critic_state_dict" not in payload and info.origin is not None:
+            # Others' critics were shown other rewards: a new one looks on first.
+            del parts["critic"]
+            alg.looking_on = LOOKING_ON
+        for part, network in parts.items():
             found = payload.get(f"{part}_state_dict", {})
             if differences := misfits(found, network.state_dict()):
                 raise PolicyError(
@@ -163,7 +214,8 @@ class _Session:
                     f"{self.cfg.ppo.hidden_sizes}, its {part} does not fit: "
                     f"{differences}"
                 )
-        alg.load(payload, {"actor": True, "critic": True}, strict=True)
+        alg.load(payload, dict.fromkeys(parts, True), strict=True)
+        self.origin = info.origin
         self.steps_before = info.steps
         self.identity["init"] = sha256_file(init)
         self._hold_reference()
@@ -195,11 +247,7 @@ class _Session:
         """Prepare the first iteration."""
         if self.cfg.exploration_std is not None:
             self._std.fill_(self.cfg.exploration_std)
-        env = self.runner.env
-        # Spread the time-outs, or all environments would be reset at the same step.
-        env.episode_length_buf = torch.randint_like(
-            env.episode_length_buf, high=env.max_episode_length
-        )
+        self.runner.begin()
 
     @property
     def _steps(self) -> int:
@@ -232,49 +280,65 @@ class _Session:
                 f"({', '.join(changed[:4])}{more}), so it cannot go on: give the same "
                 "settings, or another --out"
             )
+        if not self.ranks.is_first:
+            own = state["others"][self.ranks.rank - 1].numpy().tobytes()
+            state |= torch.load(io.BytesIO(own), weights_only=True)
         runner.alg.load(state, None, strict=True)
         runner.current_learning_iteration = int(state["iteration"])
-        runner.env.restore(state["env"])
-        torch.set_rng_state(state["torch_rng"])
+        runner.restore(state)
         return True
+
+    def require_same(self) -> None:
+        """Go on only if all ranks do the same training from the same place.
+
+        Raises:
+            GaitprefError: they do not.
+        """
+        told = {"identity": self.identity, "steps": self._steps}
+        self.ranks.require_same(json.dumps(told, sort_keys=True))
 
     def run(self, on_iteration: Callable[[IterationStats], None]) -> TrainResult:
         """Train until done or interrupted, saving on the way."""
-        cfg, last = self.cfg, None
-        writer = SummaryWriter(str(self.out), flush_secs=10)
+        cfg, last, ranks = self.cfg, None, self.ranks
+        writer = None
 
         def after(stats: IterationStats) -> bool:
-            nonlocal last
+            nonlocal last, writer
             self._require_sound()
             last = stats
             limit = cfg.std_limit(stats.iteration)
             if limit is not None:
                 self._std.clamp_(max=limit)
-            for tag, value in stats.scalars.items():
-                writer.add_scalar(tag, value, stats.steps)
+            stopping = ranks.any(bool(interrupted))
+            if ranks.is_first:
+                # Not before: what cannot begin leaves nothing.
+                writer = writer or SummaryWriter(str(self.out), flush_secs=10)
+                for tag, value in stats.scalars.items():
+                    writer.add_scalar(tag, value, stats.steps)
             if stats.iteration in cfg.checkpoint_iterations:
                 name = f"step_{self.steps_before + stats.steps:010d}.pt"
                 self._save_policy(self.out / CHECKPOINTS_NAME / name, stats.steps)
-            if stats.iteration % cfg.save_every == 0 or interrupted:
+            if stats.iteration % cfg.save_every == 0 or stopping:
                 self._save_state()
             on_iteration(stats)
-            return not interrupted
+            return not stopping
 
         interrupted: list[int] = []
         try:
-            with _interrupts(interrupted):
+            with _interrupts(interrupted, ranks):
                 self.runner.learn(cfg.iterations, after)
         except (RuntimeError, ValueError):
             # What torch says of ruined weights depends on where it meets them.
             self._require_sound()
             raise
         finally:
-            writer.close()
+            if writer:
+                writer.close()
         steps = self._steps
         finished = self.runner.current_learning_iteration >= cfg.iterations
         self._save_state()
         self._save_policy(self.out / POLICY_NAME, steps)
-        if last is not None:
+        if last is not None and ranks.is_first:
             summary = {"steps": steps, "finished": finished, **last.scalars}
             write_atomically(
                 self.out / SUMMARY_NAME, json.dumps(summary, indent=1).encode()
@@ -295,6 +359,7 @@ class _Session:
             "reward_name": self.reward_name,
             "reward": content_of(self.runner.alg.reward_fn),
             "init": None,
+            **self.runner.told,
         }
         # As a file gives it back: a tuple is a list there.
         return json.loads(json.dumps(told))
@@ -318,18 +383,24 @@ class _Session:
             )
 
     def _save_state(self) -> None:
-        runner, buffer = self.runner, io.BytesIO()
+        runner, learned = self.runner, self.runner.alg.save()
+        own = runner.snapshot()
         state = {
-            **runner.alg.save(),
+            **learned,
             "identity": json.dumps(self.identity, sort_keys=True),
             "iteration": runner.current_learning_iteration,
-            "env": runner.env.snapshot(),
-            "torch_rng": torch.get_rng_state(),
+            **own,
         }
-        torch.save(state, buffer)
-        write_atomically(self.out / RESUME_NAME, buffer.getvalue())
+        if self.ranks.size > 1:
+            of_rank = runner.alg.OF_RANK
+            own |= {name: learned[name] for name in of_rank if name in learned}
+            state["others"] = self.ranks.gathered(_written(own))[1:]
+        if self.ranks.is_first:
+            write_atomically(self.out / RESUME_NAME, _written(state))
 
     def _save_policy(self, path: Path, steps: int) -> None:
+        if not self.ranks.is_first:
+            return
         path.parent.mkdir(parents=True, exist_ok=True)
         info = PolicyInfo(
             steps=self.steps_before + steps,
@@ -339,18 +410,31 @@ class _Session:
             ppo=self.cfg.ppo,
             robot_name=self.robot.name,
             robot_mjcf=self.robot.mjcf,
+            origin=self.origin,
         )
         save_policy(path, self.runner.alg, info)
 
 
+def _written(state: dict[str, Any]) -> bytes:
+    buffer = io.BytesIO()
+    torch.save(state, buffer)
+    return buffer.getvalue()
+
+
 @contextmanager
-def _interrupts(received: list[int]) -> Iterator[None]:
+def _interrupts(received: list[int], ranks: Ranks) -> Iterator[None]:
     """Collect the first Ctrl-C or SIGTERM, so that an iteration is never cut in two."""
+    first_s = 0.0
 
     def note(signum: int, frame: object) -> None:
-        if received:
+        nonlocal first_s
+        # torchrun passes on what the terminal has sent to all of them already.
+        again = ranks.size == 1 or time.monotonic() - first_s > _PASSED_ON_S
+        if received and again:
             raise KeyboardInterrupt
-        received.append(signum)
+        if not received:
+            first_s = time.monotonic()
+            received.append(signum)
 
     try:
         previous = {s: signal.signal(s, note) for s in (signal.SIGINT, signal.SIGTERM)}

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.moments import share_found
 from data.datasets.dataset import Dataset
 from data.features import column
 from gaitpref.cli.main import main
@@ -26,6 +25,7 @@ from rewardmodel.answers.clip_batch import pad_clips
 from rewardmodel.asking.clip_questions import ClipCfg, ask
 from rewardmodel.explain.attribution import explain
 from rewardmodel.extensions_cfg import MlpCfg
+from studies.moments import share_found
 
 HELD_OUT_SEED = 99
 
@@ -149,7 +149,7 @@ def test_a_stumble_is_the_worst_moment(criterion: Criterion, tmp_path: Path) -> 
     chance (0.18), though robots that shake and move at random stumble all the time.
 
     Over three policies, of which one shakes in a way that says little. In walks of
-    finished runs it is found in nine of ten: `python -m benchmarks.moments`.
+    finished runs it is found in nine of ten: `python -m studies.moments`.
     """
     found: list[float] = []
     for seed in range(3):

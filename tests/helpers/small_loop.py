@@ -16,6 +16,7 @@ import tyro
 
 from gaitpref.cli.commands.loop import page_of_loop
 from gaitpref.cli.options.options import Loop, Serving
+from gaitpref.cli.shared.launched import ranks_of_launch
 from gaitpref.cli.shared.loop_arguments import resolve
 from gaitpref.loop.loop_cfg import LoopCfg, StepsCfg
 from gaitpref.loop.run import run_loop
@@ -56,7 +57,8 @@ def main(options: Options) -> None:
     """Run or go on with the small loop in the directory `run`."""
     torch.set_num_threads(1)
     if options.port is None:
-        run_loop(options.run, small_cfg())
+        with ranks_of_launch() as ranks:
+            run_loop(options.run, small_cfg(), ranks=ranks)
         return
     patience = None if options.patience is None else options.patience / 60
     asked = Loop(run=options.run, patience=patience, page=Serving(port=options.port))

@@ -12,6 +12,7 @@ import pytest
 import torch
 
 from benchmarks import (
+    ablations,
     hour,
     preference_fresh,
     robots,
@@ -19,8 +20,9 @@ from benchmarks import (
     walk,
 )
 from benchmarks.preference_plan import HELD_BACK, cfg_of, plan
-from benchmarks.preference_table import BEGIN, END, publish_rows, together
+from benchmarks.preference_table import MARK, between, publish_rows, together
 from benchmarks.wishes import carried_right_foot, nose_up_when_slow
+from data.errors import GaitprefError
 from data.features import FEATURE_DIM, column
 from gaitpref.loop.run import run_loop
 from gaitpref.raters.criteria import load_criterion
@@ -89,7 +91,7 @@ def test_preferences(tmp_path: Path) -> None:
             assert isinstance(row[name], float), name
         assert {"answers", "rater", "method", "accuracy", "ece"} <= set(row)
     page = (tmp_path / "benchmarks.md").read_text()
-    assert "| nose_up | 150 | perfect | default | 1 |" in page
+    assert "| nose_up, 150 answers | 1 |" in page
     assert (tmp_path / "images/preferences.svg").stat().st_size > 1000
     # From one start with one seed, they differ in what they were trained on.
     walk, brisk = (
@@ -115,7 +117,7 @@ def test_preferences(tmp_path: Path) -> None:
     subprocess.run(command, check=True)
     assert all(path.stat().st_mtime_ns == finished[path] for path in kept)
     assert gone.exists()
-    assert (tmp_path / "benchmarks.md").read_text().count("| nose_up |") == 1
+    assert (tmp_path / "benchmarks.md").read_text().count("| nose_up,") == 1
 
 
 def test_preferences_of_another_robot(tmp_path: Path) -> None:
@@ -137,8 +139,8 @@ def test_preferences_of_another_robot(tmp_path: Path) -> None:
     ours = {**row, "robot": None}
     publish_rows([row, ours], tmp_path, None)
     page = (tmp_path / "benchmarks.md").read_text()
-    assert "| crouch, tall | 20 | perfect | default | 1 |" in page
-    assert "| crouch | 20 | perfect | default | 1 |" in page
+    assert "| crouch, tall, 20 answers | 1 |" in page
+    assert "| crouch, 20 answers | 1 |" in page
 
 
 def test_a_table_of_several_seeds(tmp_path: Path) -> None:
@@ -160,13 +162,38 @@ def test_a_table_of_several_seeds(tmp_path: Path) -> None:
     assert many["answers"] == 100
     # Nobody called worse the one that is, and it was not called better.
     assert few["verdicts"] == "2 of 2 better, 0 of 1 worse"
-    (tmp_path / "benchmarks.md").write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n")
+    (tmp_path / "benchmarks.md").write_text(f"before\n{between(MARK, 'old')}after\n")
     publish_rows(rows, tmp_path, None)
     page = (tmp_path / "benchmarks.md").read_text()
     assert page.startswith("before\n")
     assert page.endswith("\nafter\n")
     assert "old" not in page
-    assert "| walk | 40 | perfect | default | 3 | 0.50 (0.20 to 0.90) |" in page
+    assert "| walk, 40 answers | 3 | 0.50 (0.20 to 0.90) |" in page
+
+
+def test_what_a_decision_is_worth_stands_in_both_pages(tmp_path: Path) -> None:
+    """Differences in one, the rows with all decisions in the other."""
+    row = {
+        "task": "trot", "answers": 20, "rater": "perfect", "robot": None,
+        "tracking_error_m_s": 0.1, "start_tracking_error_m_s": 0.05, "accuracy": 0.8,
+        "ece": None, "minutes": 5.0, "return": 1.0, "start_return": 0.4,
+    }  # fmt: skip
+    rows = [
+        row | {"method": method, "seed": seed, "fraction": fraction + 0.1 * seed}
+        for method, fraction in (("default", 0.7), ("linear", 0.4))
+        for seed in range(3)
+    ]
+    for name, mark in (("method.md", "ablations"), ("benchmarks.md", "present")):
+        (tmp_path / name).write_text(between(mark, ""))
+    ablations.publish(rows, tmp_path)
+    worth = (tmp_path / "method.md").read_text()
+    assert "| 3 | +0.300 ± 0.000 | +0.000 m/s | open: 3 of 6 pairs |" in worth
+    kept = (tmp_path / "benchmarks.md").read_text()
+    assert "| trot, 20 answers | 3 | 0.80 (0.70 to 0.90) | +0.05 |" in kept
+    assert "linear" not in kept
+    (tmp_path / "method.md").write_text("no place for it\n")
+    with pytest.raises(GaitprefError, match="has no lines <!-- ablations: begin -->"):
+        ablations.publish(rows, tmp_path)
 
 
 def test_the_held_back_task_is_not_run_by_chance() -> None:

@@ -9,9 +9,9 @@ import h5py
 import numpy as np
 import pytest
 
-from benchmarks.human_labels import HumanLabels, main
-from benchmarks.published_labels import labelled_segments, read_transitions
 from data.errors import GaitprefError
+from studies.human_labels import HumanLabels, main
+from studies.published_labels import labelled_segments, read_transitions
 
 ROWS, STEPS, EPISODE, ANSWERS = 3000, 20, 100, 160
 

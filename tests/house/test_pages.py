@@ -24,10 +24,12 @@ FILE = re.compile(r"`([\w./]+\.(?:py|toml|sql|pyi))`")
 PAGE = re.compile(r"\bdocs/[\w./-]+\.md\b")
 ORDER = re.compile(r"^ *(?:\$ )?(gaitpref .*)$", re.MULTILINE)
 LINK = re.compile(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)")
-FOLDERS = ("data", "rewardmodel", "policy", "labeling_ui", "gaitpref", "benchmarks")
+PROGRAM = re.compile(r"python -m (benchmarks|studies|examples)\.([a-z]\w*)")
+PACKAGES = ("data", "rewardmodel", "policy", "labeling_ui", "gaitpref")
+FOLDERS = (*PACKAGES, "benchmarks", "studies", "tests", "examples", "docs")
 STORED = ROOT / "tests" / "stored" / "run_of_one_room.tar.xz"
 WHOLE = {"README.md", "quickstart.md", "concepts.md"}
-MADE = {"scene.toml", "walk.toml"}
+MADE = {"scene.toml", "walk.toml", "wish.py"}
 """Names of files that are the reader's own."""
 
 
@@ -62,6 +64,18 @@ def test_a_command_of_a_page_is_one_there_is(page: str, order: str) -> None:
         assert not left.value.code
     else:
         assert parse(words[:cut])
+
+
+def test_a_benchmark_or_study_that_a_page_names_is_there() -> None:
+    named = [
+        (page.name, *found)
+        for page in PAGES
+        for found in PROGRAM.findall(page.read_text())
+    ]
+    assert named
+    assert [
+        each for each in named if not (ROOT / each[1] / f"{each[2]}.py").exists()
+    ] == []
 
 
 def test_the_python_of_a_page_runs(
@@ -106,7 +120,7 @@ def test_a_how_to_is_read_in_two_minutes() -> None:
 def test_a_page_that_the_code_names_is_there() -> None:
     named = {
         (path.relative_to(ROOT).as_posix(), name)
-        for folder in (*FOLDERS, "examples", "tests")
+        for folder in FOLDERS
         for path in (ROOT / folder).rglob("*.py")
         for name in PAGE.findall(path.read_text())
     }
@@ -117,7 +131,7 @@ def test_a_page_that_the_code_names_is_there() -> None:
 def test_a_file_that_a_page_names_is_there() -> None:
     here = [
         path.relative_to(ROOT).as_posix()
-        for folder in (*FOLDERS, "tests", "examples", "docs")
+        for folder in FOLDERS
         for path in (ROOT / folder).rglob("*")
     ] + [path.name for path in ROOT.iterdir()]
     missing = {

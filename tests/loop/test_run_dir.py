@@ -130,7 +130,6 @@ METHODS = {
     "from scratch, no walk": replace(FROM_SCRATCH, once_it_walks=None),
     "from scratch, unjudged": replace(FROM_SCRATCH, accept=None),
     "from scratch, keeps its noise": replace(FROM_SCRATCH, exploration=None),
-    "style, from the last": replace(STYLE, start=None),
     "style, keeps its noise": replace(STYLE, exploration=None),
     "style, unjudged": replace(STYLE, accept=None),
     "style, no limit": replace(STYLE, tracking=None),
@@ -156,7 +155,7 @@ def test_every_decision_that_may_be_left_out_is() -> None:
         if type(None) in get_args(hint)
     }
     assert optional == {
-        *("once_it_walks", "start", "exploration", "unstick", "accept", "tracking")
+        *("once_it_walks", "exploration", "unstick", "accept", "tracking")
     }
     for shipped in (FROM_SCRATCH, STYLE):
         for name in optional:
@@ -231,7 +230,6 @@ def other_than(value: object) -> object:
         ),
         ((), {"exploration": Descending()}, {}, "exploration PutBack -> Descending"),
         ((), {"budget": FrontLoaded(first_share=0.5)}, {}, "first_share 0.65 -> 0.5"),
-        ((), {"start": None}, {}, "method.start BestLiked -> None"),
         ((), {"unstick": Optimism()}, {}, r"unstick None -> {'deviations': 2\.0"),
         ((), {"weight": 2.0}, {}, "method.weight 3.0 -> 2.0"),
         (

@@ -11,6 +11,7 @@ from data.datasets.dataset import Dataset
 from gaitpref.cli.options import options
 from gaitpref.cli.options.options import Loop
 from gaitpref.cli.shared.dataset_argument import address
+from gaitpref.cli.shared.launched import ranks_of_launch
 from gaitpref.cli.shared.loop_arguments import resolve
 from gaitpref.console.extras import require
 from gaitpref.console.progress import console
@@ -22,12 +23,14 @@ def run(command: options.Loop) -> int:
     """Run the command; gives the exit code."""
     cfg = resolve(command)
     human = cfg.rater == "human"
-    page = run_loop(
-        command.run,
-        cfg,
-        open_page=partial(page_of_loop, command) if human else no_page,
-        answers=address(command.answers),
-    )
+    with ranks_of_launch() as ranks:
+        page = run_loop(
+            command.run,
+            cfg,
+            open_page=partial(page_of_loop, command) if human else no_page,
+            answers=address(command.answers),
+            ranks=ranks,
+        )
     console.print(f"the report is {page}")
     return 0
 

@@ -22,6 +22,7 @@ from policy.env.env_cfg import EnvCfg
 from policy.env.sim import BatchSim
 from policy.env.world import in_world
 from policy.robots.robot import Robot, load_robot
+from policy.robots.shipped import WALK
 from policy.training.checkpoint import Policy, load_policy
 
 _FOREVER_S = 1e6
@@ -100,7 +101,7 @@ def live_policy(path: Path, xml: Path | None) -> LivePolicy:
 def run(command: options.Play) -> int:
     """Serve the page until it is stopped; gives the exit code."""
     require_port(command.port)
-    paths = [command.policy, *([command.against] if command.against else [])]
+    paths = [command.policy or WALK, *([command.against] if command.against else [])]
     policies = tuple(live_policy(path, command.robot) for path in paths)
     if len({policy.control_dt_s for policy in policies}) > 1:
         raise GaitprefError(
@@ -110,7 +111,7 @@ def run(command: options.Play) -> int:
     def new_page(client: viser.ClientHandle, visit: Visit) -> PlayPage:
         return PlayPage(client, policies)
 
-    site = play_site(policies, command.port, TokenStore(command.policy.parent))
+    site = play_site(policies, command.port, TokenStore(paths[0].parent))
     with stoppable() as stopped:
         site.start(new_page)
         print(f"the policy is at {site.url}", flush=True)

@@ -9,6 +9,7 @@ from gaitpref.cli.options import options
 from gaitpref.cli.shared.by_hand import METHODS, told_without_method
 from gaitpref.console.progress import console, counting_bar
 from gaitpref.training.by_method import recorded_by
+from policy.robots.shipped import WALK
 from policy.rollouts.record import LONGEST_S, RecordCfg, record
 from policy.rollouts.variation import VariationCfg
 from policy.training.checkpoint import load_policy
@@ -48,15 +49,14 @@ def _record_cfg(command: options.Record) -> RecordCfg:
 
 def run(command: options.Record) -> int:
     """Run the command; gives the exit code."""
-    load_policy(command.policy)
+    policy = command.policy or WALK
+    load_policy(policy)
     cfg = _record_cfg(command)
     dataset = Dataset.create(command.dataset)
     with counting_bar("recording", cfg.episodes) as bar:
 
         def counted():
-            for episode in record(
-                command.policy, cfg, seed=command.seed, round=command.round
-            ):
+            for episode in record(policy, cfg, seed=command.seed, round=command.round):
                 bar.advance(bar.task_ids[0])
                 yield episode
 

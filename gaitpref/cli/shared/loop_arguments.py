@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from gaitpref.cli.options.options import Erring, Loop
-from gaitpref.loop.loop_cfg import LoopCfg, RunError
-from gaitpref.loop.presets import NEW_BASES, loop_cfg
+from gaitpref.loop.loop_cfg import NEW_BASES, LoopCfg, RunError
+from gaitpref.loop.presets import loop_cfg
 from policy.env.env_cfg import EnvCfg, getup_env
 
 from .rater_arguments import erring_rater
@@ -26,11 +26,12 @@ def resolve(options: Loop) -> LoopCfg:
         )
     cfg = loop_cfg(
         criterion=options.criterion,
-        base=options.base,
+        base="task" if options.base is None and options.getup else options.base,
         robot=options.robot,
         quick=options.preset == "quick",
         rounds=options.rounds,
         labels=options.labels,
+        steps=options.steps,
         rater=options.rater,
         simulated=erring_rater(options.erring),
         clip_s=options.clip_s,

@@ -1,0 +1,1 @@
+"""What `benchmarks.attack_page` throws at the labeling page, and what held means."""
