@@ -14,7 +14,7 @@ members.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import InitVar, dataclass, replace
 
 import numpy as np
@@ -85,6 +85,12 @@ class ClipBatch:
             None if before is None else before[rows],
             checked=True,
         )
+
+    def parts(self, count: int) -> Iterator[tuple[slice, ClipBatch]]:
+        """All clips, `count` at a time, and which these are."""
+        for first in range(0, len(self), count):
+            rows = slice(first, first + count)
+            yield rows, self.part(rows)
 
     def joined(self, others: ClipBatch) -> ClipBatch:
         """These, and `others`, padded to the same length, behind them."""

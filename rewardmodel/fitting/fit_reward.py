@@ -34,7 +34,7 @@ from rewardmodel.models.ensemble import fit_ensemble
 from rewardmodel.models.fit_report import FitReport as FitReport
 from rewardmodel.models.fit_report import wilson_interval
 from rewardmodel.models.kinds import KINDS, kind_called, make_scorer, prepare
-from rewardmodel.models.model import Provenance, RewardModel, leads_of_pairs
+from rewardmodel.models.model import Provenance, RewardModel, leads_by
 from rewardmodel.models.prediction import Prediction
 from rewardmodel.prepared.described import ClipPairs
 from rewardmodel.prepared.prepared import Prepared
@@ -87,7 +87,6 @@ def fit_reward(
     normaliser, scorer = fit_ensemble(answers, cfg, seed, others)
     if (share := scorer.error_share_found) is not None:
         cfg = replace(cfg, error_share=share)
-    standardised = answers.by(normaliser)
     held_out = torch.zeros(len(pairs), dtype=torch.bool)
     foreseen = Prediction.none(0)
     if measured:
@@ -97,8 +96,8 @@ def fit_reward(
         foreseen = foreseen.subset(judged.measuring[held_out])
         held_out &= judged.measuring
     report = report_of(
-        standardised,
-        leads_of_pairs(scorer.payer, standardised).mean(dim=0),
+        answers.described,
+        leads_by(scorer.payer, answers.described, normaliser).mean(dim=0),
         held_out,
         foreseen,
         cfg,
@@ -112,7 +111,7 @@ def fit_reward(
     seen = frozenset(sha256 for pair in pairs.episodes for sha256 in pair)
     provenance = Provenance(cfg, report, pairs.answers_sha256, seen)
     model = RewardModel(normaliser, scorer, provenance)
-    model.calibrate(standardised)
+    model.calibrate(answers.described)
     if measured:
         report = _with_remaining(model, pairs)
     logger.info("fitted a %s reward: %s", kind, report)
