@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import get_args
 
@@ -79,7 +78,7 @@ def fit_reward(
         kind, considered = choose(prepared, pairs, cfg, seed, measured)
     linear = members_for(cfg.linear, len(pairs))
     cfg = replace(cfg, kind=kind, linear=linear)
-    judged, cfg = _settled(prepared, pairs.raters, cfg)
+    judged, cfg = _settled(prepared, pairs, cfg)
     answers, doubted = judged.prepared.seen_by(KINDS[kind].sight), 0
     if cfg.label_filter is not None:
         answers, doubted = without_doubted(answers, cfg, seed=seed)
@@ -155,17 +154,17 @@ def _with_remaining(model: RewardModel, pairs: AnsweredPairs) -> FitReport:
 
 
 def _settled(
-    prepared: Prepared, raters: Sequence[str], cfg: FitCfg
+    prepared: Prepared, pairs: AnsweredPairs, cfg: FitCfg
 ) -> tuple[Judged, FitCfg]:
     """Answers with the errors of their raters, and `cfg` with what they decide put in,
     where it leaves that to them."""
     kind = kind_called(cfg.kind)
     if kind.pooled or not cfg.adapt:
-        return judge(prepared, raters, cfg), cfg
+        return judge(prepared, pairs, cfg), cfg
     seen = prepared.seen_by(kind.sight)
     found = settled(cfg, noise_level(seen, cfg), tells_errors=kind.tells_errors)
     errors = errors_alike(prepared, found, found.error_share)
-    judged = judge(prepared.with_errors(errors), raters, found)
+    judged = judge(prepared.with_errors(errors), pairs, found)
     if not judged.measuring.all():
         # How strong opinions may be is for those to say who look.
         level = noise_level(seen.subset(judged.measuring), cfg)

@@ -30,7 +30,7 @@ from .prediction import Prediction
 _MIN_STD = 1e-4
 """Raw rewards, in logits, that vary less than this are no opinion."""
 StepRewards = Callable[[StandardisedPairs], Tensor]
-"""Raw rewards [M, K] of the steps that count."""
+"""Raw rewards [..., K] of the steps that count."""
 
 
 def leads_of_pairs(scorer: Scorer, pairs: StandardisedPairs) -> Tensor:
@@ -111,8 +111,8 @@ class RewardModel(nn.Module):
         A model without any opinion gives reward 0 rather than magnified noise. Where
         another than the members is paid, the deviation is that of a member.
         """
-        rewards = self._of_parts(pairs, self._of_steps)
-        std, mean = torch.std_mean(rewards.mean(dim=0), correction=0)
+        agreed = self._of_parts(pairs, self._agreed)
+        std, mean = torch.std_mean(agreed, correction=0)
         if self.payer is not self.scorer:
             own = self._of_parts(pairs, partial(_in_clips, self.scorer))
             std = std * _contradicted(own)
@@ -121,15 +121,15 @@ class RewardModel(nn.Module):
         return self
 
     def _of_parts(self, pairs: DescribedPairs, rewards: StepRewards) -> Tensor:
-        """`rewards` [M, K] of all pairs, some at a time."""
+        """`rewards` [..., K] of all pairs, some at a time."""
         parts = (part.standardised(self.normaliser) for part in pairs.parts())
-        return torch.cat([rewards(part) for part in parts], dim=1)
+        return torch.cat([rewards(part) for part in parts], dim=-1)
 
-    def _of_steps(self, pairs: StandardisedPairs) -> Tensor:
-        """Raw reward [M, K] of every step that counts."""
+    def _agreed(self, pairs: StandardisedPairs) -> Tensor:
+        """Raw reward [K] of every step that counts, as the members agree on it."""
         if self.history_steps:
-            return _in_clips(self.payer, pairs)
-        return self.scorer(pairs.scored_steps)
+            return _in_clips(self.payer, pairs).mean(dim=0)
+        return self.scorer(pairs.scored_steps).mean(dim=0)
 
     def standardised(self, features: Tensor) -> Tensor:
         """What the model sees [..., D] of rows [..., F]."""

@@ -15,15 +15,12 @@ from torch import Tensor
 from torch.nn import functional
 
 from rewardmodel.answers.answered_pairs import AnsweredPairs
-from rewardmodel.answers.clip_batch import mean_over
+from rewardmodel.answers.clip_batch import PART, mean_over
 from rewardmodel.answers.likelihood import Errors, log_likelihood
 from rewardmodel.cfg import FitCfg
 from rewardmodel.descriptors.normaliser import Normaliser, fill_missing
 from rewardmodel.descriptors.table import Sight, describe, names_seen
 from rewardmodel.opinions.aspects import UNSAID, indices_of
-
-_PART = 2048
-"""Pairs that something is made of at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +63,8 @@ class ClipPairs:
     def parts(self) -> Iterator[Self]:
         """All pairs, some at a time: what is made of many takes more memory than they
         do."""
-        for first in range(0, len(self), _PART):
-            yield self.subset(slice(first, first + _PART))
+        for first in range(0, len(self), PART):
+            yield self.subset(slice(first, first + PART))
 
     @property
     def said(self) -> Tensor:
@@ -173,12 +170,12 @@ def describe_pairs(pairs: AnsweredPairs, cfg: FitCfg, sight: Sight) -> Described
     scored = torch.empty(shape, dtype=torch.bool)
     fell = torch.empty(shape[:2])
     for side, clips in enumerate((pairs.left, pairs.right)):
-        for rows, part in clips.parts(_PART):
+        for rows, part in clips.parts():
             steps[side, rows] = describe(part.features, sight)
             scored[side, rows] = part.scored
             fell[side, rows] = part.fell.float()
-    for first in range(0, len(pairs), _PART):
-        part = steps[:, first : first + _PART]
+    for first in range(0, len(pairs), PART):
+        part = steps[:, first : first + PART]
         if part.isnan().any():
             missing = part.isnan().any(dim=2).any(dim=0)
             part.masked_fill_(missing[:, None], torch.nan)

@@ -42,11 +42,14 @@ class PreparedClips:
     def __init__(self, described: DescribedPairs, pool: Pool | None = None) -> None:
         self._described = described
         self.pool = pool
-        self._seen: dict[int, PreparedClips] = {described.steps.shape[-1]: self}
+        self._seen: dict[int, PreparedClips] = {}
 
     def seen_by(self, sight: Sight) -> PreparedClips:
         """The columns of `sight`, standardised by themselves."""
         columns = len(names_seen(sight))
+        if columns == self._described.steps.shape[-1]:
+            # Not kept in itself, or all the steps would wait for the collector.
+            return self
         if columns not in self._seen:
             self._seen[columns] = PreparedClips(self._described.seen_by(sight))
         return self._seen[columns]
