@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from tensordict import TensorDict
 from torch import Tensor, nn
 
 from policy.env.env_cfg import EnvCfg
@@ -81,8 +82,8 @@ class Actor:
         storage = alg.storage
         return Trajectory(
             origin=Origin(self._plan.actor, sequence, version),
-            observations={k: _array(v) for k, v in storage.observations.items()},
-            last_observations={k: _array(v) for k, v in self._obs.items()},
+            observations=_arrays(storage.observations),
+            last_observations=_arrays(self._obs),
             actions=_array(storage.actions),
             log_probs=_array(storage.actions_log_prob[..., 0]),
             features=_array(alg.features),
@@ -142,6 +143,10 @@ def history_rows(reward_fn: ScoreFn | None) -> int:
 def _load(network: nn.Module, state: Mapping[str, np.ndarray]) -> None:
     # Arrays that other processes share are not to be written to; torch copies them.
     network.load_state_dict({k: torch.tensor(v) for k, v in state.items()})
+
+
+def _arrays(groups: TensorDict) -> dict[str, np.ndarray]:
+    return {str(name): _array(groups[name]) for name in groups.keys()}  # noqa: SIM118
 
 
 def _array(values: Tensor) -> np.ndarray:

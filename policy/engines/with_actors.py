@@ -81,7 +81,7 @@ class ActorsRunner(Runner):
         torch.set_rng_state(snapshot["torch_rng"])
         self._sequences = dict(snapshot["sequences"])
 
-    def learn(  # type: ignore[override]
+    def learn(
         self,
         num_learning_iterations: int,
         on_iteration: Callable[[IterationStats], bool],
