@@ -49,7 +49,7 @@ class ClipBatch:
     that one included; NaN where the episode had not begun. None where nobody knows what
     came before."""
     checked: InitVar[bool] = False
-    """These are rows of a batch that was looked at already."""
+    """Whether the rows are of a batch that was looked at already."""
 
     def __post_init__(self, checked: bool) -> None:
         if checked:

@@ -39,9 +39,10 @@ class Habit:
     """A sum of squares or of products of rates, from 0 up: a gait's moments of effort
     are far above all the rest of it."""
     signed: bool = field(default=False, kw_only=True)
-    """It can be below 0."""
+    """Whether the habit can be below 0."""
     swings: bool = field(default=False, kw_only=True)
-    """It goes to and fro with every step: nobody wishes it neither high nor low."""
+    """Whether it goes to and fro with every step: nobody wishes it neither high nor
+    low."""
     group: str = field(default="other", kw_only=True)
     """What it is explained together with: correlated habits share a reward by chance,
     their group does not."""
@@ -57,4 +58,4 @@ class Descriptor(Habit):
     """A habit that one feature row tells, as a number per control step."""
 
     compute: Callable[[Row], Tensor]
-    """Its value [...] for rows [..., F]; finite for every finite row."""
+    """Value [...] for rows [..., F]; finite for every finite row."""

@@ -38,14 +38,14 @@ def _yaw_rate_error(row: Row) -> Tensor:
 
 
 def _tilt_sq(row: Row) -> Tensor:
-    """It goes on growing beyond a quarter turn: a robot on its back is not level."""
+    """Grow beyond a quarter turn too: a robot on its back is not level."""
     gravity_b = row["gravity_b"]
     sine_sq = _sum_of_squares(gravity_b[..., :2])
     return torch.where(gravity_b[..., 2] > 0, 2.0 - sine_sq, sine_sq)
 
 
 def _lift_offs(row: Row) -> Tensor:
-    """The integral over a swing is nearly the same however long it lasts."""
+    """Sum of pulses after lift-offs, nearly the same however long a swing lasts."""
     air_s = row["foot_air_time"]
     return ((air_s > 0) * torch.exp(-air_s.clamp(min=0) / _LIFT_OFF_S)).sum(dim=-1)
 

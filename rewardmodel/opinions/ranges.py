@@ -90,7 +90,7 @@ def laid_out(shares: Tensor) -> Tensor:
 
 
 def _root(shares: Tensor) -> Tensor:
-    """Of shares from 0 on; 1 stays 1, and it is no steeper at 0 than a gradient
-    bears."""
+    """Square root of shares from 0 on, no steeper at 0 than a gradient bears; 1 stays
+    1."""
     low, high = _ROOT_FROM**0.5, (1 + _ROOT_FROM) ** 0.5
     return ((shares + _ROOT_FROM).sqrt() - low) / (high - low)
