@@ -67,6 +67,10 @@ class Places:
     def result(self, cell: Cell) -> Path:
         return self.results / f"{cell.name}.json"
 
+    def log(self, cell: Cell) -> Path:
+        """What is said while it runs."""
+        return self.work / f"{cell.name}.log"
+
 
 def run_cell(cell: Cell, places: Places) -> None:
     """Run a cell, or go on with it, and write its row."""
@@ -283,3 +287,4 @@ def _locked(path: Path) -> Iterator[None]:
 def forget(cell: Cell, places: Places) -> None:
     """Remove the run of a finished cell: its row is all that is kept."""
     shutil.rmtree(places.work / cell.name, ignore_errors=True)
+    places.log(cell).unlink(missing_ok=True)

@@ -6,27 +6,22 @@ anywhere: a finished row is a file in `--results`, and an unfinished one goes on
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 import sys
-import threading
-import time
-import traceback
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.console import Console
 
 from data.errors import GaitprefError
+from gaitpref.console.progress import console, counting_bar
+from gaitpref.executor.choose_executor import choose_executor
+from gaitpref.executor.pieces import Piece
 
 from .preference_plan import METHODS, RATERS, TASKS, Cell, plan
 from .preference_row import Places, forget, run_cell
 from .preference_table import publish_rows, read_rows
-
-console = Console(stderr=True, highlight=False, soft_wrap=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,8 +40,11 @@ class Options:
     """Another robot than the one that ships: a name for it, and its MJCF."""
     seeds: int | None = None
     """At most so many of every row."""
-    workers: int = os.cpu_count() or 1
-    """Rows run side by side, each on one core."""
+    workers: int | None = None
+    """Rows run side by side, each on one core; by default one a core."""
+    ray: str | None = None
+    """In place of processes: HOST:PORT of a Ray cluster that runs them, `auto` for the
+    one that runs here, `local` for one of this machine's cores."""
     work: Path = Path("runs/benchmark-preferences")
     """Directory of the runs."""
     results: Path = Path("docs/results/preferences")
@@ -63,19 +61,8 @@ class Options:
     """File for the rows, seeds put together."""
 
 
-def end_with(parent: int) -> None:
-    """End this process with `parent`: a killed benchmark leaves nothing running."""
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(1.0)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
-
-
 def run_cells(cells: list[Cell], options: Options) -> int:
-    """Run all unfinished cells in processes of their own; gives how many failed."""
+    """Run all unfinished cells; gives how many failed."""
     places = Places(
         work=options.work,
         results=options.results,
@@ -83,27 +70,36 @@ def run_cells(cells: list[Cell], options: Options) -> int:
         quick=options.quick,
     )
     places.results.mkdir(parents=True, exist_ok=True)
+    left = [
+        Piece(
+            name=cell.name,
+            function=run_cell,
+            args=(cell, places),
+            log=places.log(cell),
+        )
+        for cell in cells
+        if not places.result(cell).exists()
+    ]
+    of_name = {cell.name: cell for cell in cells}
+    executor = choose_executor(jobs=options.workers, ray=options.ray)
     failed = 0
-    # Forked children would inherit torch's threads in an unknown state.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(
-        options.workers,
-        mp_context=context,
-        initializer=end_with,
-        initargs=(os.getpid(),),
-    ) as pool:
-        left = [cell for cell in cells if not places.result(cell).exists()]
-        running = {pool.submit(run_cell, cell, places): cell for cell in left}
-        for done, future in enumerate(as_completed(running), start=1):
-            cell, error = running[future], future.exception()
-            if error is None:
-                console.print(f"{done} of {len(left)}: {cell.name}")
+    with (
+        closing(executor.outcomes(left)) as outcomes,
+        counting_bar("rows", len(left)) as bar,
+    ):
+        for done, outcome in enumerate(outcomes, start=1):
+            bar.advance(bar.task_ids[0])
+            name, failure = outcome.piece.name, outcome.failure
+            if failure is None:
+                console.print(f"{done} of {len(left)}: {name}")
                 if not options.keep_runs:
-                    forget(cell, places)
+                    forget(of_name[name], places)
                 continue
             failed += 1
-            trace = "".join(traceback.format_exception(error))
-            console.print(f"{done} of {len(left)}: {cell.name} failed\n{trace}")
+            log = places.log(of_name[name])
+            console.print(
+                f"{done} of {len(left)}: {name} failed: {failure.reason}; see {log}"
+            )
     return failed
 
 

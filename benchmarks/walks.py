@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from data.answers.answer_records import Pair
 from data.datasets.dataset import Dataset
+from data.datasets.manifest import EpisodeEntry
 from data.episodes.clips import Clip
 from data.episodes.episode import Episode, EpisodeMeta
 from data.features import FEATURE_DIM, column
@@ -99,12 +101,7 @@ def walking_dataset(
         )
         for index in range(episodes)
     )
-    clips = [
-        Clip(entry.sha256, start, min(clip_steps, entry.num_steps - start))
-        for entry in entries
-        for start in range(0, max(entry.num_steps - clip_steps, 1) + 20, 20)
-        if entry.num_steps - start >= 20
-    ]
+    clips = _clips(entries, clip_steps)
     rng = np.random.default_rng(0)
     chosen = []
     while len(chosen) < pairs:
@@ -114,6 +111,20 @@ def walking_dataset(
     with dataset.answers() as store:
         store.add_pairs(chosen)
     return dataset
+
+
+def walking_clips(dataset: Dataset, clip_steps: int) -> list[Clip]:
+    """What pairs of `walking_dataset` are made of."""
+    return _clips(dataset.entries(), clip_steps)
+
+
+def _clips(entries: Iterable[EpisodeEntry], clip_steps: int) -> list[Clip]:
+    return [
+        Clip(entry.sha256, start, min(clip_steps, entry.num_steps - start))
+        for entry in entries
+        for start in range(0, max(entry.num_steps - clip_steps, 1) + 20, 20)
+        if entry.num_steps - start >= 20
+    ]
 
 
 def _falls(index: int, steps: int) -> bool:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import ast
+import dataclasses
 import inspect
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
-from dataclasses import fields
+from dataclasses import MISSING, fields
+from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -17,19 +20,36 @@ from data.episodes.episode_records import EpisodeMeta
 from data.episodes.schema import FINAL_FIELDS, STEP_FIELDS, Field
 from data.features import FEATURES, JOINTS, LEGS, Feature
 from data.files import limits
+from gaitpref.formats.ros2.bag_map import (
+    BagMap,
+    BaseTopic,
+    ContactTopic,
+    ImuTopic,
+    JointTopic,
+    TwistTopic,
+)
 from gaitpref.loop.run_dir import Round
 from labeling_ui.limits import page_limits
 from policy.env.feature_row import OBSERVATION
-from rewardmodel.descriptors.table import DESCRIPTORS, columns_seen
+from policy.training.checkpoint import PolicyInfo
+from rewardmodel.descriptors.table import columns_seen, names_seen
+from rewardmodel.models.fit_report import FitReport
+from rewardmodel.models.kinds import KINDS
 from rewardmodel.trust import alarms
 
+_LONG = 40
+"""Characters from which on a default is not spelled out."""
 _UNITS = (("GiB", 2**30), ("MiB", 2**20), ("KiB", 2**10))
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """A table in Markdown."""
     lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
+    return "\n".join(f"| {' | '.join(map(_cell, line))} |" for line in lines)
+
+
+def _cell(value: object) -> str:
+    return str(value).replace("|", "\\|")
 
 
 def _named_columns(parts: Sequence[Feature]) -> str:
@@ -44,14 +64,12 @@ def _named_columns(parts: Sequence[Feature]) -> str:
 
 
 def _descriptors() -> str:
-    everywhere = {item.name for item in DESCRIPTORS}
+    def seen_by(name: str) -> str:
+        kinds = [k for k, kind in KINDS.items() if name in names_seen(kind.sight)]
+        return "all" if len(kinds) == len(KINDS) else ", ".join(kinds)
+
     rows = (
-        (
-            f"`{item.name}`",
-            item.unit,
-            item.meaning,
-            "all" if item.name in everywhere else "posterior, some networks",
-        )
+        (f"`{item.name}`", item.unit, item.meaning, seen_by(item.name))
         for item in columns_seen("legs")
     )
     return _table(("name", "unit", "meaning", "models that see it"), rows)
@@ -62,13 +80,33 @@ def _members(message: Sequence[Field]) -> str:
     return _table(("name", "type", "what"), rows)
 
 
-def _episode_facts() -> str:
-    told = _told(ast.parse(inspect.getsource(EpisodeMeta)).body[0])
+def _record(kind: type) -> str:
+    """A row for each field of a dataclass, and the text below it."""
+    told = _told(ast.parse(inspect.getsource(kind)).body[0])
     rows = (
-        (f"`{each.name}`", each.type, told.get(each.name, ""))
-        for each in fields(EpisodeMeta)
+        (f"`{each.name}`", each.type, told.get(each.name, "")) for each in fields(kind)
     )
     return _table(("name", "type", "what"), rows)
+
+
+def _settings(kind: type, leave_out: Sequence[str] = ()) -> str:
+    """The same for one that a person writes, with what is taken where nothing is."""
+    told = _told(ast.parse(inspect.getsource(kind)).body[0])
+    rows = (
+        (f"`{each.name}`", _default(each), told.get(each.name, ""))
+        for each in fields(kind)
+        if each.name not in leave_out
+    )
+    return _table(("name", "default", "what"), rows)
+
+
+def _default(of: dataclasses.Field[Any]) -> str:
+    if of.default is MISSING:
+        return "needed"
+    if of.default is None:
+        return ""
+    spelled = repr(of.default)
+    return f"`{spelled}`" if len(spelled) < _LONG else f"`{spelled[:_LONG]} ...`"
 
 
 def _answer_tables() -> str:
@@ -122,7 +160,7 @@ def _told(tree: ast.AST) -> dict[str, str]:
     """The text below each assignment of a module or class, on one line."""
     body = getattr(tree, "body", [])
     found: dict[str, str] = {}
-    for before, text in zip(body, body[1:], strict=False):
+    for before, text in pairwise(body):
         if not (isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)):
             continue
         target = (
@@ -135,15 +173,27 @@ def _told(tree: ast.AST) -> dict[str, str]:
     return found
 
 
+_TOPICS = {
+    "joints": JointTopic,
+    "base": BaseTopic,
+    "imu": ImuTopic,
+    "contacts": ContactTopic,
+    "twist": TwistTopic,
+}
+"""Tables of the map of a bag."""
 TABLES: dict[str, Callable[[], str]] = {
     "features": lambda: _named_columns(FEATURES),
     "observation": lambda: _named_columns(OBSERVATION),
     "descriptors": _descriptors,
-    "legs": lambda: ", ".join(LEGS),
-    "joints": lambda: ", ".join(f"`{joint}`" for joint in JOINTS),
+    "leg order": lambda: ", ".join(LEGS),
+    "joint order": lambda: ", ".join(f"`{joint}`" for joint in JOINTS),
     "step": lambda: _members(STEP_FIELDS),
     "final": lambda: _members(FINAL_FIELDS),
-    "episode": _episode_facts,
+    "episode": lambda: _record(EpisodeMeta),
+    "policy": lambda: _record(PolicyInfo),
+    "fit report": lambda: _record(FitReport),
+    "bag map": lambda: _settings(BagMap, leave_out=tuple(_TOPICS)),
+    **{name: partial(_settings, kind) for name, kind in _TOPICS.items()},
     "answers": _answer_tables,
     "labels": _label_columns,
     "round": _round_files,

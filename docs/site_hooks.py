@@ -12,8 +12,9 @@ import re
 from pathlib import Path
 from typing import Any
 
-from gaitpref.cli.main import parse
 from reference_tables import TABLES
+
+from gaitpref.cli.main import parse
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORDS = (

@@ -9,7 +9,9 @@ from types import TracebackType
 import numpy as np
 import viser
 
+from data.answers.question_board import QuestionBoard
 from data.datasets.dataset import Dataset
+from labeling_ui.limits import page_limits as limits
 from labeling_ui.page.loop_status import StatusSource, no_status
 from labeling_ui.page.page_access import Desk
 from labeling_ui.page.rater_page import Page, Shared
@@ -47,6 +49,8 @@ class LabelCfg:
     """Where people open the page, if a reverse proxy stands before it."""
     auth: bool = True
     """Ask for a token; only loopback may go without."""
+    most_raters: int = limits.PAGES
+    """Raters whose pages are open at once; more are told when to come back."""
     shadows: bool = True
     """Draw shadows; without a graphics card they take most of the time."""
     queue: QueueCfg = field(default_factory=lambda: QueueCfg(guard=_GUARD))
@@ -87,6 +91,7 @@ class LabelServer:
             GaitprefError: the port is busy, or the options would leave it unguarded.
         """
         cfg, self._store = self._cfg, self._dataset.answers()
+        self._board = QuestionBoard(self._store, cfg.queue.plan.overlap)
         self._motions = MotionCache(self._dataset)
         self._site = Site(
             ProxyCfg(
@@ -97,6 +102,7 @@ class LabelServer:
                 public_url=cfg.public_url,
                 auth=cfg.auth,
                 guidelines=cfg.guidelines,
+                max_clients=cfg.most_raters,
             ),
             tokens=TokenStore(self._dataset.root),
             figures=lambda rater_id: rater_figures(self._store, rater_id),
@@ -111,6 +117,7 @@ class LabelServer:
             guidelines=self._guidelines,
         )
         try:
+            self._board.follow()
             self._site.start(self._new_page)
         except BaseException:
             self._store.close()
@@ -135,7 +142,11 @@ class LabelServer:
 
     def _new_page(self, client: viser.ClientHandle, visit: Visit) -> Page:
         session = RaterSession(
-            self._store, visit.rater, cfg=self._cfg.queue, rng=np.random.default_rng()
+            self._store,
+            visit.rater,
+            cfg=self._cfg.queue,
+            board=self._board,
+            rng=np.random.default_rng(),
         )
         desk = Desk(session, self._motions, may_act=visit.may_act)
         return Page(client, desk, self._shared)

@@ -48,6 +48,11 @@ class Backend(Protocol):
         """
         ...
 
+    @property
+    def in_transaction(self) -> bool:
+        """Whether this thread is inside `transaction`."""
+        ...
+
     def together(self) -> Any:
         """A context whose transactions are on the disk when it ends, not before.
 
@@ -142,6 +147,12 @@ class SqliteBackend:
                     raise
             except (sqlite3.Error, UnicodeDecodeError) as error:
                 raise failure(self.name, error) from error
+
+    @property
+    def in_transaction(self) -> bool:
+        # Who gets the lock while there is a transaction is the thread it is of.
+        with self._lock:
+            return self.connection.in_transaction
 
     @contextmanager
     def together(self) -> Iterator[None]:

@@ -43,6 +43,9 @@ class PostgresBackend:
             "+psycopg", ""
         )
         self._engine = engine
+        # One statement needs no transaction around it, whose begin and end take a way
+        # to the server each.
+        self._single = engine.execution_options(isolation_level="AUTOCOMMIT")
         self._lock = threading.RLock()
         self._open: Connection | None = None
         """Connection of the open transaction; only for who holds the lock."""
@@ -83,7 +86,7 @@ class PostgresBackend:
             with self._lock:
                 if self._open is not None:
                     return _rows(self._open, query, values)
-            with self._engine.begin() as connection:
+            with self._single.connect() as connection:
                 return _rows(connection, query, values)
         except (SQLAlchemyError, UnicodeError) as error:
             raise self._failure(error) from error
@@ -117,6 +120,12 @@ class PostgresBackend:
                         self._open = None
             except (SQLAlchemyError, UnicodeError) as error:
                 raise self._failure(error) from error
+
+    @property
+    def in_transaction(self) -> bool:
+        # Who gets the lock while there is a transaction is the thread it is of.
+        with self._lock:
+            return self._open is not None
 
     @contextmanager
     def together(self) -> Iterator[None]:

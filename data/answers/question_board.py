@@ -7,31 +7,28 @@ the pair of a first question is kept from other raters.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
-from .answer_records import Pair, Role, Side, utc_text
-from .rows import PAIR_COLUMNS, decode_pair, either
+from .answer_records import Answer, Pair, Role, Side, utc_text
+from .followed import Followed
+from .overlap import Overlap
+from .rows import PAIR_COLUMNS, SELECT_ALL, decode_all, decode_pair
 from .store import AnswerStore
 
 _COLUMNS = (
     "question_id, rater_id, pair_id, role, shown_left, supersedes, shown_utc, "
     "expires_utc"
 )
-_ALL = 2**62
-"""A limit that is more than there can be."""
+_AT_ONCE = 500
+"""Rows that are asked for by their positions in one statement."""
 _RECENT = 400
 """Answers among which one to ask again is looked for."""
-_OPEN = f"""
-FROM pair AS p WHERE {either("pair", "p.pair_id")}
-  AND NOT EXISTS (SELECT 1 FROM answer_current AS s
-    WHERE s.pair_id = p.pair_id AND s.rater_id = :rater)
-  AND (SELECT count(DISTINCT s.rater_id)
-    FROM answer_current AS s JOIN rater AS r USING (rater_id)
-    WHERE s.pair_id = p.pair_id AND r.kind = 'human')
-  + (SELECT count(DISTINCT q.rater_id) FROM question AS q
-    WHERE q.pair_id = p.pair_id AND q.rater_id <> :rater AND q.role = 'first'
-      AND q.supersedes IS NULL AND q.expires_utc > :now)
-  < CASE WHEN p.pair_id < :overlap_below THEN :overlap_raters ELSE 1 END
-  AND json_extract(p.info_json, '$.gold') IS NULL
+_LOOKED_AT = """
+SELECT p.position, count(DISTINCT q.rater_id)
+FROM question AS q JOIN pair AS p USING (pair_id)
+WHERE q.rater_id <> :rater AND q.role = 'first' AND q.supersedes IS NULL
+  AND q.expires_utc > :now
+GROUP BY p.position
 """
 
 
@@ -54,40 +51,32 @@ class Shown:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Overlap:
-    """Which pairs more than one person answers; equal on all machines."""
+class Tally:
+    """How far a person is."""
 
-    share: float = 0.2
-    """Share of the pairs, in [0, 1]."""
-    raters: int = 2
-    """People who answer each of these pairs."""
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.share <= 1.0 or self.raters < 1:
-            raise ValueError(
-                "an overlap needs a share in [0, 1] and at least one rater, got "
-                f"{self.share} and {self.raters}"
-            )
-
-    @property
-    def below(self) -> str:
-        """Pairs whose id, a hash, sorts below this text overlap."""
-        return f"{round(self.share * 2**32):08x}" if self.share < 1.0 else "g"
-
-    def takes(self, pair_id: str) -> bool:
-        """Whether several people answer this pair."""
-        return pair_id < self.below
+    answered: int
+    """Current answers of the person."""
+    open: int
+    """Pairs still to be answered by this person, shown ones included."""
+    total: int
+    """Pairs in the data set, without those with a known answer."""
 
 
 class QuestionBoard:
-    """The questions on the screens of all raters, in the file of the answers.
+    """The questions on the screens of all people, in the data base of the answers.
 
-    Every method raises AnswerError if the data base fails, or names an unknown rater,
-    pair or answer.
+    What is open is kept in memory and follows the data base, so that one board serves
+    all raters of a process; one thread at a time. Every method raises AnswerError if
+    the data base fails, or names an unknown rater, pair or answer.
     """
 
-    def __init__(self, store: AnswerStore) -> None:
+    def __init__(self, store: AnswerStore, overlap: Overlap) -> None:
         self._store = store
+        self._followed = Followed(store, overlap)
+
+    def follow(self) -> None:
+        """Take in what there is, so that whoever asks first need not wait for it."""
+        self._followed.open_pairs()
 
     def shown(self, rater_id: str) -> list[Shown]:
         """The rater's questions, the one on the screen last."""
@@ -128,43 +117,51 @@ class QuestionBoard:
             )
 
     def open_pairs(
-        self,
-        rater_id: str,
-        now_utc: str,
-        overlap: Overlap,
-        *,
-        limit: int | None = None,
-        pair_id: str | None = None,
+        self, rater_id: str, now_utc: str, *, limit: int | None = None
     ) -> list[Pair]:
-        """Pairs this rater may be asked, the newest round first, in the loop's order.
+        """Pairs this person may be asked, the newest round first, in the loop's order.
 
-        Not those answered by the rater, nor those that enough people answered or are
+        Not those answered by the person, nor those that enough people answered or are
         looking at. Answers of scripted raters and models do not count.
 
         Args:
+            rater_id: Who is asked.
+            now_utc: When; ISO 8601 with an offset.
             limit: Give this many at most.
-            pair_id: Look at this pair only.
         """
-        rows = self._store.query(
-            f"SELECT {PAIR_COLUMNS} {_OPEN} ORDER BY round DESC, position LIMIT :limit",
-            _open_values(rater_id, now_utc, overlap, pair_id)
-            | {"limit": _ALL if limit is None else limit},
-        )
-        return [decode_pair(row) for row in rows]
+        looked_at = self._looked_at(rater_id, now_utc)
+        found = self._followed.open_pairs().first(rater_id, looked_at, limit)
+        rows = self._at(f"SELECT position, {PAIR_COLUMNS} FROM pair", "position", found)
+        pairs = {row[0]: decode_pair(row[1:]) for row in rows}
+        return [pairs[position] for position in found]
 
-    def count_open(self, rater_id: str, now_utc: str, overlap: Overlap) -> int:
-        """How many pairs `open_pairs` would give."""
-        values = _open_values(rater_id, now_utc, overlap, None)
-        return int(self._store.query(f"SELECT count(*) {_OPEN}", values)[0][0])
-
-    def count_pairs(self) -> int:
-        """How many pairs there are; those with a known answer do not count."""
-        return int(
-            self._store.query(
-                "SELECT count(*) FROM pair "
-                "WHERE json_extract(info_json, '$.gold') IS NULL"
-            )[0][0]
+    def is_open(self, pair_id: str, rater_id: str, now_utc: str) -> bool:
+        """Whether `open_pairs` would give this pair."""
+        query = "SELECT position FROM pair WHERE pair_id = :pair"
+        looked_at = self._looked_at(rater_id, now_utc)
+        found = self._followed.open_pairs()
+        return any(
+            found.is_open(position, rater_id, looked_at)
+            for (position,) in self._store.query(query, {"pair": pair_id})
         )
+
+    def tally(self, rater_id: str, now_utc: str) -> Tally:
+        """How far this person is."""
+        looked_at = self._looked_at(rater_id, now_utc)
+        found = self._followed.open_pairs()
+        return Tally(
+            answered=len(found.answers_of(rater_id)),
+            open=found.count(rater_id, looked_at),
+            total=found.num_pairs,
+        )
+
+    def count_answers(self, rater_id: str) -> int:
+        """How many current answers of this person there are."""
+        return len(self._followed.open_pairs().answers_of(rater_id))
+
+    def gold_pairs(self, rater_id: str) -> list[str]:
+        """Ids of pairs with a known answer that this person has not answered."""
+        return self._followed.open_pairs().gold(rater_id)
 
     def repeatable(self, rater_id: str, gap: int) -> list[tuple[str, Side]]:
         """Pairs that the rater can be asked again, and the side of clip a back then.
@@ -174,41 +171,26 @@ class QuestionBoard:
         Args:
             gap: Leave out the newest answers, this many.
         """
-        # No answer is decoded: a rater of an hour has hundreds, and waits.
-        rows = self._store.query(
-            """
-            SELECT c.pair_id, c.shown_left, c.role = 'first'
-              AND c.choice IN ('a', 'b', 'equal')
-              AND json_extract(p.info_json, '$.gold') IS NULL
-              AND NOT EXISTS (SELECT 1 FROM answer_current AS s
-                WHERE s.pair_id = c.pair_id AND s.rater_id = c.rater_id
-                AND s.role = 'repeat')
-            FROM answer_current AS c JOIN pair AS p USING (pair_id)
-            WHERE c.rater_id = :rater ORDER BY c.position DESC LIMIT :limit
-            """,
-            {"rater": rater_id, "limit": _RECENT},
-        )
-        return [(pair_id, left) for pair_id, left, fits in rows[max(gap, 0) :] if fits]
+        found = self._followed.open_pairs().repeatable(rater_id, gap, _RECENT)
+        return [(given.pair_id, given.shown_left) for given in found]
 
-    def gold_pairs(self, rater_id: str) -> list[Pair]:
-        """Pairs with a known answer that the rater has not answered."""
-        rows = self._store.query(
-            f"SELECT {PAIR_COLUMNS} FROM pair AS p "
-            "WHERE json_extract(info_json, '$.gold') IS NOT NULL AND NOT EXISTS ("
-            "SELECT 1 FROM answer_current AS s "
-            "WHERE s.pair_id = p.pair_id AND s.rater_id = :rater) ORDER BY position",
-            {"rater": rater_id},
-        )
-        return [decode_pair(row) for row in rows]
+    def history(self, rater_id: str, limit: int = 20) -> list[tuple[Pair, Answer]]:
+        """The last current answers of a person, newest first."""
+        found = self._followed.open_pairs().answers_of(rater_id).newest(limit)
+        return decode_all(self._at(SELECT_ALL, "c.position", found))[::-1]
 
+    def _at(self, query: str, column: str, positions: list[int]) -> list[Any]:
+        """The rows of `query` at these positions, in ascending order."""
+        rows, ordered = [], sorted(positions)
+        for first in range(0, len(ordered), _AT_ONCE):
+            some = ordered[first : first + _AT_ONCE]
+            values = {f"at{index}": position for index, position in enumerate(some)}
+            marks = ", ".join(f":{name}" for name in values)
+            query_at = f"{query} WHERE {column} IN ({marks}) ORDER BY {column}"
+            rows += self._store.query(query_at, values)
+        return rows
 
-def _open_values(
-    rater_id: str, now_utc: str, overlap: Overlap, pair_id: str | None
-) -> dict[str, str | int | None]:
-    return {
-        "rater": rater_id,
-        "now": utc_text(now_utc),
-        "overlap_below": overlap.below,
-        "overlap_raters": overlap.raters,
-        "pair": pair_id,
-    }
+    def _looked_at(self, rater_id: str, now_utc: str) -> dict[int, int]:
+        """How many others are being asked a pair for the first time, by position."""
+        values = {"rater": rater_id, "now": utc_text(now_utc)}
+        return dict(self._store.query(_LOOKED_AT, values))

@@ -286,6 +286,11 @@ class AnswerStore:
         """The rows of one statement; for the tables kept by other modules."""
         return self._backend.execute(query, values or {})
 
+    @property
+    def in_transaction(self) -> bool:
+        """Whether this thread is inside `transaction`."""
+        return self._backend.in_transaction
+
     @contextmanager
     def transaction(self) -> Iterator[None]:
         """All of the block is on the disk when it ends, or nothing of it ever is.

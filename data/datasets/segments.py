@@ -121,7 +121,8 @@ def read_segments(path: Path) -> Segments:
     except _DAMAGE as error:
         told = f"there is no {error}" if isinstance(error, KeyError) else error
         raise TableError(
-            f"{path} holds no segments ({told}); docs/datasets.md says what it holds"
+            f"{path} holds no segments ({told}); docs/how-to/fit-a-table.md says what "
+            "it holds"
         ) from error
 
 

@@ -122,11 +122,13 @@ _HOMES: dict[type, tuple[str, str]] = {
     options.Method: ("method", "train"),
     options.Pairs: ("pairs", "fit"),
     options.Play: ("play", "train,label"),
+    options.Policy: ("import_policy", "train,onnx"),
     options.Raters: ("raters", "label"),
     options.Record: ("record", "train"),
     options.Relabel: ("fit", "fit"),
     options.Report: ("report", "train"),
     options.Robot: ("robot", "train,label"),
+    options.Sweep: ("sweep", "train"),
     options.Train: ("train", "train"),
     options.Trust: ("trust", "train"),
 }

@@ -8,7 +8,7 @@ from pathlib import Path
 from gaitpref.raters.criterion_scores import criterion_context
 from gaitpref.training.total_reward import load_score, total_reward
 from policy.env.known_terms import KnownTermsCfg
-from policy.training.ppo import IterationStats, PpoCfg, ScoreFn
+from policy.training.ppo import IterationStats, ScoreFn
 from policy.training.setup import setting_of
 from policy.training.train import TrainCfg, TrainResult, train
 
@@ -62,7 +62,7 @@ def train_on(
         TrainCfg(
             steps=steps,
             env=setting.env,
-            ppo=PpoCfg(hidden_sizes=setting.hidden_sizes),
+            ppo=setting.ppo,
             seed=seed,
         ),
         reward_fn=paid,

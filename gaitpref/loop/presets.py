@@ -8,7 +8,6 @@ from typing import Literal
 from gaitpref.method.method import FROM_SCRATCH, STYLE, Method
 from gaitpref.raters.rater_cfg import RaterCfg
 from policy.rollouts.record import LONGEST_S, RecordCfg
-from policy.training.ppo import PpoCfg
 from policy.training.setup import setting_of
 from rewardmodel.asking.clip_questions import ClipCfg
 
@@ -89,7 +88,7 @@ def loop_cfg(
             change_s=change_s,
         ),
         env=setting.env,
-        ppo=PpoCfg(hidden_sizes=setting.hidden_sizes),
+        ppo=setting.ppo,
     )
 
 

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from data.files.files import read_json, write_atomically
+from gaitpref.report.page_style import STYLE
 from gaitpref.report.pictures import BLUE, GREY, plain_axes, svg_of
 from gaitpref.report.trust_section import (
     alarm_section,
@@ -28,25 +29,6 @@ from .run_config import read_config
 
 PAGE_NAME = Path("report") / "index.html"
 """The page, from the directory of the run."""
-
-_STYLE = """
-:root { color-scheme: light dark; --line: #d5dae0; --soft: #66707c; }
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto;
-       padding: 0 1rem; }
-h1 { font-size: 1.6rem; margin-bottom: .2rem; } p.lead { color: var(--soft); }
-table { border-collapse: collapse; width: 100%; margin: 1rem 0; }
-th, td { text-align: right; padding: .3rem .4rem; font-size: .85rem;
-         border-bottom: 1px solid var(--line); }
-th:first-child, td:first-child { text-align: left; }
-.alarm { border-left: 4px solid #b3382c; padding: .2rem 1rem; }
-.curves { display: grid; grid-template-columns: repeat(auto-fit, minmax(17rem, 1fr));
-          gap: 1rem; }
-.curves figure { margin: 0; background: #fff; border: 1px solid var(--line);
-                 border-radius: 8px; padding: .4rem; }
-.curves svg { width: 100%; height: auto; display: block; }
-.curves figcaption { color: #333; font-size: .9rem; text-align: center; }
-code, pre { font-size: .9rem; } pre { overflow-x: auto; }
-"""
 
 
 def write_report(run: Path) -> Path:
@@ -108,7 +90,7 @@ def render(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8">'
         f'<meta name="viewport" content="width=device-width"><title>{title}</title>'
-        f"<style>{_STYLE}</style><h1>{title}</h1>"
+        f"<style>{STYLE}</style><h1>{title}</h1>"
         f'<p class="lead">{settings}; {done}.</p>{verdict_section(run, rounds)}'
         f"<p>{measured}</p>"
         f"{decided_section(rounds)}{standstill_section(rounds)}"

@@ -1,7 +1,8 @@
 """What one visitor of the page may use of it: the limits in time, number and size.
 
-`docs/reference/limits.md` lists them. They leave room for the fastest hand: a held key repeats
-some 30 to 100 times a second, the camera and a slider move at most 50 times a second.
+`docs/reference/limits.md` lists them. They leave room for the fastest hand: a held key
+repeats some 30 to 100 times a second, the camera and a slider move at most 50 times a
+second.
 """
 
 REQUEST_S = 10.0
@@ -23,7 +24,11 @@ REQUESTS_AT_ONCE = 40.0
 """Requests that may come at once, after a pause."""
 
 PAGES = 24
-"""Open labeling pages in all."""
+"""Open labeling pages in all, unless `--most-raters` says otherwise."""
+FULL_S = 60.0
+"""How often who finds no place asks again, with the page left open."""
+FULL_WAIT_S = 1800.0
+"""When to come back where nobody has left yet."""
 PAGES_PER_RATER = 1
 """A newer one closes the oldest."""
 OPENINGS_PER_S = 1.0

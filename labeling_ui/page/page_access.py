@@ -7,8 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from data.answers.answer_records import Answer, Pair
+from data.answers.question_board import Tally
 from data.errors import GaitprefError
-from labeling_ui.questions.judgement import Judgement, Outcome, Past, Progress, Question
+from labeling_ui.questions.judgement import Judgement, Outcome, Past, Question
 from labeling_ui.questions.rater_session import RaterSession
 from labeling_ui.scene.clip_motion import Motion, MotionCache
 
@@ -26,7 +27,7 @@ class Showing:
     """None: there is nothing to answer."""
     motions: tuple[Motion, Motion] | None
     """Left and right; None if there is no question, or it cannot be shown."""
-    progress: Progress
+    progress: Tally
     history: tuple[Past, ...]
     notice: str = ""
     """One sentence for the rater."""

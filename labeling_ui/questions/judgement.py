@@ -107,18 +107,6 @@ class Past:
         return verdict_of(self.answer)
 
 
-@dataclass(frozen=True)
-class Progress:
-    """How far a rater is."""
-
-    answered: int
-    """Current answers of the rater."""
-    open: int
-    """Pairs still to be answered by this rater, shown ones included."""
-    total: int
-    """Pairs in the data set."""
-
-
 def to_choice(verdict: Verdict, shown_left: Side) -> tuple[Choice, float | None]:
     """Choice and probability that clip a is better; None where it is no preference."""
     p_left = _P_LEFT.get(verdict)

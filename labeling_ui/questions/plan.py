@@ -14,7 +14,8 @@ from functools import partial
 from typing import Literal
 
 from data.answers.answer_records import Pair, Role, Side
-from data.answers.question_board import Overlap, QuestionBoard
+from data.answers.overlap import Overlap
+from data.answers.question_board import QuestionBoard
 from data.answers.store import AnswerStore
 
 Slot = Literal["ordinary", "repeat", "gold"]
@@ -66,6 +67,7 @@ def slot(rater_id: str, number: int, cfg: PlanCfg) -> Slot:
 
 def plan(
     store: AnswerStore,
+    board: QuestionBoard,
     rater_id: str,
     now: datetime,
     cfg: PlanCfg,
@@ -77,14 +79,19 @@ def plan(
     """The next `count` questions of a rater, fewer if there are not so many.
 
     Args:
+        store: Where pairs and answers are.
+        board: What is open there.
+        rater_id: Who is asked.
+        now: The time, with an offset.
+        cfg: How much of it measures the rater.
+        count: How many.
         ahead: Questions that are shown already and will be answered before.
         without: Ids of pairs that are shown already.
     """
-    board = QuestionBoard(store)
     limit = count + len(without)
-    pairs = board.open_pairs(rater_id, now.isoformat(), cfg.overlap, limit=limit)
+    pairs = board.open_pairs(rater_id, now.isoformat(), limit=limit)
     ordinary = [Next(pair) for pair in pairs if pair.pair_id not in without]
-    first = store.count(rater_id=rater_id) + ahead
+    first = board.count_answers(rater_id) + ahead
     chosen: list[Next] = []
     while len(chosen) < count and ordinary:
         number = first + len(chosen)
@@ -93,18 +100,23 @@ def plan(
         match slot(rater_id, number, cfg):
             case "repeat":
                 gap = cfg.repeat_gap - ahead - len(chosen)
-                special = _repeat(store, rater_id, gap, without=taken)
+                special = _repeat(store, board, rater_id, gap, without=taken)
             case "gold":
-                special = _gold(store, rater_id, without=taken)
+                special = _gold(store, board, rater_id, without=taken)
         chosen.append(special or ordinary.pop(0))
     return chosen
 
 
 def _repeat(
-    store: AnswerStore, rater_id: str, gap: int, *, without: Collection[str]
+    store: AnswerStore,
+    board: QuestionBoard,
+    rater_id: str,
+    gap: int,
+    *,
+    without: Collection[str],
 ) -> Next | None:
     """An own pair that is asked again, its sides swapped."""
-    found = QuestionBoard(store).repeatable(rater_id, gap)
+    found = board.repeatable(rater_id, gap)
     left = {pair_id: side for pair_id, side in found if pair_id not in without}
     if not left:
         return None
@@ -113,12 +125,11 @@ def _repeat(
 
 
 def _gold(
-    store: AnswerStore, rater_id: str, *, without: Collection[str]
+    store: AnswerStore, board: QuestionBoard, rater_id: str, *, without: Collection[str]
 ) -> Next | None:
     """A pair whose answer is known."""
-    found = QuestionBoard(store).gold_pairs(rater_id)
-    left = {pair.pair_id: pair for pair in found if pair.pair_id not in without}
-    return Next(left[min(left, key=partial(_rank, rater_id))]) if left else None
+    left = [id for id in board.gold_pairs(rater_id) if id not in without]
+    return Next(store.pair(min(left, key=partial(_rank, rater_id)))) if left else None
 
 
 def _rank(rater_id: str, pair_id: str) -> int:

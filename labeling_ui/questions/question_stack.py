@@ -12,7 +12,7 @@ from datetime import datetime, timedelta
 import numpy as np
 
 from data.answers.answer_records import Pair, Role, Side
-from data.answers.question_board import QuestionBoard, Shown
+from data.answers.question_board import QuestionBoard, Shown, Tally
 from data.answers.store import AnswerStore
 
 from .judgement import Kind, Question
@@ -36,11 +36,12 @@ class Pile:
         store: AnswerStore,
         rater_id: str,
         cfg: PileCfg,
+        board: QuestionBoard,
         *,
         rng: np.random.Generator,
     ) -> None:
         self._store, self._rater_id, self._cfg, self._rng = store, rater_id, cfg, rng
-        self._board = QuestionBoard(store)
+        self._board = board
         self._known: Question | None = None
 
     def rows(self) -> list[Shown]:
@@ -51,14 +52,9 @@ class Pile:
         """Take a question away, if it is there."""
         self._board.close(question_id)
 
-    def count_open(self, now: datetime) -> int:
-        """Pairs this rater may still be asked."""
-        overlap = self._cfg.plan.overlap
-        return self._board.count_open(self._rater_id, now.isoformat(), overlap)
-
-    def count_pairs(self) -> int:
-        """Pairs in the data set, without those with a known answer."""
-        return self._board.count_pairs()
+    def tally(self, now: datetime) -> Tally:
+        """How far the rater is."""
+        return self._board.tally(self._rater_id, now.isoformat())
 
     def renewed(self, now: datetime) -> list[Shown]:
         """The pile with new leases, without what somebody else has taken over."""
@@ -77,17 +73,13 @@ class Pile:
             again = self._board.repeatable(self._rater_id, 0)
             return row.pair_id in {pair_id for pair_id, _ in again}
         if self._store.pair(row.pair_id).gold is not None:
-            open_pairs = self._board.gold_pairs(self._rater_id)
-        else:
-            overlap = self._cfg.plan.overlap
-            open_pairs = self._board.open_pairs(
-                self._rater_id, now.isoformat(), overlap, pair_id=row.pair_id
-            )
-        return row.pair_id in {pair.pair_id for pair in open_pairs}
+            return row.pair_id in self._board.gold_pairs(self._rater_id)
+        return self._board.is_open(row.pair_id, self._rater_id, now.isoformat())
 
     def asked(self, now: datetime) -> list[Shown]:
         """The pile with a new question, if there is one to ask."""
-        for item in plan(self._store, self._rater_id, now, self._cfg.plan):
+        cfg = self._cfg.plan
+        for item in plan(self._store, self._board, self._rater_id, now, cfg):
             drawn: Side = "a" if self._rng.random() < 0.5 else "b"
             self.show(item.pair, item.role, item.shown_left or drawn, now)
         return self.rows()

@@ -14,10 +14,11 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 
 from data.answers.answer_records import Answer, Pair
+from data.answers.question_board import QuestionBoard, Tally
 from data.answers.store import AnswerStore
 from data.answers.typed_text import plain_text, too_long
 
-from .judgement import Judgement, Outcome, Past, Progress, Question, to_choice
+from .judgement import Judgement, Outcome, Past, Question, to_choice
 from .key_repeat import GuardCfg, GuardState, weigh
 from .plan import plan
 from .question_stack import Pile, PileCfg, new_id
@@ -48,12 +49,18 @@ class RaterSession:
         rater_id: str,
         *,
         cfg: QueueCfg | None = None,
+        board: QuestionBoard | None = None,
         rng: np.random.Generator,
         now: Callable[[], datetime] = utc_now,
     ) -> None:
         """Open the queue of `rater_id`, who becomes known to the store as a human.
 
         Args:
+            store: Where pairs and answers are.
+            rater_id: Whose queue it is.
+            cfg: How questions are handed out.
+            board: What is open in the store by the overlap of `cfg`; sessions that
+                share one need no memory and no start of their own.
             rng: Draws the side each clip is shown on.
             now: The time, with an offset.
 
@@ -64,7 +71,8 @@ class RaterSession:
         self.rater_id = rater_id
         self.cfg = QueueCfg() if cfg is None else cfg
         self._store = store
-        self._pile = Pile(store, rater_id, self.cfg, rng=rng)
+        self._board = board or QuestionBoard(store, self.cfg.plan.overlap)
+        self._pile = Pile(store, rater_id, self.cfg, self._board, rng=rng)
         self._now = now
         self._guard = GuardState()
 
@@ -140,7 +148,7 @@ class RaterSession:
             return outcome
         now = self._now()
         with self._store.transaction():
-            newest = self._store.history(self.rater_id, 1)
+            newest = self._board.history(self.rater_id, 1)
             if not newest:
                 return Outcome(False, "There is nothing to undo.")
             pair, answer = newest[0]
@@ -186,16 +194,12 @@ class RaterSession:
 
     def history(self, limit: int = 10) -> list[Past]:
         """The rater's last answers, newest first."""
-        rows = self._store.history(self.rater_id, limit)
+        rows = self._board.history(self.rater_id, limit)
         return [Past(pair, answer) for pair, answer in rows]
 
-    def progress(self) -> Progress:
-        """How far the rater is; looks at all pairs."""
-        return Progress(
-            answered=self._store.count(rater_id=self.rater_id),
-            open=self._pile.count_open(self._now()),
-            total=self._pile.count_pairs(),
-        )
+    def progress(self) -> Tally:
+        """How far the rater is."""
+        return self._pile.tally(self._now())
 
     def upcoming(self, count: int = 2) -> list[Pair]:
         """Pairs that probably come next, to be loaded ahead; nothing is leased.
@@ -206,6 +210,7 @@ class RaterSession:
         waiting = [self._store.pair(row.pair_id) for row in reversed(pile[:-1])]
         planned = plan(
             self._store,
+            self._board,
             self.rater_id,
             self._now(),
             self.cfg.plan,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import math
 
 from markdown_it import MarkdownIt
 
@@ -56,6 +57,31 @@ def login_page(complaint: str = "") -> str:
         "<button>Log in</button></form>"
         '<p class="soft">The owner of the data set makes one with '
         "<code>gaitpref raters --dataset DIR add NAME</code>.</p>",
+        css_class="narrow",
+    )
+
+
+def full_page(places: int, wait_s: float | None) -> str:
+    """What a rater reads for whom there is no place.
+
+    Args:
+        places: How many there are.
+        wait_s: How often one becomes free; None where that is not known yet.
+    """
+    if wait_s is None:
+        when = "Nobody has left yet: come back in half an hour."
+    elif (minutes := math.ceil(wait_s / 60)) == 1:
+        when = "Lately one became free every minute: come back in a minute."
+    else:
+        when = (
+            f"Lately one became free every {minutes} minutes: come back in {minutes} "
+            "minutes."
+        )
+    return _page(
+        "All places are taken",
+        f"<h1>All {places} places are taken</h1><p>{when}</p>"
+        '<p class="soft">Or leave this page open: it asks again every minute, and lets '
+        "you in when there is a place. Your answers so far are kept.</p>",
         css_class="narrow",
     )
 

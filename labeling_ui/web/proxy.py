@@ -243,7 +243,9 @@ class Proxy:
             if not is_handshake(request.headers):
                 return self._turned_away(request, 400, "This opens no websocket.")
             return await self._relay.join(request, rater)
-        return self._to_login() if rater is None else await self._relay.page(request)
+        if rater is None:
+            return self._to_login()
+        return self._relay.full(rater) or await self._relay.page(request)
 
     def _to_login(self) -> web.Response:
         return redirect(f"{self.cfg.path}/login")

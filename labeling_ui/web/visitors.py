@@ -8,6 +8,7 @@ from typing import Generic, TypeVar
 
 V = TypeVar("V", bound=Hashable)
 _MINUTE_S = 60.0
+_HOUR_S = 3600.0
 _MAX_KEPT = 10_000
 
 
@@ -29,14 +30,19 @@ class Visitors(Generic[V]):
             The rater's oldest visitors, who have to go: the newest window wins. None if
             the house is full, and the visitor is not in.
         """
+        if not self.has_room(rater):
+            return None
         own = self.of(rater)
         leaving = own[: max(0, len(own) + 1 - self._per_rater)]
-        if len(self) - len(leaving) >= self._in_all:
-            return None
         for gone in leaving:
             self.leave(gone)
         self._raters[visitor] = rater
         return leaving
+
+    def has_room(self, rater: str) -> bool:
+        """Whether a visitor of this rater would be let in."""
+        leaving = max(0, len(self.of(rater)) + 1 - self._per_rater)
+        return len(self) - leaving < self._in_all
 
     def leave(self, visitor: V) -> None:
         """Forget a visitor; harmless if nobody knows them."""
@@ -49,6 +55,28 @@ class Visitors(Generic[V]):
     def everybody(self) -> list[V]:
         """All visitors, the oldest first."""
         return list(self._raters)
+
+
+class Departures:
+    """How often a place in a full house becomes free."""
+
+    def __init__(self, since_s: float) -> None:
+        self._since_s = since_s
+        self._times_s: deque[float] = deque(maxlen=_MAX_KEPT)
+
+    def left(self, came_s: float, now_s: float) -> None:
+        """A visitor is gone; who was there for a moment only is likely to be back."""
+        if now_s - came_s >= _MINUTE_S:
+            self._times_s.append(now_s)
+
+    def wait_s(self, now_s: float) -> float | None:
+        """Time between two places of the last hour that became free, in the mean; None
+        where none did."""
+        while self._times_s and now_s - self._times_s[0] > _HOUR_S:
+            self._times_s.popleft()
+        if not self._times_s:
+            return None
+        return min(now_s - self._since_s, _HOUR_S) / len(self._times_s)
 
 
 class Attempts:

@@ -20,13 +20,14 @@ from labeling_ui.limits.pace import Bucket
 
 from .browser_messages import NotOurs, read, spelled
 from .checks import is_page_parameter, page_policy, viser_protocol
+from .pages import full_page
 from .proxied import RATER_HEADER, SECRET_HEADER, VISIT_HEADER
 from .proxy_cfg import ProxyCfg
 from .pump import pump
-from .responses import redirect, refused
+from .responses import page, redirect, refused
 from .visit import CLOSE_LOGGED_OUT as CLOSE_LOGGED_OUT
 from .visit import Visit
-from .visitors import Visitors
+from .visitors import Departures, Visitors
 
 logger = logging.getLogger(__name__)
 
@@ -52,6 +53,7 @@ class Relay:
         self._visitors: Visitors[Visit] = Visitors(
             per_rater=cfg.max_clients_per_rater, in_all=cfg.max_clients
         )
+        self._departures = Departures(time.monotonic())
         self._visits: dict[str, Visit] = {}
         self._openings: defaultdict[str, Bucket] = defaultdict(
             partial(
@@ -97,6 +99,17 @@ class Relay:
         """Close a rater's pages."""
         for visit in self._visitors.of(rater):
             visit.end(CLOSE_LOGGED_OUT, "logged out")
+
+    def full(self, rater: str) -> web.Response | None:
+        """What a rater is told for whom there is no place; None where there is one."""
+        if self._visitors.has_room(rater):
+            return None
+        wait_s = self._departures.wait_s(time.monotonic())
+        response = page(full_page(self._cfg.max_clients, wait_s), status=503)
+        response.headers["Retry-After"] = str(round(wait_s or limits.FULL_WAIT_S))
+        # Whoever leaves it open comes in by and by.
+        response.headers["Refresh"] = str(round(limits.FULL_S))
+        return response
 
     async def page(self, request: web.Request) -> web.StreamResponse:
         """viser's page; parameters that could turn it against the rater are dropped."""
@@ -154,6 +167,7 @@ class Relay:
         for old in leaving:
             old.end(CLOSE_REPLACED, "opened in another window")
         self._visits[visit.ticket] = visit
+        came_s = time.monotonic()
         try:
             await visit.run(self._carry(request, visit, protocol))
         except ConnectionResetError:
@@ -165,6 +179,7 @@ class Relay:
                 return refused(502, _NOT_UP)
         finally:
             self._visitors.leave(visit)
+            self._departures.left(came_s, time.monotonic())
             del self._visits[visit.ticket]
         return browser
 

@@ -14,12 +14,13 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from data.features import column
+from policy.law.encoder import Encoder
 from policy.parallel.ranks import ALONE, Ranks
 from policy.robots.robot import Robot
 
 from .curriculum import Curriculum
 from .env_cfg import EnvCfg, Range
-from .feature_row import BaseState, base_state, feature_row, observation
+from .feature_row import OBS_DIM, BaseState, base_state, feature_row, observation
 from .getup import Lying
 from .seeding import spawned
 from .sim import BatchSim, Sim, SimState
@@ -44,6 +45,7 @@ class QuadrupedEnv(VecEnv):
         seed: int,
         sim: Sim | None = None,
         keep_final: bool = False,
+        threads: int = 0,
         ranks: Ranks = ALONE,
     ) -> None:
         """Make and reset `num_envs` environments.
@@ -55,12 +57,13 @@ class QuadrupedEnv(VecEnv):
             seed: Where all chance comes from.
             sim: A simulator of `num_envs` copies; MuJoCo on the CPU by default.
             keep_final: Put the states before any reset into `extras["final"]`.
+            threads: That the default simulator runs on; 0 is one for each CPU.
             ranks: Who has further environments of the same training.
         """
         self.robot = robot = in_world(robot, cfg)
         self.cfg: EnvCfg = cfg  # pyright: ignore[reportIncompatibleVariableOverride]
         self.task = task_reward_for(robot, cfg.task)
-        self.sim = sim or BatchSim(robot, num_envs, threads=ranks.threads)
+        self.sim = sim or BatchSim(robot, num_envs, threads=threads)
         self.num_envs = num_envs
         self.num_actions = 12
         self.max_episode_length = cfg.episode_steps
@@ -70,9 +73,23 @@ class QuadrupedEnv(VecEnv):
         self._home_joint_pos = self._constant(robot.home_joint_pos)
         home_qpos = torch.tensor(robot.home_qpos, dtype=torch.float64)
         self._home_qpos = home_qpos.to(self.device)
+        law = cfg.law
+        self._encoder = None if law is None else Encoder(law, num_envs)
+        self.action_scale_rad: float | Tensor = cfg.action_scale_rad
+        """Joint offset that an action of 1 asks for; [12] where joints differ."""
+        self._rest_joint_pos = self._home_joint_pos
+        if law is not None:
+            scale, rest = law.action_scale_rad, law.action_offset_rad
+            self.action_scale_rad = self._constant(law.canonical(scale))
+            self._rest_joint_pos = self._constant(law.canonical(rest))
         self._joint_qpos = torch.tensor(robot.qpos_adr)
         self._joint_qvel = torch.tensor(robot.qvel_adr)
         self._joint_low, self._joint_high = self._constant(robot.joint_range).unbind(-1)
+        self._target_low, self._target_high = self._joint_low, self._joint_high
+        if law is not None:
+            unbounded = ((-float("inf"), float("inf")),) * 12
+            bounds = law.canonical(law.target_clip_rad or unbounded)
+            self._target_low, self._target_high = self._constant(bounds).unbind(-1)
         self._foot_radius = self._constant(robot.foot_radius)
         ground = robot.ground
         self._starts = None if ground is None else Starts(robot, ground)
@@ -97,6 +114,7 @@ class QuadrupedEnv(VecEnv):
         self._no_reward = torch.zeros(num_envs, device=self.device)
         self._commands_fixed = False
         self._keep_final = keep_final
+        self._true_obs = torch.zeros(num_envs, OBS_DIM, device=self.device)
         self._reset(torch.arange(num_envs, device=self.device))
         self._obs = self._observe(self.sim.read())
 
@@ -111,8 +129,22 @@ class QuadrupedEnv(VecEnv):
         return self.cfg.control_dt_s
 
     def get_observations(self) -> TensorDict:
-        """The current observations, `{"policy": [N, 48]}`."""
-        return TensorDict({"policy": self._obs}, batch_size=[self.num_envs])
+        """The current observations, `{"policy": [N, 48]}`.
+
+        Under a law, `policy` is what the law says and `privileged` [N, 48] is what
+        policies of this project see.
+        """
+        groups = {"policy": self._obs}
+        if self._encoder is not None:
+            groups["privileged"] = self._true_obs
+        return TensorDict(groups, batch_size=[self.num_envs])
+
+    @property
+    def own_obs(self) -> Tensor:
+        """[N, 48] what policies of this project see, without noise, whatever the law.
+
+        It is what is recorded, so that episodes of all policies are alike."""
+        return self._true_obs
 
     def fix_commands(self, command: Tensor) -> None:
         """Ask for `command` [N, 3] from now on, in this and all later episodes."""
@@ -140,8 +172,10 @@ class QuadrupedEnv(VecEnv):
         """
         previous, starts = self.action, self._starting
         self.action = actions.clamp(-self.cfg.action_limit, self.cfg.action_limit)
-        targets = self._home_joint_pos + self.cfg.action_scale_rad * self.action
-        targets = targets.clamp(self._joint_low, self._joint_high)
+        targets = self._rest_joint_pos + self.action_scale_rad * self.action
+        targets = targets.clamp(self._target_low, self._target_high)
+        if self._encoder is not None:
+            self._encoder.advance()
         self.sim.set_targets(targets)
         aborted = self.sim.advance(self.cfg.substeps)
         self.episode_length_buf += 1
@@ -174,7 +208,7 @@ class QuadrupedEnv(VecEnv):
             "log": log,
         }
         if self._keep_final:
-            extras["final"] = (*self.sim.raw_state(), self._observe(state, base))
+            extras["final"] = (*self.sim.raw_state(), self._own_obs(state, base))
         self._resample_commands()
         if dones.any():
             ids = dones.nonzero().flatten()
@@ -199,6 +233,8 @@ class QuadrupedEnv(VecEnv):
         }
         if self._curriculum is not None:
             state["curriculum"] = self._curriculum.snapshot()
+        if self._encoder is not None:
+            state |= self._encoder.snapshot()
         return state
 
     def restore(self, snapshot: dict[str, Tensor]) -> None:
@@ -212,6 +248,8 @@ class QuadrupedEnv(VecEnv):
         self._rng.set_state(snapshot["rng"])
         if self._curriculum is not None:
             self._curriculum.restore(snapshot["curriculum"])
+        if self._encoder is not None:
+            self._encoder.restore(snapshot)
         self._obs = self._observe(self.sim.read())
 
     def _features(
@@ -252,7 +290,12 @@ class QuadrupedEnv(VecEnv):
         return terms.sum(dim=0), {**log, "track/planar_error_m_s": error}
 
     def _observe(self, state: SimState, base: BaseState | None = None) -> Tensor:
-        """Observations [N, 48]; `base` where it is known already."""
+        """What the policy sees; `base` where it is known already."""
+        self._true_obs = self._own_obs(state, base)
+        return self._encoded(self._true_obs)
+
+    def _own_obs(self, state: SimState, base: BaseState | None) -> Tensor:
+        """Observations [N, 48] as policies of this project see them."""
         return observation(
             base or base_state(state),
             state,
@@ -260,6 +303,12 @@ class QuadrupedEnv(VecEnv):
             action=self.action,
             command=self.command,
         )
+
+    def _encoded(self, own: Tensor) -> Tensor:
+        """What the policy sees of its own observation [N, 48], true or with noise."""
+        if self._encoder is None:
+            return own
+        return self._encoder.observe(own, begins=self.episode_length_buf == 0)
 
     def _resample_commands(self) -> None:
         if self._commands_fixed or self.cfg.commands.resample_s == float("inf"):

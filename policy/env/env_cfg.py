@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 
 from data.files.plain import ADDED_LATER
+from policy.law.law import Law
 
 from .curriculum import CurriculumCfg
 from .getup import GetupCfg
@@ -177,8 +178,17 @@ class EnvCfg:
     """Begin episodes lying, and end none by a fall."""
     curriculum: CurriculumCfg | None = field(default=None, metadata=ADDED_LATER)
     """Ask for more as commands are followed better; None asks for all at once."""
+    law: Law | None = field(default=None, metadata=ADDED_LATER)
+    """What the policy sees and what its actions ask for, where that is not this
+    project's own: of a policy from elsewhere, or without the velocity of the base."""
 
     def __post_init__(self) -> None:
+        if self.law is not None and (
+            self.law.physics_dt_s != self.physics_dt_s
+            or self.law.substeps != self.substeps
+            or self.law.action_limit != self.action_limit
+        ):
+            raise ValueError("the environment must have the time steps of its law")
         if self.substeps < 1:
             raise ValueError(f"substeps must be at least 1, got {self.substeps}")
         if not (self.physics_dt_s > 0 and self.episode_s >= self.control_dt_s):
@@ -186,6 +196,16 @@ class EnvCfg:
                 f"physics_dt_s must be positive and episode_s at least one control "
                 f"step, got {self.physics_dt_s} and {self.episode_s}"
             )
+
+    def under(self, law: Law) -> EnvCfg:
+        """This environment for a policy of `law`."""
+        return replace(
+            self,
+            law=law,
+            physics_dt_s=law.physics_dt_s,
+            substeps=law.substeps,
+            action_limit=law.action_limit,
+        )
 
     @property
     def control_dt_s(self) -> float:

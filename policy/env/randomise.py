@@ -153,6 +153,7 @@ class RandomisedEnv(QuadrupedEnv):
         *,
         seed: int,
         keep_final: bool = False,
+        threads: int = 0,
         ranks: Ranks = ALONE,
     ) -> None:
         """See `QuadrupedEnv`."""
@@ -166,13 +167,14 @@ class RandomisedEnv(QuadrupedEnv):
             cfg,
             num_envs,
             seed=seed,
-            sim=VariedSim(robot, num_envs, threads=ranks.threads),
+            sim=VariedSim(robot, num_envs, threads=threads),
             keep_final=keep_final,
             ranks=ranks,
         )
 
     def get_observations(self) -> TensorDict:
-        """The current observations: `policy` [N, 48] and `privileged` [N, 76]."""
+        """The current observations: `policy` [N, 48], or what its law says, and
+        `privileged` [N, 76]."""
         groups = {"policy": self._obs, "privileged": self._privileged}
         return TensorDict(groups, batch_size=[self.num_envs])
 
@@ -225,7 +227,7 @@ class RandomisedEnv(QuadrupedEnv):
         )
 
     def _observe(self, state: SimState, base: BaseState | None = None) -> Tensor:
-        true = super()._observe(state, base)
+        self._true_obs = true = self._own_obs(state, base)
         draw = self.sim.draw
         self._privileged = torch.cat(
             (
@@ -240,7 +242,7 @@ class RandomisedEnv(QuadrupedEnv):
         seen = true.clone()
         seen[:, obs_column("joint_pos_offset")] += draw.encoder_bias_rad
         noise = self._uniform(self.num_envs, true.shape[1], (-1.0, 1.0))
-        return seen + noise * self._amplitudes
+        return self._encoded(seen + noise * self._amplitudes)
 
 
 def make_env(
@@ -250,11 +252,20 @@ def make_env(
     *,
     seed: int,
     keep_final: bool = False,
+    threads: int = 0,
     ranks: Ranks = ALONE,
 ) -> QuadrupedEnv:
     """The environment `cfg` asks for: robots all alike, or robots that differ."""
     kind = QuadrupedEnv if cfg.randomise == RandomiseCfg() else RandomisedEnv
-    return kind(robot, cfg, num_envs, seed=seed, keep_final=keep_final, ranks=ranks)
+    return kind(
+        robot,
+        cfg,
+        num_envs,
+        seed=seed,
+        keep_final=keep_final,
+        threads=threads,
+        ranks=ranks,
+    )
 
 
 def _amplitudes(cfg: NoiseCfg) -> Tensor:

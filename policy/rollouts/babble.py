@@ -36,10 +36,13 @@ class Babble:
         num_envs: int,
         *,
         control_dt_s: float,
-        action_scale_rad: float,
+        action_scale_rad: float | Tensor,
         rng: torch.Generator,
     ) -> None:
-        """Draw the rhythms: 1.5 to 3.5 Hz, strides of up to 0.3 rad at the thigh."""
+        """Draw the rhythms: 1.5 to 3.5 Hz, strides of up to 0.3 rad at the thigh.
+
+        `action_scale_rad` may be [12], where joints differ.
+        """
 
         def uniform(low: float, high: float) -> Tensor:
             return low + (high - low) * torch.rand(num_envs, 1, generator=rng)
@@ -47,9 +50,12 @@ class Babble:
         gait = torch.randint(len(_GAITS), (num_envs,), generator=rng)
         self._phase = _GAITS[gait]  # [N, 4]
         self._cycle_per_step = uniform(1.5, 3.5) * control_dt_s
-        self._thigh = uniform(0.05, 0.3) / action_scale_rad
-        self._calf = uniform(0.1, 0.3) / action_scale_rad
-        self._hip = uniform(-0.1, 0.1) / action_scale_rad
+        hip_rad = thigh_rad = calf_rad = action_scale_rad
+        if isinstance(action_scale_rad, Tensor):
+            hip_rad, thigh_rad, calf_rad = action_scale_rad.view(4, 3).unbind(-1)
+        self._thigh = uniform(0.05, 0.3) / thigh_rad
+        self._calf = uniform(0.1, 0.3) / calf_rad
+        self._hip = uniform(-0.1, 0.1) / hip_rad
         # How far a soft leg lags behind decides whether a rhythm goes forward, so the
         # stride is out of step with the lift by any part of a cycle.
         self._lag = 2 * math.pi * uniform(0.0, 1.0)

@@ -177,7 +177,7 @@ def _record_one(
             env.robot,
             cfg.variation,
             count,
-            action_scale_rad=env_cfg.action_scale_rad,
+            action_scale_rad=env.action_scale_rad,
             rng=rng,
         )
         varied = actor.chosen.numpy()
@@ -264,7 +264,7 @@ def _babble(env: QuadrupedEnv, rng: torch.Generator) -> Babble:
     return Babble(
         env.num_envs,
         control_dt_s=env.cfg.control_dt_s,
-        action_scale_rad=env.cfg.action_scale_rad,
+        action_scale_rad=env.action_scale_rad,
         rng=rng,
     )
 

@@ -20,7 +20,7 @@ class Actor(Protocol):
     """Anything that acts: a `Policy`, or a test's own."""
 
     def __call__(self, obs: Tensor, noise: Tensor | None = None) -> Tensor:
-        """Actions [N, 12] for `obs` [N, 48] and standard normal draws [N, 12]."""
+        """Actions [N, 12] for `obs` [N, D] and standard normal draws [N, 12]."""
         ...
 
 
@@ -38,7 +38,7 @@ class RolloutStep:
     qvel: np.ndarray
     """[N, nv] before the step"""
     obs: Tensor
-    """[N, 48] before the step"""
+    """[N, 48] before the step, as policies of this project see it"""
     action: Tensor
     """[N, 12] as the robot got it, clipped to the action limit"""
     targets: Tensor
@@ -86,7 +86,7 @@ def first_episodes(
         yield RolloutStep(
             qpos=qpos,
             qvel=qvel,
-            obs=obs,
+            obs=env.own_obs,
             action=action,
             targets=extras["targets"],
             features=extras["features"],

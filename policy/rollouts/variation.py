@@ -60,7 +60,7 @@ class Varied:
         cfg: VariationCfg,
         num_envs: int,
         *,
-        action_scale_rad: float,
+        action_scale_rad: float | Tensor,
         rng: torch.Generator,
     ) -> None:
         """Draw which environments vary, and how."""

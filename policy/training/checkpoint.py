@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +17,12 @@ from torch import Tensor, nn
 from data.errors import GaitprefError
 from data.files.files import read_file, sha256_bytes, write_atomically
 from data.files.limits import POLICY_BYTES
-from data.files.plain import from_plain, to_plain
+from data.files.plain import ADDED_LATER, from_plain, to_plain
 from data.files.unpacking import require_stored
 from data.files.weights import misfits, not_finite
 from policy.env.env_cfg import EnvCfg
 from policy.env.feature_row import OBS_DIM
+from policy.law.origin import Origin
 from policy.robots.robot import Robot, load_robot_xml
 
 from .others import writer_of_bytes, writer_of_payload, writer_without_description
@@ -44,11 +45,17 @@ class PolicyInfo:
     reward: str
     """What the policy was trained on, in words."""
     seed: int
+    """Of its training."""
     env: EnvCfg
+    """What it was trained in: rates, commands, scale of the actions, ground."""
     ppo: PpoCfg
+    """How it was trained, the sizes of its networks among it."""
     robot_name: str
     robot_mjcf: str
+    """The robot as one self-contained MJCF text."""
     format_version: int = FORMAT_VERSION
+    origin: Origin | None = field(default=None, metadata=ADDED_LATER)
+    """Where it was brought in from, if it was."""
 
 
 class Policy:
@@ -61,7 +68,7 @@ class Policy:
 
     @torch.inference_mode()
     def __call__(self, obs: Tensor, noise: Tensor | None = None) -> Tensor:
-        """Actions [N, 12] for `obs` [N, 48].
+        """Actions [N, 12] for `obs` [N, 48], or what its law says.
 
         Args:
             obs: What `QuadrupedEnv.get_observations` gives.
@@ -75,7 +82,7 @@ class Policy:
 
     @property
     def network(self) -> nn.Module:
-        """Observations [N, 48] to actions [N, 12], scriptable and without noise."""
+        """Observations [N, D] to actions [N, 12], without noise."""
         return self._actor.as_jit()
 
     @property
@@ -94,10 +101,15 @@ class Policy:
 
 def policy_bytes(alg: RewardPpo, info: PolicyInfo) -> bytes:
     """The contents of a policy file; equal states give equal bytes."""
+    return payload_bytes(alg.save(), info)
+
+
+def payload_bytes(states: dict[str, Any], info: PolicyInfo) -> bytes:
+    """The contents of a policy file with these state dictionaries."""
     told = to_plain(info)
     told["ppo"] = as_written(told["ppo"])
     infos = {"gaitpref": json.dumps(told)}
-    return _saved({**alg.save(), "iter": 0, "infos": infos})
+    return _saved({**states, "iter": 0, "infos": infos})
 
 
 def holding_home(path: Path) -> bytes:
@@ -155,7 +167,8 @@ def load_policy(path: Path) -> Policy:
     info = policy_info(path, payload)
     cfg = to_rsl_rl(info.ppo)
     actor_class, actor_cfg = resolve_class(cfg["actor"])
-    obs = TensorDict({"policy": torch.zeros(1, OBS_DIM)}, batch_size=[1])
+    dim = OBS_DIM if info.env.law is None else info.env.law.obs_dim
+    obs = TensorDict({"policy": torch.zeros(1, dim)}, batch_size=[1])
     actor = actor_class(obs, cfg["obs_groups"], "actor", 12, **actor_cfg)
     weights = payload["actor_state_dict"]
     if differences := misfits(weights, actor.state_dict()):

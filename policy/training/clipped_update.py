@@ -24,12 +24,16 @@ from .mirror import Mirror
 
 Batch = RolloutStorage.Batch
 
-_LEAST_RATE, _HIGHEST_RATE = 1e-5, 1e-2
+LEAST_RATE, _HIGHEST_RATE = 1e-5, 1e-2
 """Bounds of the adapted learning rate, those of RSL-RL."""
 
 
 def clipped_update(
-    alg: PPO, mirror: Mirror | None = None, ranks: Ranks = ALONE
+    alg: PPO,
+    mirror: Mirror | None = None,
+    ranks: Ranks = ALONE,
+    *,
+    actor: bool = True,
 ) -> dict[str, float]:
     """Run all epochs over the stored rollout; mean losses by name.
 
@@ -38,6 +42,7 @@ def clipped_update(
     Args:
         mirror: Learn from every step in the mirror too.
         ranks: Who takes the same steps, each on a rollout of its own.
+        actor: Change the actor as well, and not the critic alone.
     """
     # Every epoch takes the same minibatches, so they are gathered once.
     batches = list(alg.storage.mini_batch_generator(alg.num_mini_batches, 1))
@@ -49,7 +54,9 @@ def clipped_update(
         for batch in batches * alg.num_learning_epochs:
             alg.optimizer.zero_grad()
             critic = pool.submit(_critic_gradients, alg, batch)
-            surrogate, entropy, kl = _actor_gradients(alg, batch)
+            surrogate, entropy, kl = 0.0, 0.0, None
+            if actor:
+                surrogate, entropy, kl = _actor_gradients(alg, batch)
             sums += torch.tensor([critic.result(), surrogate, entropy])
             _step(alg, kl, ranks)
     obs = alg.storage.observations.flatten(0, 1)
@@ -117,12 +124,14 @@ def _critic_gradients(alg: PPO, batch: Batch) -> float:
     return float(loss.detach())
 
 
-def _step(alg: PPO, kl: Tensor, ranks: Ranks) -> None:
-    """Step both networks along what all ranks found, as far as their KL allows."""
+def _step(alg: PPO, kl: Tensor | None, ranks: Ranks) -> None:
+    """Step both networks along what all ranks found, as far as their KL allows; None
+    where the actor stays as it is."""
     networks = (alg.actor, alg.critic)
     found = [p.grad for network in networks for p in network.parameters()]
-    ranks.average([kl, *(gradient for gradient in found if gradient is not None)])
-    if alg.desired_kl is not None and alg.schedule == "adaptive":
+    averaged = [each for each in (kl, *found) if each is not None]
+    ranks.average(averaged)
+    if kl is not None and alg.desired_kl is not None and alg.schedule == "adaptive":
         _adapt_rate(alg, float(kl), alg.desired_kl)
     for network in networks:
         nn.utils.clip_grad_norm_(network.parameters(), alg.max_grad_norm)
@@ -132,7 +141,7 @@ def _step(alg: PPO, kl: Tensor, ranks: Ranks) -> None:
 def _adapt_rate(alg: PPO, kl: float, desired: float) -> None:
     """A smaller step where the last one moved the policy too far, and vice versa."""
     if kl > 2.0 * desired:
-        alg.learning_rate = max(_LEAST_RATE, alg.learning_rate / 1.5)
+        alg.learning_rate = max(LEAST_RATE, alg.learning_rate / 1.5)
     elif 0.0 < kl < desired / 2.0:
         alg.learning_rate = min(_HIGHEST_RATE, alg.learning_rate * 1.5)
     for group in alg.optimizer.param_groups:

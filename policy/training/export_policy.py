@@ -17,15 +17,23 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from data.features import JOINTS
 from data.files.files import write_atomically
-from policy.env.feature_row import OBS_DIM, OBSERVATION, obs_column
+from data.files.plain import to_plain
+from policy.env.feature_row import OBSERVATION, obs_column
+from policy.law.law import MEANINGS, Law
+from policy.law.own_law import own_law
 from policy.robots.robot import Robot
 
 from .checkpoint import Policy, PolicyInfo
 
-FORMAT_VERSION = 2
-"""Version of policy.json. In 1, `kd_nm_s_per_rad` lacked the damping of the joints."""
+FORMAT_VERSION = 3
+"""Version of policy.json. In 1, `kd_nm_s_per_rad` lacked the damping of the joints; in
+2, `law_record` was not there, which names everything a policy is brought in by."""
+STIFFEST = 3.5
+"""N m/rad per kg: stiffer servos than those of quadrupeds that walk outside. A Go2 of
+15 kg runs 20 to 40, an ANYmal of 50 kg runs 80."""
+LEAST_DAMPING_S = 0.01
+"""kd over kp, below which a joint hardly is damped."""
 
 ONNX_NAME, SCRIPT_NAME = "policy.onnx", "policy.pt"
 JSON_NAME, MJCF_NAME = "policy.json", "robot.xml"
@@ -34,38 +42,45 @@ JSON_NAME, MJCF_NAME = "policy.json", "robot.xml"
 class _Deployed(nn.Module):
     """The network and what the environment does with its actions."""
 
-    def __init__(self, policy: Policy, robot: Robot) -> None:
+    def __init__(self, policy: Policy, law: Law) -> None:
         super().__init__()
-        env = policy.info.env
         self.network = policy.network
-        self.action_limit = env.action_limit
-        self.action_scale_rad = env.action_scale_rad
-        self.home: Tensor
+        self.action_limit = law.action_limit
+        self.order: Tensor
+        self.scale_rad: Tensor
+        self.offset: Tensor
         self.low: Tensor
         self.high: Tensor
-        self.register_buffer("home", _float32(robot.home_joint_pos))
-        self.register_buffer("low", _float32(robot.joint_range[:, 0]))
-        self.register_buffer("high", _float32(robot.joint_range[:, 1]))
+        bounds = law.target_clip_rad or ((-math.inf, math.inf),) * 12
+        low, high = np.array(bounds).T
+        self.register_buffer("order", torch.from_numpy(law.from_canonical))
+        self.register_buffer("scale_rad", _float32(np.array(law.action_scale_rad)))
+        self.register_buffer("offset", _float32(np.array(law.action_offset_rad)))
+        self.register_buffer("low", _float32(low))
+        self.register_buffer("high", _float32(high))
 
     def forward(self, obs: Tensor) -> tuple[Tensor, Tensor]:
-        """Actions [N, 12] and joint targets [N, 12], rad, of `obs` [N, 48]."""
-        action = self.network(obs).clamp(-self.action_limit, self.action_limit)
-        target = self.home + self.action_scale_rad * action
+        """Actions [N, 12] and joint targets [N, 12], rad, of `obs` [N, D]."""
+        action = self.network(obs).index_select(1, self.order)
+        action = action.clamp(-self.action_limit, self.action_limit)
+        target = self.offset + self.scale_rad * action
         return action, torch.minimum(torch.maximum(target, self.low), self.high)
 
 
 def export(policy: Policy, out: Path) -> list[Path]:
     """Write `policy` into the directory `out`; gives the files written.
 
-    The network maps `obs` [N, 48] to `action` [N, 12] and `joint_target` [N, 12].
+    The network maps `obs` [N, D] to `action` [N, 12] and `joint_target` [N, 12], with
+    joints in the order of policy.json.
     """
     robot = policy.robot()
-    deployed = _Deployed(policy, robot).eval()
+    law = law_of(policy.info, robot)
+    deployed = _Deployed(policy, law).eval()
     out.mkdir(parents=True, exist_ok=True)
     described = json.dumps(describe(policy.info, robot, policy.sha256), indent=1)
     contents = {
-        ONNX_NAME: _onnx(deployed, described),
-        SCRIPT_NAME: _torchscript(deployed),
+        ONNX_NAME: _onnx(deployed, law.obs_dim, described),
+        SCRIPT_NAME: _torchscript(deployed, law.obs_dim),
         JSON_NAME: described.encode() + b"\n",
         MJCF_NAME: robot.mjcf.encode(),
     }
@@ -80,8 +95,11 @@ def describe(info: PolicyInfo, robot: Robot, sha256: str) -> dict[str, Any]:
     What is infinite, a joint without limits, is None.
     """
     mj_model = robot.mj_model
+    law = law_of(info, robot)
+    order = law.from_canonical
     joints = [
-        int(np.flatnonzero(mj_model.jnt_qposadr == adr)[0]) for adr in robot.qpos_adr
+        int(np.flatnonzero(mj_model.jnt_qposadr == adr)[0])
+        for adr in robot.qpos_adr[order]
     ]
     return {
         "format_version": FORMAT_VERSION,
@@ -89,41 +107,42 @@ def describe(info: PolicyInfo, robot: Robot, sha256: str) -> dict[str, Any]:
         "robot": info.robot_name,
         "control_dt_s": info.env.control_dt_s,
         "physics_dt_s": info.env.physics_dt_s,
-        "joints": list(JOINTS),
+        "joints": list(law.joints),
         "joint_names": [mj_model.joint(joint).name for joint in joints],
-        "home_joint_pos_rad": _plain(robot.home_joint_pos),
+        "home_joint_pos_rad": _plain(robot.home_joint_pos[order]),
         "home_base_height_m": float(robot.home_qpos[2]),
-        "joint_range_rad": [_plain(row) for row in robot.joint_range],
-        "torque_limit_nm": _plain(robot.torque_limit),
-        "kp_nm_per_rad": _plain(robot.kp),
-        "kd_nm_s_per_rad": _plain(robot.kd),
-        "action_scale_rad": info.env.action_scale_rad,
-        "action_limit": info.env.action_limit,
+        "joint_range_rad": [_plain(row) for row in robot.joint_range[order]],
+        "torque_limit_nm": _plain(robot.torque_limit[order]),
+        "kp_nm_per_rad": _plain(robot.kp[order]),
+        "kd_nm_s_per_rad": _plain(robot.kd[order]),
+        "action_scale_rad": (
+            info.env.action_scale_rad
+            if info.env.law is None
+            else list(law.action_scale_rad)
+        ),
+        "action_limit": law.action_limit,
+        "action_offset_rad": list(law.action_offset_rad),
+        "target_clip_rad": law.target_clip_rad,
         "law": (
-            "joint_target = clip(home_joint_pos + action_scale * action, joint_range); "
+            "joint_target = clip(action_offset + action_scale * action, target_clip); "
             "torque = kp * (joint_target - angle) - kd * velocity within torque_limit, "
             "computed anew every physics_dt_s or more often; kp, kd and torque_limit "
             "are those above, nothing has to be added to them"
         ),
         "robot_xml": {
-            "joint_damping_nm_s_per_rad": _plain(robot.joint_damping),
-            "joint_friction_nm": _plain(mj_model.dof_frictionloss[robot.qvel_adr]),
+            "joint_damping_nm_s_per_rad": _plain(robot.joint_damping[order]),
+            "joint_friction_nm": _plain(
+                mj_model.dof_frictionloss[robot.qvel_adr[order]]
+            ),
             "is": (
                 "what the joints of robot.xml have of their own. Its damping is in kd "
                 "already: set it to 0 in a simulation whose motors follow the law. Its "
                 "friction is in no gain: a real joint has its own"
             ),
         },
-        "observation": [
-            {
-                "name": part.name,
-                "start": obs_column(part.name).start,
-                "width": part.width,
-                "unit": part.unit,
-                "is": part.meaning,
-            }
-            for part in OBSERVATION
-        ],
+        "observation": _observation(info.env.law),
+        "law_record": to_plain(law, whole=True),
+        "warnings": gain_warnings(robot),
         "commands": {
             "forward_m_s": list(info.env.commands.forward_m_s),
             "left_m_s": list(info.env.commands.left_m_s),
@@ -132,12 +151,74 @@ def describe(info: PolicyInfo, robot: Robot, sha256: str) -> dict[str, Any]:
     }
 
 
-def _onnx(deployed: nn.Module, described: str) -> bytes:
+def law_of(info: PolicyInfo, robot: Robot) -> Law:
+    """The law a policy was trained under: its own, or this project's."""
+    env = info.env
+    return env.law or own_law(
+        robot,
+        action_scale_rad=env.action_scale_rad,
+        action_limit=env.action_limit,
+        physics_dt_s=env.physics_dt_s,
+        substeps=env.substeps,
+    )
+
+
+def gain_warnings(robot: Robot) -> list[str]:
+    """What a motor driver should not be given unseen."""
+    mass_kg = float(robot.mj_model.body_subtreemass[robot.base_body_id])
+    found = []
+    if (stiffest := float(robot.kp.max()) / mass_kg) > STIFFEST:
+        found.append(
+            f"kp is up to {robot.kp.max():.0f} N m/rad for {mass_kg:.0f} kg, "
+            f"{stiffest:.1f} N m/rad per kg, where quadrupeds run 1 to 3: train with "
+            "the gains of the robot, [servo] of the TOML beside its model"
+        )
+    if float((robot.kd / robot.kp).min()) < LEAST_DAMPING_S:
+        found.append(
+            f"kd is {robot.kd.min():.3g} N m s/rad, less than {LEAST_DAMPING_S:g} s "
+            "times kp: the joints would swing"
+        )
+    return found
+
+
+def _observation(law: Law | None) -> list[dict[str, Any]]:
+    """The parts of an observation, and where each begins."""
+    if law is None:
+        return [
+            {
+                "name": part.name,
+                "start": obs_column(part.name).start,
+                "width": part.width,
+                "unit": part.unit,
+                "is": part.meaning,
+            }
+            for part in OBSERVATION
+        ]
+    parts, start = [], 0
+    for term in law.terms:
+        unit, meaning = MEANINGS[term.name]
+        parts.append(
+            {
+                "name": term.name,
+                "start": start,
+                "width": term.width,
+                "frames": term.frames,
+                "scale": list(term.scales),
+                "clip": term.clip,
+                "unit": unit,
+                "is": meaning,
+            }
+        )
+        start += term.width * (term.frames if law.by_term else 1)
+    return parts
+
+
+def _onnx(deployed: nn.Module, obs_dim: int, described: str) -> bytes:
     # It would tell of every package it could export for and does not find.
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     batch = torch.export.Dim("batch", min=1)
     # Two rows: a batch of one would be taken for a constant.
-    example = torch.zeros(2, OBS_DIM)
+    example = torch.zeros(2, obs_dim)
     with warnings.catch_warnings():
         # The exporter warns of its own future.
         warnings.simplefilter("ignore")
@@ -157,12 +238,15 @@ def _onnx(deployed: nn.Module, described: str) -> bytes:
     return program.model_proto.SerializeToString()
 
 
-def _torchscript(deployed: nn.Module) -> bytes:
+def _torchscript(deployed: nn.Module, obs_dim: int) -> bytes:
     stream = io.BytesIO()
     with warnings.catch_warnings():
         # TorchScript is deprecated, and what robots run.
         warnings.simplefilter("ignore")
-        torch.jit.save(torch.jit.script(deployed), stream)
+        # Traced, since a network of others is no code that could be scripted.
+        with torch.no_grad():
+            traced = torch.jit.trace(deployed, torch.zeros(2, obs_dim))
+        torch.jit.save(traced, stream)
     return stream.getvalue()
 
 

@@ -18,6 +18,8 @@ from data.files.plain import ADDED_LATER, KIND_NONE
 from policy.env.env import QuadrupedEnv
 from policy.extensions.bonus import ExplorationBonusCfg
 from policy.extensions.kl_penalty import KlPenaltyCfg
+from policy.networks.brought_model import BroughtModel
+from policy.networks.recipe import Recipe
 from policy.parallel.ranks import ALONE, Ranks
 from policy.robots.hints import RobotError
 
@@ -72,6 +74,8 @@ class PpoCfg:
     learning rate."""
     bonus: ExplorationBonusCfg | None = field(default=None, metadata=KIND_NONE)
     """A bonus for motion that is new."""
+    recipe: Recipe | None = field(default=None, metadata=ADDED_LATER)
+    """The network of a policy from elsewhere; None is an MLP of `hidden_sizes`."""
 
     def __post_init__(self) -> None:
         if self.mirror and (self.privileged_critic or self.kl_penalty is not None):
@@ -99,6 +103,9 @@ def to_rsl_rl(cfg: PpoCfg) -> dict[str, Any]:
         "init_std": cfg.init_std,
         "std_type": "scalar",
     }
+    actor: dict[str, Any] = dict(network)
+    if cfg.recipe is not None:
+        actor = {"class_name": BroughtModel, "recipe": cfg.recipe}
     return {
         "num_steps_per_env": cfg.steps_per_env,
         "save_interval": 1,
@@ -106,7 +113,7 @@ def to_rsl_rl(cfg: PpoCfg) -> dict[str, Any]:
             "actor": ["policy"],
             "critic": ["privileged" if cfg.privileged_critic else "policy"],
         },
-        "actor": {**network, "distribution_cfg": noise},
+        "actor": {**actor, "distribution_cfg": noise},
         "critic": dict(network),
         "algorithm": {
             "class_name": RewardPpo,
@@ -147,12 +154,21 @@ class Runner(OnPolicyRunner):
     alg: RewardPpo  # pyright: ignore[reportIncompatibleVariableOverride]
     env: QuadrupedEnv
 
-    def __init__(self, env: QuadrupedEnv, cfg: PpoCfg, ranks: Ranks = ALONE) -> None:
+    def __init__(
+        self,
+        env: QuadrupedEnv,
+        cfg: PpoCfg,
+        ranks: Ranks = ALONE,
+        *,
+        algorithm: type[RewardPpo] = RewardPpo,
+    ) -> None:
         """Make networks and storage for `env`, which holds this rank's share of the
         environments of `cfg`."""
         self.ppo, self.ranks = cfg, ranks
+        settings = to_rsl_rl(cfg)
+        settings["algorithm"]["class_name"] = algorithm
         with contextlib.redirect_stdout(io.StringIO()):
-            super().__init__(env, to_rsl_rl(cfg), log_dir=None, device=str(env.device))
+            super().__init__(env, settings, log_dir=None, device=str(env.device))
         self.alg.ranks = ranks
         if cfg.bonus is not None:
             self.alg.bonus = cfg.bonus.make(step_dt_s=env.step_dt, ranks=ranks)
@@ -170,6 +186,28 @@ class Runner(OnPolicyRunner):
         told = {"global_rank": ranks.rank, "world_size": ranks.size}
         self.cfg["multi_gpu"] = told if self.is_distributed else None
 
+    @property
+    def told(self) -> dict[str, Any]:
+        """What beside its settings makes a training what it is."""
+        return {"ranks": self.ranks.size} if self.ranks.size > 1 else {}
+
+    def begin(self) -> None:
+        """Prepare the first iteration of a training."""
+        env = self.env
+        # Spread the time-outs, or all environments would be reset at the same step.
+        env.episode_length_buf = torch.randint_like(
+            env.episode_length_buf, high=env.max_episode_length
+        )
+
+    def snapshot(self) -> dict[str, Any]:
+        """What beside networks and iterations a training goes on from."""
+        return {"env": self.env.snapshot(), "torch_rng": torch.get_rng_state()}
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from what `snapshot` gave, among other things."""
+        self.env.restore(snapshot["env"])
+        torch.set_rng_state(snapshot["torch_rng"])
+
     def learn(  # type: ignore[override]
         self,
         num_learning_iterations: int,
@@ -186,7 +224,7 @@ class Runner(OnPolicyRunner):
         while self.current_learning_iteration < num_learning_iterations:
             start_s = time.perf_counter()
             with torch.inference_mode():
-                obs, scalars = self._collect(obs)
+                obs, scalars = self.collect(obs)
                 collected_s = time.perf_counter()
                 self.alg.compute_returns(obs)
             losses = self.alg.update()
@@ -196,25 +234,29 @@ class Runner(OnPolicyRunner):
             if not on_iteration(stats):
                 return
 
-    def _collect(self, obs: TensorDict) -> tuple[TensorDict, dict[str, float]]:
+    def collect(self, obs: TensorDict) -> tuple[TensorDict, dict[str, float]]:
+        """Fill the storage from observations `obs` on; gives the last ones, and figures
+        of the rollout by TensorBoard tag."""
         extras: dict[str, Any] = {}
         for _ in range(self.ppo.steps_per_env):
             actions = self.alg.act(obs)
             obs, rewards, dones, extras = self.env.step(actions, score=False)
             self.alg.process_env_step(obs, rewards, dones, extras)
+        # What the environment itself tells, as of the last step.
+        return obs, self.figures() | {k: float(v) for k, v in extras["log"].items()}
+
+    def figures(self) -> dict[str, float]:
+        """Score the rollout by the task; gives figures of it by TensorBoard tag."""
         rewards, log = self.env.score(self.alg.features)
         self.alg.storage.rewards.copy_(rewards[..., None])
-        # What the environment itself tells, as of the last step.
-        log |= extras["log"]
         scalars = {name: float(value) for name, value in log.items()}
-        steps = self.env.num_envs * self.ppo.steps_per_env
-        minutes = steps * self.env.step_dt / 60.0
+        minutes = rewards.numel() * self.env.step_dt / 60.0
         falls = float(self.alg.features[..., column("fallen")].sum())
         scalars["episode/falls_per_minute"] = falls / minutes
         aborted = float((1.0 - self.alg.valid).sum())
         # Of all ranks, as what is told is a mean over them.
         scalars["episode/aborted"] = aborted * self.ranks.size
-        return obs, scalars
+        return scalars
 
     def _stats(
         self,

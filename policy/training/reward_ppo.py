@@ -23,6 +23,9 @@ from policy.parallel.ranks import ALONE, Ranks
 from .clipped_update import clipped_update
 from .mirror import Mirror
 
+LOOKING_ON_RATE = 1e-3
+"""Step size of a critic that learns alone."""
+
 _FUNCTIONS = (FunctionType, BuiltinFunctionType, MethodType, partial)
 
 
@@ -152,9 +155,15 @@ class RewardPpo(PPO):
     """What `save` gives that each rank has for itself."""
     features: Tensor
     """Feature rows [T, N, F] of the rollout."""
+    starts: Tensor
+    """[T, N] whether a step began an episode."""
+    time_outs: Tensor
+    """[T, N] 1 where a step ended an episode that would have gone on, else 0."""
     valid: Tensor
     """[T, N] 0 where a simulation diverged, else 1."""
-    _before: tuple[Tensor, Tensor] | None = None
+    looking_on: int = 0
+    """Updates in which the critic alone still learns."""
+    before: tuple[Tensor, Tensor] | None = None
     """Features [H, N, F] and starts [H, N] of the last steps before the rollout."""
 
     def process_env_step(
@@ -165,12 +174,12 @@ class RewardPpo(PPO):
         if step == 0:
             shape = (self.storage.num_transitions_per_env, self.storage.num_envs)
             self.features = torch.zeros(*shape, FEATURE_DIM, device=self.device)
-            self._starts = torch.zeros(shape, dtype=torch.bool, device=self.device)
-            self._time_outs = torch.zeros(shape, device=self.device)
+            self.starts = torch.zeros(shape, dtype=torch.bool, device=self.device)
+            self.time_outs = torch.zeros(shape, device=self.device)
             self.valid = torch.ones(shape, device=self.device)
         self.features[step] = extras["features"]
-        self._starts[step] = extras["starts"]
-        self._time_outs[step] = extras["time_outs"].float()
+        self.starts[step] = extras["starts"]
+        self.time_outs[step] = extras["time_outs"].float()
         self.valid[step] = 1.0 - extras["aborted"].float()
         # The parent would bootstrap time-outs now; `compute_returns` does it instead,
         # when the reward is known.
@@ -179,21 +188,9 @@ class RewardPpo(PPO):
 
     def compute_returns(self, obs: TensorDict) -> None:
         """Score the rollout, bootstrap time-outs, then compute returns (GAE)."""
-        rewards = self.storage.rewards[..., 0]
-        if self.reward_fn is not None:
-            rewards = self._scored(self.reward_fn)
-            if rewards.shape != self._time_outs.shape:
-                raise ValueError(
-                    f"the reward of features {tuple(self.features.shape)} must be "
-                    f"{tuple(self._time_outs.shape)}, got {tuple(rewards.shape)}"
-                )
-        rewards = require_finite(rewards) * self.valid
-        self.mean_reward = float(rewards.mean())
-        self.reference_kl = self._reference_kl()
-        if self.bonus is not None:
-            rewards = rewards + self.bonus(self.features) * self.valid
+        rewards = self.paid()
         values = self.storage.values[..., 0]
-        bootstrap = self.gamma * values * self._time_outs
+        bootstrap = self.gamma * values * self.time_outs
         self.storage.rewards.copy_((rewards + bootstrap)[..., None])
         super().compute_returns(obs)
         if self.ranks.size > 1:
@@ -201,15 +198,32 @@ class RewardPpo(PPO):
             mean, std = self.ranks.mean_and_std(advantages)
             self.storage.advantages = (advantages - mean) / (std + 1e-8)
 
+    def paid(self) -> Tensor:
+        """Reward [T, N] of every step of the rollout, the bonus included."""
+        rewards = self.storage.rewards[..., 0]
+        if self.reward_fn is not None:
+            rewards = self._scored(self.reward_fn)
+            if rewards.shape != self.time_outs.shape:
+                raise ValueError(
+                    f"the reward of features {tuple(self.features.shape)} must be "
+                    f"{tuple(self.time_outs.shape)}, got {tuple(rewards.shape)}"
+                )
+        rewards = require_finite(rewards) * self.valid
+        self.mean_reward = float(rewards.mean())
+        self.reference_kl = self._reference_kl()
+        if self.bonus is not None:
+            rewards = rewards + self.bonus(self.features) * self.valid
+        return rewards
+
     def _scored(self, reward_fn: ScoreFn) -> Tensor:
         """Reward [T, N] of the rollout, seen behind what came before it."""
-        features, starts = self.features, self._starts
+        features, starts = self.features, self.starts
         history = history_of(reward_fn)
-        if history and self._before is not None:
-            features = torch.cat([self._before[0], features])
-            starts = torch.cat([self._before[1], starts])
+        if history and self.before is not None:
+            features = torch.cat([self.before[0], features])
+            starts = torch.cat([self.before[1], starts])
         if history:
-            self._before = features[-history:].clone(), starts[-history:].clone()
+            self.before = features[-history:].clone(), starts[-history:].clone()
         steps = len(self.features)
         if isinstance(reward_fn, OfRollout):
             return reward_fn.of_rollout(features, starts, steps, self.ranks.mean)
@@ -221,21 +235,31 @@ class RewardPpo(PPO):
 
     def update(self) -> dict[str, float]:
         """Update both networks: by RSL-RL's own update where there is a penalty."""
-        if self.penalty is None:
-            return clipped_update(self, self.mirror, self.ranks)
+        if self.looking_on or self.penalty is None:
+            return self._clipped()
         losses = super().update()
         return losses | self.penalty.after_update(self.num_mini_batches)
+
+    def _clipped(self) -> dict[str, float]:
+        looks_on = self.looking_on > 0
+        if looks_on:
+            for group in self.optimizer.param_groups:
+                group["lr"] = LOOKING_ON_RATE
+        self.looking_on = max(0, self.looking_on - 1)
+        return clipped_update(self, self.mirror, self.ranks, actor=not looks_on)
 
     def save(self) -> dict[str, Any]:
         """Networks and optimiser, what penalty and bonus have learned, and the steps a
         reward looks back at."""
         saved = super().save()
-        if self._before is not None:
-            saved["before"] = list(self._before)
+        if self.before is not None:
+            saved["before"] = list(self.before)
         if self.bonus is not None:
             saved["bonus_state_dict"] = self.bonus.state_dict()
         if self.penalty is not None:
             saved |= self.penalty.saved()
+        if self.looking_on:
+            saved["looking_on"] = self.looking_on
         return saved
 
     def load(
@@ -243,9 +267,10 @@ class RewardPpo(PPO):
     ) -> bool:
         """Load what `save` gave; only networks where not all is loaded."""
         if load_cfg is None:
+            self.looking_on = int(loaded_dict.get("looking_on", 0))
             if "before" in loaded_dict:
                 features, starts = loaded_dict["before"]
-                self._before = features.to(self.device), starts.to(self.device)
+                self.before = features.to(self.device), starts.to(self.device)
             if self.bonus is not None:
                 self.bonus.load_state_dict(loaded_dict["bonus_state_dict"])
             if self.penalty is not None:

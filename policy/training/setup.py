@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from policy.env.env_cfg import EnvCfg
 from policy.env.velocity_commands import env_for
+from policy.law.driven import driven_by
 from policy.robots.robot import Robot, load_robot
 
 from .checkpoint import load_policy
+from .clipped_update import LEAST_RATE
 from .ppo import PpoCfg
 
 
@@ -19,7 +21,8 @@ class Setting:
 
     robot: Robot
     env: EnvCfg
-    hidden_sizes: tuple[int, ...]
+    ppo: PpoCfg
+    """The networks it has; all else is the default."""
 
 
 def setting_of(policy_file: Path | None, robot_xml: Path | None) -> Setting:
@@ -35,10 +38,21 @@ def setting_of(policy_file: Path | None, robot_xml: Path | None) -> Setting:
     if policy_file is None:
         env = EnvCfg()
         robot = load_robot(robot_xml, physics_dt_s=env.physics_dt_s)
-        return Setting(robot, env_for(robot, env), PpoCfg().hidden_sizes)
+        return Setting(robot, env_for(robot, env), PpoCfg())
     policy = load_policy(policy_file)
     env = policy.info.env
     robot = policy.robot()
     if robot_xml is not None:
         robot = load_robot(robot_xml, physics_dt_s=env.physics_dt_s)
-    return Setting(robot, env, policy.info.ppo.hidden_sizes)
+        if env.law is not None:
+            robot = driven_by(robot, env.law)
+    trained = policy.info.ppo
+    # What a law hides from the policy, the critic may see.
+    ppo = PpoCfg(
+        hidden_sizes=trained.hidden_sizes, privileged_critic=env.law is not None
+    )
+    if trained.recipe is not None:
+        # How far a step moves the network of a stranger is not known: a rate that suits
+        # ours may end its walk at once, and the least one adapts soon.
+        ppo = replace(ppo, recipe=trained.recipe, learning_rate=LEAST_RATE)
+    return Setting(robot, env, ppo)

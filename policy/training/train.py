@@ -22,6 +22,7 @@ from data.files.weights import misfits, not_finite
 from policy.env.env_cfg import EnvCfg
 from policy.env.randomise import make_env
 from policy.env.seeding import spawned
+from policy.law.origin import Origin
 from policy.parallel.ranks import ALONE, Ranks, others_alive
 from policy.robots.robot import Robot
 
@@ -34,6 +35,8 @@ RESUME_NAME = "resume.pt"
 POLICY_NAME = "policy.pt"
 CHECKPOINTS_NAME = "checkpoints"
 SUMMARY_NAME = "summary.json"
+LOOKING_ON = 10
+"""Updates of a new critic before the policy it judges is changed."""
 
 _PASSED_ON_S = 2.0
 """Within this time, a signal that comes again is the same one."""
@@ -99,6 +102,10 @@ class TrainResult:
     """The last iteration; None where there was nothing to do."""
 
 
+Engine = Callable[[Robot, TrainCfg, int], Runner]
+"""Makes a runner of a training, whose environments have their chance from a seed."""
+
+
 def train(
     out: Path,
     robot: Robot,
@@ -110,6 +117,7 @@ def train(
     resume: bool = False,
     on_iteration: Callable[[IterationStats], None] = lambda stats: None,
     ranks: Ranks = ALONE,
+    engine: Engine | None = None,
 ) -> TrainResult:
     """Train a policy into the directory `out`.
 
@@ -126,6 +134,7 @@ def train(
         ranks: Processes that do this training together: each calls this with the same
             arguments, has a share of the environments and chance of its own, and the
             first one writes.
+        engine: Makes what collects and learns; by default this process does both.
 
     Raises:
         PolicyError: `init` or the state to resume cannot be used.
@@ -135,12 +144,12 @@ def train(
     """
     out.mkdir(parents=True, exist_ok=True)
     torch_seed, env_seed = spawned(cfg.seed, 2)
-    num_envs = ranks.share_of(cfg.ppo.num_envs)
     with torch.random.fork_rng(devices=[]), others_alive():
         torch.manual_seed(torch_seed)
-        seed = _of_rank(env_seed, ranks)
-        env = make_env(robot, cfg.env, num_envs, seed=seed, ranks=ranks)
-        runner = Runner(env, cfg.ppo, ranks)
+        if engine is None:
+            runner = _runner_here(robot, cfg, _of_rank(env_seed, ranks), ranks)
+        else:
+            runner = engine(robot, cfg, env_seed)
         runner.alg.reward_fn = reward_fn
         session = _Session(out, robot, cfg, runner, reward_name)
         if init is not None:
@@ -152,6 +161,18 @@ def train(
             session.start_fresh()
         session.require_same()
         return session.run(on_iteration)
+
+
+def _runner_here(robot: Robot, cfg: TrainCfg, seed: int, ranks: Ranks) -> Runner:
+    env = make_env(
+        robot,
+        cfg.env,
+        ranks.share_of(cfg.ppo.num_envs),
+        seed=seed,
+        threads=ranks.threads,
+        ranks=ranks,
+    )
+    return Runner(env, cfg.ppo, ranks)
 
 
 def _of_rank(seed: int, ranks: Ranks) -> int:
@@ -169,6 +190,7 @@ class _Session:
         self.ranks = runner.ranks
         self.reward_name = reward_name
         self.steps_before = 0
+        self.origin: Origin | None = None
         # Before anything is scored: what a reward keeps of a rollout is not what it is.
         self.identity = self._identity()
         """What must be equal for a run to be the same run."""
@@ -179,7 +201,12 @@ class _Session:
         info = policy_info(init, payload)
         alg = self.runner.alg
         self._require_same_critic(init, payload)
-        for part, network in (("actor", alg.actor), ("critic", alg.critic)):
+        parts: dict[str, Any] = {"actor": alg.actor, "critic": alg.critic}
+        if "critic_state_dict" not in payload and info.origin is not None:
+            # Others' critics were shown other rewards: a new one looks on first.
+            del parts["critic"]
+            alg.looking_on = LOOKING_ON
+        for part, network in parts.items():
             found = payload.get(f"{part}_state_dict", {})
             if differences := misfits(found, network.state_dict()):
                 raise PolicyError(
@@ -187,7 +214,8 @@ class _Session:
                     f"{self.cfg.ppo.hidden_sizes}, its {part} does not fit: "
                     f"{differences}"
                 )
-        alg.load(payload, {"actor": True, "critic": True}, strict=True)
+        alg.load(payload, dict.fromkeys(parts, True), strict=True)
+        self.origin = info.origin
         self.steps_before = info.steps
         self.identity["init"] = sha256_file(init)
         self._hold_reference()
@@ -219,11 +247,7 @@ class _Session:
         """Prepare the first iteration."""
         if self.cfg.exploration_std is not None:
             self._std.fill_(self.cfg.exploration_std)
-        env = self.runner.env
-        # Spread the time-outs, or all environments would be reset at the same step.
-        env.episode_length_buf = torch.randint_like(
-            env.episode_length_buf, high=env.max_episode_length
-        )
+        self.runner.begin()
 
     @property
     def _steps(self) -> int:
@@ -261,8 +285,7 @@ class _Session:
             state |= torch.load(io.BytesIO(own), weights_only=True)
         runner.alg.load(state, None, strict=True)
         runner.current_learning_iteration = int(state["iteration"])
-        runner.env.restore(state["env"])
-        torch.set_rng_state(state["torch_rng"])
+        runner.restore(state)
         return True
 
     def require_same(self) -> None:
@@ -278,18 +301,18 @@ class _Session:
         """Train until done or interrupted, saving on the way."""
         cfg, last, ranks = self.cfg, None, self.ranks
         writer = None
-        if ranks.is_first:
-            writer = SummaryWriter(str(self.out), flush_secs=10)
 
         def after(stats: IterationStats) -> bool:
-            nonlocal last
+            nonlocal last, writer
             self._require_sound()
             last = stats
             limit = cfg.std_limit(stats.iteration)
             if limit is not None:
                 self._std.clamp_(max=limit)
             stopping = ranks.any(bool(interrupted))
-            if writer:
+            if ranks.is_first:
+                # Not before: what cannot begin leaves nothing.
+                writer = writer or SummaryWriter(str(self.out), flush_secs=10)
                 for tag, value in stats.scalars.items():
                     writer.add_scalar(tag, value, stats.steps)
             if stats.iteration in cfg.checkpoint_iterations:
@@ -336,9 +359,8 @@ class _Session:
             "reward_name": self.reward_name,
             "reward": content_of(self.runner.alg.reward_fn),
             "init": None,
+            **self.runner.told,
         }
-        if self.ranks.size > 1:
-            told["ranks"] = self.ranks.size
         # As a file gives it back: a tuple is a list there.
         return json.loads(json.dumps(told))
 
@@ -362,7 +384,7 @@ class _Session:
 
     def _save_state(self) -> None:
         runner, learned = self.runner, self.runner.alg.save()
-        own = {"env": runner.env.snapshot(), "torch_rng": torch.get_rng_state()}
+        own = runner.snapshot()
         state = {
             **learned,
             "identity": json.dumps(self.identity, sort_keys=True),
@@ -388,6 +410,7 @@ class _Session:
             ppo=self.cfg.ppo,
             robot_name=self.robot.name,
             robot_mjcf=self.robot.mjcf,
+            origin=self.origin,
         )
         save_policy(path, self.runner.alg, info)
 

@@ -37,9 +37,8 @@ FAR_SHARE = 0.9
 of them, has left what was judged: any that learned something has."""
 EXTRAPOLATED = 0.6
 """Standard deviations of reward, paid for what no judged clip shows of some habit, from
-which on leaving is no longer believed. Of 176 policies of 13 loops, those of the two
-rounds that a learned reward ruined went beyond it; of those that went well, and left
-what was judged, the nearest had 0.5."""
+which on leaving is no longer believed. Of 176 policies of 13 loops, those of two rounds
+that a reward ruined went beyond; the nearest that left, and went well, had 0.5."""
 SPREAD_RATIO = 1.5
 """Ensemble spread, over that on the judged clips, that counts as doubt."""
 

@@ -21,7 +21,8 @@ from data.answers.answer_records import Answer, Choice, Pair
 from data.answers.backend import SqliteBackend
 from data.answers.check import damaged_rows
 from data.answers.lines import from_lines, to_lines
-from data.answers.question_board import Overlap, QuestionBoard, Shown
+from data.answers.overlap import Overlap
+from data.answers.question_board import QuestionBoard, Shown, Tally
 from data.answers.rows import encode_answer
 from data.answers.sqlite_file import SCHEMA_VERSION, backup_path
 from data.answers.store import AnswerStore
@@ -336,19 +337,20 @@ ONE_EACH = Overlap(share=0.0)
 def test_shown_pairs_are_kept_from_others_for_a_while(store: AnswerStore) -> None:
     """Until the lease ends; times with other offsets are compared as times."""
     store.add_rater("eve", "human")
-    board = QuestionBoard(store)
+    board = QuestionBoard(store, ONE_EACH)
     pair = make_pair(0)
     shown = make_shown("q", pair, expires_utc="2030-01-31T13:01:00+01:00")
     board.show(shown)
     assert board.shown("ada") == [make_shown("q", pair)]
-    assert pair not in board.open_pairs("eve", NOW, ONE_EACH)
-    assert pair in board.open_pairs("ada", NOW, ONE_EACH)
-    assert pair in board.open_pairs("eve", NOW, Overlap(share=1.0, raters=2))
-    assert pair in board.open_pairs("eve", LATER, ONE_EACH)
+    assert pair not in board.open_pairs("eve", NOW)
+    assert pair in board.open_pairs("ada", NOW)
+    shared = QuestionBoard(store, Overlap(share=1.0, raters=2))
+    assert pair in shared.open_pairs("eve", NOW)
+    assert pair in board.open_pairs("eve", LATER)
     board.renew("ada", "2030-01-31T12:10:00Z")
-    assert pair not in board.open_pairs("eve", LATER, ONE_EACH)
+    assert pair not in board.open_pairs("eve", LATER)
     board.close("q")
-    assert pair in board.open_pairs("eve", NOW, ONE_EACH)
+    assert pair in board.open_pairs("eve", NOW)
     with pytest.raises(AnswerError, match=r"(?i)foreign key"):
         board.show(make_shown("q", make_pair(99)))
 
@@ -361,19 +363,20 @@ def test_the_newest_round_comes_first(store: AnswerStore) -> None:
     )
     store.add_pairs([known])
     zero, one, two, _ = store.pairs()
-    board = QuestionBoard(store)
-    assert board.open_pairs("ada", NOW, ONE_EACH) == [two, zero, one]
-    assert board.open_pairs("ada", NOW, ONE_EACH, limit=1) == [two]
-    assert board.count_open("ada", NOW, ONE_EACH) == board.count_pairs() == 3
+    board = QuestionBoard(store, ONE_EACH)
+    shared = QuestionBoard(store, Overlap(share=1.0))
+    assert board.open_pairs("ada", NOW) == [two, zero, one]
+    assert board.open_pairs("ada", NOW, limit=1) == [two]
+    assert board.tally("ada", NOW) == Tally(answered=0, open=3, total=3)
     store.add_answer(make_answer("1", two))
     store.add_answer(make_answer("2", zero, rater_id="bob"))
-    assert board.open_pairs("ada", NOW, ONE_EACH) == [zero, one]
-    assert board.open_pairs("eve", NOW, ONE_EACH) == [zero, one]
-    assert board.open_pairs("eve", NOW, Overlap(share=1.0)) == [two, zero, one]
-    assert board.gold_pairs("ada") == [known]
+    assert board.open_pairs("ada", NOW) == [zero, one]
+    assert board.open_pairs("eve", NOW) == [zero, one]
+    assert shared.open_pairs("eve", NOW) == [two, zero, one]
+    assert board.gold_pairs("ada") == [known.pair_id]
     store.add_answer(make_answer("3", known))
     assert board.gold_pairs("ada") == []
-    assert board.gold_pairs("eve") == [known]
+    assert board.gold_pairs("eve") == [known.pair_id]
 
 
 def test_about_a_fifth_of_the_pairs_overlap() -> None:

@@ -18,7 +18,7 @@ import aiohttp
 import pytest
 from aiohttp.abc import AbstractResolver, ResolveResult
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "labeling.md"
+DOCUMENT = Path(__file__).parents[2] / "docs" / "how-to" / "reverse-proxy.md"
 NAME = "label.example.org"
 REQUIRED = {"nginx": "GAITPREF_REQUIRE_NGINX"}
 """Set where a missing program is a failure and not a reason to skip."""

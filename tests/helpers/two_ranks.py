@@ -44,7 +44,11 @@ class Steady:
     history_steps = 3
 
     def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
-        return 1.0 - (features[..., 9] - features[..., 9].roll(3, dims=0)).abs()
+        height = features[..., 9]
+        change = (height - height.roll(3, dims=0)).abs()
+        # Neither across a start nor, at the first one, around the end.
+        begun = starts | starts.roll(1, dims=0) | starts.roll(2, dims=0)
+        return 1.0 - 10.0 * change.where(~begun, torch.zeros(()))
 
 
 def one_update(out: Path, ranks: Ranks) -> None:

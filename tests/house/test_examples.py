@@ -42,7 +42,7 @@ def tiny(cfg: LoopCfg) -> LoopCfg:
         labels=12,
         steps=StepsCfg(base=768, round=768, last=768),
         evaluation_episodes=4,
-        ppo=PpoCfg(num_envs=16, hidden_sizes=(16,)),
+        ppo=replace(cfg.ppo, num_envs=16),
         record=RecordCfg(episodes=40, episode_s=2.0),
     )
 

@@ -17,17 +17,18 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = (
     ROOT / "README.md",
     ROOT / "CONTRIBUTING.md",
-    *sorted(path for path in (ROOT / "docs").rglob("*.md")),
+    *sorted((ROOT / "docs").rglob("*.md")),
 )
 BLOCK = re.compile(r"^ *```(\w*)\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
 FILE = re.compile(r"`([\w./]+\.(?:py|toml|sql|pyi))`")
+PAGE = re.compile(r"\bdocs/[\w./-]+\.md\b")
 ORDER = re.compile(r"^ *(?:\$ )?(gaitpref .*)$", re.MULTILINE)
 PROGRAM = re.compile(r"python -m (benchmarks|studies|examples)\.([a-z]\w*)")
 PACKAGES = ("data", "rewardmodel", "policy", "labeling_ui", "gaitpref")
 FOLDERS = (*PACKAGES, "benchmarks", "studies", "tests", "examples", "docs")
 STORED = ROOT / "tests" / "stored" / "run_of_one_room.tar.xz"
 WHOLE = {"README.md", "quickstart.md", "concepts.md"}
-MADE = {"motion.py", "robot.toml", "go2.toml", "hints.toml", "spot.toml"}
+MADE = {"scene.toml", "walk.toml", "wish.py"}
 """Names of files that are the reader's own."""
 
 
@@ -93,6 +94,26 @@ def test_the_python_of_a_page_runs(
                 n for n in tree.body if isinstance(n, ast.Import | ast.ImportFrom)
             ]
         exec(compile(tree, page, "exec"), {"__name__": "page"})
+
+
+def test_a_how_to_is_read_in_two_minutes() -> None:
+    words = {
+        page.name: len(page.read_text().split())
+        for page in (ROOT / "docs" / "how-to").glob("*.md")
+    }
+    assert words
+    assert {name for name, count in words.items() if count > 400} == set()
+
+
+def test_a_page_that_the_code_names_is_there() -> None:
+    named = {
+        (path.relative_to(ROOT).as_posix(), name)
+        for folder in (*FOLDERS, "examples", "tests")
+        for path in (ROOT / folder).rglob("*.py")
+        for name in PAGE.findall(path.read_text())
+    }
+    assert named
+    assert {each for each in named if not (ROOT / each[1]).is_file()} == set()
 
 
 def test_a_file_that_a_page_names_is_there() -> None:

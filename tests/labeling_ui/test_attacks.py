@@ -453,10 +453,17 @@ def test_there_is_room_for_so_many(page: Page, tmp_path: Path) -> None:
             for name in ("bob", "cy"):
                 await built.login(built.tokens.add(name))
                 sockets.append(await built.enter())
+            assert (await built.get("/"))[0] == 200, "whose page is open has a place"
             await built.login(token)
+            status, text, headers = await built.get("/")
+            assert status == 503
+            assert "All 2 places are taken" in text
+            assert "come back in half an hour" in text
+            assert int(headers["Retry-After"]) == 1800
             assert await built.knock() == 503
             await sockets[0].close()
             await asyncio.sleep(0.2)
+            assert (await built.get("/"))[0] == 200
             assert await built.knock() == 101
             await sockets[1].close()
 

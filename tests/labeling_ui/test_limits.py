@@ -28,6 +28,7 @@ from labeling_ui.questions.rater_session import QueueCfg
 from labeling_ui.web.browser_messages import NotOurs, read, spelled
 from labeling_ui.web.log_limit import LOGGERS, LogLimit, limited_log
 from labeling_ui.web.tokens import TokenStore
+from labeling_ui.web.visitors import Departures
 from labeling_ui.web.websocket_relay import (
     CLOSE_FLOOD,
     CLOSE_LOGGED_OUT,
@@ -324,6 +325,19 @@ def test_the_log_says_how_much_it_leaves_out(
     again = line(1)
     assert limit.filter(again)
     assert again.getMessage() == "hello you (80 such lines left out)"
+
+
+def test_who_finds_no_place_is_told_when_one_becomes_free() -> None:
+    """By how often one did in the last hour; a reload is no departure."""
+    departures = Departures(since_s=0.0)
+    assert departures.wait_s(100.0) is None
+    departures.left(came_s=100.0, now_s=130.0)
+    assert departures.wait_s(130.0) is None
+    for now_s in (600.0, 900.0, 1200.0):
+        departures.left(came_s=100.0, now_s=now_s)
+    assert departures.wait_s(1200.0) == 400.0
+    assert departures.wait_s(4600.0) == 3600.0
+    assert departures.wait_s(9000.0) is None
 
 
 def test_a_bucket_fills_by_itself() -> None:

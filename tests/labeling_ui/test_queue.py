@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from data.answers.answer_records import Pair
-from data.answers.question_board import Overlap
+from data.answers.overlap import Overlap
 from data.answers.store import AnswerStore
 from data.episodes.clips import Clip
 from labeling_ui.questions.judgement import Judgement, Outcome, Question, Verdict

@@ -36,7 +36,7 @@ def import_into(action: options.Import) -> dict[str, Any]:
 def _import_bag(action: options.Import) -> dict[str, Any]:
     if action.map is None:
         raise DatasetError(
-            "--format ros2 needs --map FILE.toml; docs/datasets.md shows one"
+            "--format ros2 needs --map FILE.toml; docs/how-to/ros2-bag.md shows one"
         )
     for module in ("mcap_ros2.decoder", "mujoco"):
         require(module, "train,view")

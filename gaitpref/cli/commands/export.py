@@ -7,12 +7,19 @@ import onnxscript  # noqa: F401
 
 from gaitpref.cli.options import options
 from gaitpref.console.terminal import say
+from policy.imported.given_back import export_like
 from policy.training.checkpoint import load_policy
-from policy.training.export_policy import export
+from policy.training.export_policy import export, gain_warnings
 
 
 def run(command: options.Export) -> int:
     """Write the files; gives the exit code."""
-    for path in export(load_policy(command.policy), command.out):
+    policy = load_policy(command.policy)
+    if command.like is not None:
+        say(str(export_like(policy, command.like, command.out)))
+        return 0
+    for path in export(policy, command.out):
         say(str(path))
+    for warning in gain_warnings(policy.robot()):
+        say(f"warning: {warning}")
     return 0

@@ -24,6 +24,7 @@ from gaitpref.cli.shared.by_hand import (
     told_without_method,
 )
 from gaitpref.cli.shared.dataset_argument import address
+from gaitpref.cli.shared.fit_segments import fit_segments
 from gaitpref.console.extras import require
 from gaitpref.console.progress import console, working
 from gaitpref.raters.rater_groups import answers_for
@@ -36,8 +37,6 @@ from rewardmodel.extensions_cfg import LabelFilterCfg, SemiSupervisedCfg
 from rewardmodel.fitting.fit_reward import fit_reward
 from rewardmodel.measures.rater_reliability import HARDLY_LOOKS
 from rewardmodel.models.storage import load_reward, save_reward
-
-from .fit_segments import fit_segments
 
 
 def run(command: options.Command) -> int:

@@ -38,6 +38,7 @@ def label_cfg(serving: options.Serving) -> LabelCfg:
         key=serving.key,
         public_url=None if public is None else parse_public_url(public),
         auth=not serving.no_auth,
+        most_raters=serving.most_raters,
     )
 
 

@@ -20,21 +20,26 @@ from gaitpref.cli.shared.by_hand import (
     told_without_method,
 )
 from gaitpref.cli.shared.launched import ranks_of_launch
+from gaitpref.console.extras import require
 from gaitpref.console.progress import console, training_bar
 from gaitpref.console.terminal import EXIT_INTERRUPTED
 from gaitpref.raters.criterion_scores import criterion_context
 from gaitpref.training.by_method import Retraining, rows_of
 from gaitpref.training.total_reward import load_score, total_reward
+from policy.engines.actors_cfg import ActorsCfg
+from policy.engines.with_actors import WithActors
 from policy.env.curriculum import CurriculumCfg
 from policy.env.env_cfg import RANDOMISE, EnvCfg, getup_env
 from policy.env.known_terms import KnownTermsCfg
 from policy.extensions.bonus import ExplorationBonusCfg
 from policy.extensions.kl_penalty import KlPenaltyCfg
+from policy.law.law import Term
+from policy.law.own_law import OWN_TERMS, own_law
 from policy.parallel.ranks import Ranks
 from policy.training.checkpoint import PolicyError, load_policy
-from policy.training.ppo import PpoCfg, ScoreFn
+from policy.training.ppo import ScoreFn
 from policy.training.setup import Setting, setting_of
-from policy.training.train import POLICY_NAME, RESUME_NAME, TrainCfg, train
+from policy.training.train import POLICY_NAME, RESUME_NAME, Engine, TrainCfg, train
 from rewardmodel.models.model import RewardModel
 
 
@@ -85,6 +90,7 @@ def _train(command: options.Train, ranks: Ranks) -> int:
             resume=command.resume,
             on_iteration=bar,
             ranks=ranks,
+            engine=_engine(command, ranks),
         )
     if not result.finished:
         if ranks.is_first:
@@ -98,6 +104,33 @@ def _train(command: options.Train, ranks: Ranks) -> int:
     return 0
 
 
+def _engine(command: options.Train, ranks: Ranks) -> Engine | None:
+    """Who collects; None where this process does.
+
+    Raises:
+        GaitprefError: two ways to use many cores at once, or Ray is not installed.
+    """
+    if command.actors is None:
+        if command.ray is not None:
+            raise GaitprefError(
+                "--ray says where actors run: give --actors N too, or leave it out"
+            )
+        return None
+    if ranks.size > 1:
+        raise GaitprefError(
+            "--actors has one process that learns: start it without torchrun, or "
+            "leave --actors out"
+        )
+    require("ray", "scale")
+    cfg = ActorsCfg(
+        actors=command.actors,
+        update=command.update,
+        address=command.ray,
+        most_lag=command.most_lag,
+    )
+    return WithActors(cfg=cfg, tell=console.print)
+
+
 def _plain_cfg(command: options.Train, setting: Setting) -> TrainCfg:
     """The training as the command line says it."""
     env = replace(
@@ -108,12 +141,13 @@ def _plain_cfg(command: options.Train, setting: Setting) -> TrainCfg:
     )
     if command.getup:
         env = getup_env(env)
+    env = _observed(command, setting, env)
     return TrainCfg(
         steps=command.steps,
         env=env,
-        ppo=PpoCfg(
+        ppo=replace(
+            setting.ppo,
             num_envs=command.envs,
-            hidden_sizes=setting.hidden_sizes,
             bonus=(
                 None
                 if command.exploration == "none"
@@ -125,11 +159,43 @@ def _plain_cfg(command: options.Train, setting: Setting) -> TrainCfg:
                 else KlPenaltyCfg(kind=command.kl_penalty)
             ),
             mirror=command.mirror,
-            privileged_critic=command.randomize != "off",
+            privileged_critic=command.randomize != "off" or env.law is not None,
         ),
         seed=command.seed,
         checkpoints=command.checkpoints,
     )
+
+
+def _observed(command: options.Train, setting: Setting, env: EnvCfg) -> EnvCfg:
+    """`env` with what a new policy is to see.
+
+    Raises:
+        GaitprefError: that cannot be chosen here.
+    """
+    if command.observe == "all":
+        if command.history > 1:
+            raise GaitprefError("--history shows more than one step with --observe imu")
+        return env
+    if command.init is not None:
+        raise GaitprefError(
+            "--observe imu with --init: a policy goes on seeing what it was trained "
+            "with; leave one of the two out"
+        )
+    if command.mirror:
+        raise GaitprefError("--observe imu learns in no mirror: leave --mirror out")
+    law = own_law(
+        setting.robot,
+        action_scale_rad=env.action_scale_rad,
+        action_limit=env.action_limit,
+        physics_dt_s=env.physics_dt_s,
+        substeps=env.substeps,
+        terms=tuple(
+            Term(name=name, frames=command.history)
+            for name in OWN_TERMS
+            if name != "base_lin_vel"
+        ),
+    )
+    return env.under(law)
 
 
 def _plain_reward(

@@ -33,12 +33,13 @@ def require_bounds(command: Any) -> None:
             require_bounds(value)
             continue
         for bound in _bounds(hint):
-            # Also what is no number at all, as NaN.
-            if value is not None and not value >= bound.smallest:
-                option = name.replace("_", "-")
-                raise GaitprefError(
-                    f"--{option} must be at least {bound.smallest}, got {value}"
-                )
+            for number in value if isinstance(value, tuple) else (value,):
+                # Also what is no number at all, as NaN.
+                if number is not None and not number >= bound.smallest:
+                    option = name.replace("_", "-")
+                    raise GaitprefError(
+                        f"--{option} must be at least {bound.smallest}, got {number}"
+                    )
 
 
 def _bounds(hint: Any) -> Iterator[AtLeast]:

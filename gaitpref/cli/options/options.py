@@ -5,7 +5,7 @@ Nothing here imports torch or a simulator: `gaitpref --help` answers at once.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -16,6 +16,7 @@ from .data_options import Data as Data
 from .policy_options import Evaluate as Evaluate
 from .policy_options import Export as Export
 from .policy_options import Play as Play
+from .policy_options import Policy as Policy
 from .policy_options import Record as Record
 from .policy_options import Robot as Robot
 from .policy_options import Train as Train
@@ -26,6 +27,8 @@ from .reward_options import Fit as Fit
 from .reward_options import Pairs as Pairs
 from .reward_options import Relabel as Relabel
 from .reward_options import Trust as Trust
+from .sweep_options import Looping
+from .sweep_options import Sweep as Sweep
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,10 +50,19 @@ class Serving:
     https://label.example.org/gait."""
     no_auth: bool = False
     """Ask for no token; only on loopback."""
+    most_raters: Count = 24
+    """Raters whose pages may be open at once; the next is told when to come back."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Loop:
+class _InRun:
+    run: Path
+    """Directory of the run; everything it makes is in there."""
+
+
+# Options of the last base stand first in the help.
+@dataclass(frozen=True, kw_only=True)
+class Loop(Looping, _InRun):
     """Train, record, ask, fit and retrain, round after round.
 
     Killed anywhere and started again with the same command, it goes on where it was.
@@ -58,21 +70,6 @@ class Loop:
     together; all the rest is done by the first one.
     """
 
-    run: Path
-    """Directory of the run; everything it makes is in there."""
-    rounds: Count | None = None
-    """Times questions are asked and the policy retrained; the preset's by default."""
-    labels: Count | None = None
-    """Answers in all, over all rounds; the preset's by default."""
-    steps: Count | None = None
-    """Environment steps of each training; the preset's by default."""
-    clip_s: float = 1.2
-    """Length of a clip; 5 to 20 to ask about a whole manoeuvre. Episodes are recorded
-    three clips long, and no shorter than else."""
-    change_s: float | None = None
-    """Ask for another command every so many seconds of what is recorded."""
-    stop_asking: bool = False
-    """End a round's questions early where more answers will not help now."""
     rater: Literal["simulated", "human"] = "simulated"
     """Who answers: a program, or people on a labeling page that is up all the time."""
     patience: Annotated[float, AtLeast(0)] | None = None
@@ -82,25 +79,11 @@ class Loop:
     """What the simulated rater looks for: task, smooth, high_step, crouch, low_energy,
     trot, trot@HZ, pace, get_up, or your own as package.module:function, a callable
     features [..., F] -> score [...]."""
-    base: str | None = None
-    """What the learned reward is added to: `walk`, the walking policy that ships; a
-    policy file; `task`, a policy first trained on the hand-written walking reward; or
-    `none`, a new policy and the known safety terms only. By default `walk`, and `task`
-    for another --robot or with --getup."""
-    getup: bool = False
-    """Begin episodes lying after a fall, which no fall ends, and ask for no walk; the
-    `task` is getting up then. With `--base none` answers alone teach it."""
-    preset: Literal["quick", "standard"] = "standard"
-    """Sets what is not given: quick takes about ten minutes on two cores."""
-    robot: Path | None = None
-    """MJCF of the robot; the Go1 that ships by default."""
     answers: str | None = None
     """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
     file by default."""
     seed: Seed = 0
     """Where all chance comes from: equal seeds give equal files."""
-    erring: Erring = field(default_factory=Erring)
-    """How the simulated rater errs: what would come of answers like yours?"""
     page: Serving = Serving()
     """The page people answer on, with `--rater human`."""
 
@@ -159,6 +142,7 @@ class Label(Serving):
 
 Command = (
     Annotated[Loop, tyro.conf.subcommand("loop")]
+    | Annotated[Sweep, tyro.conf.subcommand("sweep")]
     | Annotated[Train, tyro.conf.subcommand("train")]
     | Annotated[Record, tyro.conf.subcommand("record")]
     | Annotated[Pairs, tyro.conf.subcommand("pairs")]
@@ -174,6 +158,7 @@ Command = (
     | Annotated[Label, tyro.conf.subcommand("label")]
     | Annotated[Play, tyro.conf.subcommand("play")]
     | Annotated[Export, tyro.conf.subcommand("export")]
+    | Annotated[Policy, tyro.conf.subcommand("policy")]
     | Annotated[Robot, tyro.conf.subcommand("robot")]
     | Annotated[Data, tyro.conf.subcommand("data")]
 )

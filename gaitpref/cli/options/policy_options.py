@@ -70,11 +70,30 @@ class Train:
     curriculum: bool = False
     """Ask for slow walks first, and for more as commands are followed better, in the
     end for half as much again."""
+    observe: Literal["all", "imu"] = "all"
+    """What a new policy sees: `imu` leaves out the velocity of the base, which robots
+    do not measure; the critic sees it still."""
+    history: Count = 1
+    """With --observe imu: control steps that are shown, the present one included."""
     getup: bool = False
     """Begin lying after a fall, and be paid for getting up; no fall ends an episode."""
     resume: bool = False
     """Go on from where an interrupted run in the same directory stopped; with torchrun,
     with as many processes as before."""
+    actors: Count | None = None
+    """Collect with so many actors, each a process on a core of its own with a share of
+    the environments, while this process learns; needs Ray: pip install -e '.[scale]'.
+    What is on their way when they or this process die is lost, nothing is used twice.
+    By default this process does all of it."""
+    ray: str | None = None
+    """With --actors: the Ray they run on, HOST:PORT as `ray start --head` prints it, or
+    `auto`; by default one on this machine for this command alone."""
+    update: Literal["sync", "vtrace", "gradients"] = "vtrace"
+    """With --actors: they wait for new weights, as in PPO; or go on while this process
+    learns, and what they collect with older weights is corrected by V-trace; or send
+    gradients, each taken as it comes (A3C)."""
+    most_lag: CountOrZero = 2
+    """With --actors: updates since the weights of a rollout; older ones are dropped."""
     robot: Path | None = None
     """MJCF of the robot; the Go1 that ships by default."""
     seed: Seed = 0
@@ -150,6 +169,9 @@ class Export:
     """Policy file."""
     out: Path
     """Directory that gets policy.onnx, policy.pt, policy.json and robot.xml."""
+    like: Path | None = None
+    """The file the policy was imported from: write one file in its layout instead, with
+    the weights of the policy, for what ran that file."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,3 +185,40 @@ class Robot:
     out: Path | None = None
     """Directory that gets NAME.png and the completed model NAME.xml; the working
     directory gets the picture alone by default."""
+
+
+Preset = Literal[
+    "legged-gym-a1",
+    "legged-gym-go2",
+    "isaac-lab-go2-flat",
+    "unitree-rl-lab-go2",
+    "unitree-rl-mjlab-go2",
+    "mjlab-go1-flat",
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Policy:
+    """Bring a policy that others trained: it records, plays, is labeled and trained on
+    like one of our own.
+
+    Reads checkpoints of rsl_rl 1 to 5, TorchScript and ONNX; nothing in them is run.
+    What the numbers mean is taken from the first that is there: --preset, metadata in
+    the ONNX, deploy.yaml, IO_descriptors.yaml, params/env.yaml with agent.yaml,
+    config.yaml with base.yaml of rl_sar, policy.json of ours.
+    """
+
+    action: tyro.conf.Positional[Literal["import"]]
+    """import reads it, tries it on the robot, and says how it walks."""
+    file: tyro.conf.Positional[Path]
+    """File of the policy, or the directory of its training run."""
+    robot: Path | None = None
+    """MJCF of its robot; the Go1 that ships by default."""
+    out: Path | None = None
+    """Directory that gets policy.pt."""
+    preset: Preset | None = None
+    """The trainer it is from, where nothing beside the file says what it sees."""
+    law: Path | None = None
+    """TOML that says what the numbers mean, wholly or where it differs."""
+    explain: bool = False
+    """Print what is known, and what is guessed, as a TOML for --law, and stop."""

@@ -149,8 +149,10 @@ def load_map(path: Path) -> BagMap:
         return from_plain(BagMap, told)
     except FileNotFoundError:
         raise BagError(
-            f"{path} is missing; docs/datasets.md shows the map of a bag"
+            f"{path} is missing; docs/how-to/ros2-bag.md shows the map of a bag"
         ) from None
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         found = " ".join(f"{error}".split())
-        raise BagError(f"{path}: {found}; docs/datasets.md lists the fields") from None
+        raise BagError(
+            f"{path}: {found}; docs/reference/bag-map.md lists the fields"
+        ) from None

@@ -1,0 +1,40 @@
+"""`gaitpref policy import`: a policy that others trained, as one of ours."""
+
+from __future__ import annotations
+
+from gaitpref.cli.options import options
+from gaitpref.console.terminal import say
+from policy.imported.alternatives import tried
+from policy.imported.bring import bring, understand
+from policy.imported.meaning.law_toml import law_toml
+from policy.law.law import LawError
+from policy.law.origin import table
+from policy.training.train import POLICY_NAME
+
+
+def run(command: options.Policy) -> int:
+    """Import the policy; gives the exit code."""
+    known = understand(command.file, law=command.law, preset=command.preset)
+    if command.explain:
+        say(law_toml(known.draft))
+        return 0
+    if command.out is None:
+        raise LawError("give --out DIR, which gets policy.pt; or --explain to look")
+    if (command.out / POLICY_NAME).exists():
+        raise LawError(f"{command.out} holds a policy already: give another --out")
+    policy = bring(known, command.robot, command.out)
+    origin = policy.info.origin
+    assert origin is not None
+    say(f"{known.file.name} is {origin.kind}; what it means says {origin.meaning}\n")
+    say(table(origin.acceptance))
+    for name, why in origin.guessed.items():
+        say(f"guessed    {name}: {why}")
+    for line in tried(known, command.robot):
+        say(f"tried      {line}")
+    if not origin.accepted:
+        say(
+            "It does not stand and walk at 0.5 m/s: something of its law is wrong. "
+            "--explain prints the law as a TOML to correct, which --law takes"
+        )
+    say(f"the policy is {command.out / POLICY_NAME}")
+    return 0

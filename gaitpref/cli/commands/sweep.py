@@ -1,0 +1,67 @@
+"""`gaitpref sweep`: many loops, run or gone on with, and compared."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+
+from rich import box
+from rich.table import Table
+
+from gaitpref.cli.options import options
+from gaitpref.cli.shared.sweep_arguments import sweep_cells
+from gaitpref.console.progress import console, working
+from gaitpref.console.terminal import PlainConsole, say
+from gaitpref.executor.choose_executor import choose_executor
+from gaitpref.sweep.run_sweep import SweepResult, contents_of, how_far, run_sweep
+from gaitpref.sweep.sweep_cell import SweepCell, SweepDir
+from gaitpref.sweep.sweep_report import write_sweep
+from gaitpref.sweep.sweep_table import as_json, cells_of, heads, means
+
+
+def run(command: options.Sweep) -> int:
+    """Run the command; gives the exit code."""
+    executor = choose_executor(jobs=command.jobs, ray=command.ray)
+    with working("looking at every loop"):
+        cells = sweep_cells(command)
+    places = SweepDir(command.out)
+    if command.dry_run:
+        contents_of(cells)
+        _show_plan(cells, places, as_object=command.json)
+        return 0
+    result = run_sweep(command.out, cells, executor, gpus=command.gpu)
+    page = write_sweep(command.out, result)
+    if command.json:
+        say(as_json(result))
+    else:
+        _show(result)
+    for name, why in result.failures.items():
+        console.print(f"not finished: {name}: {why}; see {places.log(name)}")
+    console.print(f"the report is {page}")
+    return 1 if result.failures else 0
+
+
+def _show_plan(
+    cells: Sequence[SweepCell], places: SweepDir, *, as_object: bool
+) -> None:
+    states = {cell.name: how_far(places.run(cell.name), cell.cfg) for cell in cells}
+    if as_object:
+        say(json.dumps({"cells": states}, indent=1))
+        return
+    table = Table("loop", "so far", box=box.SIMPLE)
+    for name, state in states.items():
+        table.add_row(name, state)
+    out = PlainConsole()
+    out.print(table)
+    finished = sum(state == "finished" for state in states.values())
+    out.print(f"{len(cells)} loops, {finished} of them finished")
+
+
+def _show(result: SweepResult) -> None:
+    groups = means(result.rows)
+    if not groups:
+        return
+    table = Table(*heads(groups), box=box.SIMPLE)
+    for group in groups:
+        table.add_row(*cells_of(group))
+    PlainConsole().print(table)

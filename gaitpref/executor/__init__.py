@@ -1,0 +1,1 @@
+"""Who runs what falls apart into pieces: processes of this machine, or Ray tasks."""

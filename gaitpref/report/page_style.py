@@ -1,0 +1,20 @@
+"""How the pages look that need no server."""
+
+STYLE = """
+:root { color-scheme: light dark; --line: #d5dae0; --soft: #66707c; }
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto;
+       padding: 0 1rem; }
+h1 { font-size: 1.6rem; margin-bottom: .2rem; } p.lead { color: var(--soft); }
+table { border-collapse: collapse; width: 100%; margin: 1rem 0; }
+th, td { text-align: right; padding: .3rem .4rem; font-size: .85rem;
+         border-bottom: 1px solid var(--line); }
+th:first-child, td:first-child { text-align: left; }
+.alarm { border-left: 4px solid #b3382c; padding: .2rem 1rem; }
+.curves { display: grid; grid-template-columns: repeat(auto-fit, minmax(17rem, 1fr));
+          gap: 1rem; }
+.curves figure { margin: 0; background: #fff; border: 1px solid var(--line);
+                 border-radius: 8px; padding: .4rem; }
+.curves svg { width: 100%; height: auto; display: block; }
+.curves figcaption { color: #333; font-size: .9rem; text-align: center; }
+code, pre { font-size: .9rem; } pre { overflow-x: auto; }
+"""

@@ -1,0 +1,1 @@
+"""Many loops at once: which, run or gone on with, and what came of them together."""

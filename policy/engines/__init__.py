@@ -1,0 +1,1 @@
+"""Actors that collect rollouts elsewhere, and a learner that uses them."""

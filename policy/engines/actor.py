@@ -1,0 +1,150 @@
+"""One actor: environments, a copy of the policy, and what it makes of both.
+
+It knows nothing of who runs it, and where.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from policy.env.env_cfg import EnvCfg
+from policy.env.randomise import make_env
+from policy.robots.robot import Robot, load_robot_xml
+from policy.training.ppo import PpoCfg, Runner, ScoreFn, history_of
+
+from .asynchronous import gradients_of, moments_of
+from .trajectory import Gradient, Origin, Trajectory
+
+Weights = Mapping[str, Mapping[str, np.ndarray]]
+"""State of the networks by name."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ActorPlan:
+    """All an actor has to know before it begins."""
+
+    actor: int
+    robot_name: str
+    robot_mjcf: str
+    env: EnvCfg
+    ppo: PpoCfg
+    """The learner's; an actor learns nothing itself."""
+    num_envs: int
+    """Environments of this one."""
+    seed: int
+    reward_fn: ScoreFn | None = None
+    """What it scores by where it sends gradients; None is the task's own reward."""
+
+    def robot(self) -> Robot:
+        """The robot that acts."""
+        return load_robot_xml(
+            self.robot_mjcf, name=self.robot_name, physics_dt_s=self.env.physics_dt_s
+        )
+
+
+class Actor:
+    """Collects rollouts with whatever weights it is given."""
+
+    def __init__(self, plan: ActorPlan) -> None:
+        self._plan = plan
+        torch.set_num_threads(1)
+        seeds = np.random.SeedSequence(plan.seed).generate_state(2)
+        torch.manual_seed(int(seeds[0]))
+        env = make_env(
+            plan.robot(), plan.env, plan.num_envs, seed=int(seeds[1]), threads=1
+        )
+        # What is learned, and from what else, is the learner's affair.
+        own = replace(plan.ppo, num_envs=plan.num_envs, bonus=None, kl_penalty=None)
+        self._runner = Runner(env, replace(own, mirror=False))
+        self._runner.alg.reward_fn = plan.reward_fn
+        self._runner.alg.train_mode()
+        self._runner.begin()
+        self._obs = env.get_observations()
+
+    def rollout(self, weights: Weights, version: int, sequence: int) -> Trajectory:
+        """A rollout of the policy `weights`.
+
+        Args:
+            weights: State of the network `actor`.
+            version: What the learner calls them.
+            sequence: Number of this rollout.
+        """
+        begun_s = time.perf_counter()
+        self._collect(weights)
+        alg = self._runner.alg
+        storage = alg.storage
+        return Trajectory(
+            origin=Origin(self._plan.actor, sequence, version),
+            observations={k: _array(v) for k, v in storage.observations.items()},
+            last_observations={k: _array(v) for k, v in self._obs.items()},
+            actions=_array(storage.actions),
+            log_probs=_array(storage.actions_log_prob[..., 0]),
+            features=_array(alg.features),
+            starts=_array(alg.starts),
+            dones=_array(storage.dones[..., 0]),
+            time_outs=_array(alg.time_outs),
+            valid=_array(alg.valid),
+            collect_s=time.perf_counter() - begun_s,
+        )
+
+    def gradient(self, weights: Weights, version: int, sequence: int) -> Gradient:
+        """What a rollout of the policy `weights`, which are of both networks, says they
+        should change by."""
+        begun_s = time.perf_counter()
+        scalars = self._collect(weights)
+        alg = self._runner.alg
+        with torch.inference_mode():
+            alg.compute_returns(self._obs)
+        of_actor, of_critic, losses = gradients_of(alg)
+        moments = {
+            name: moments_of(network, alg.storage.observations.flatten(0, 1))
+            for name, network in (("actor", alg.actor), ("critic", alg.critic))
+        }
+        return Gradient(
+            origin=Origin(self._plan.actor, sequence, version),
+            actor=of_actor,
+            critic=of_critic,
+            moments=moments,
+            scalars=scalars | losses,
+            mean_reward=alg.mean_reward,
+            collect_s=time.perf_counter() - begun_s,
+        )
+
+    def _collect(self, weights: Weights) -> dict[str, float]:
+        alg = self._runner.alg
+        for name, state in weights.items():
+            _load(getattr(alg, name), state)
+        alg.storage.clear()
+        with torch.inference_mode():
+            self._obs, scalars = self._runner.collect(self._obs)
+        return scalars
+
+
+def weights_of(networks: Mapping[str, nn.Module]) -> Weights:
+    """What actors act by, for `networks` by name."""
+    return {
+        name: {key: _array(value) for key, value in network.state_dict().items()}
+        for name, network in networks.items()
+    }
+
+
+def history_rows(reward_fn: ScoreFn | None) -> int:
+    """Rows before a rollout that its reward looks at."""
+    return 0 if reward_fn is None else history_of(reward_fn)
+
+
+def _load(network: nn.Module, state: Mapping[str, np.ndarray]) -> None:
+    # Arrays that other processes share are not to be written to; torch copies them.
+    network.load_state_dict({k: torch.tensor(v) for k, v in state.items()})
+
+
+def _array(values: Any) -> np.ndarray:
+    """A copy of a tensor that later rollouts do not write into."""
+    return values.detach().cpu().numpy().copy()

@@ -1,0 +1,1 @@
+"""Policies that others trained: read, understood, tried, and given back."""

@@ -1,0 +1,121 @@
+"""Laws of trainers that write down none, by their names; read off their sources."""
+
+from __future__ import annotations
+
+from policy.law.law import Term
+
+from .draft import BY_TYPE, LEFT_FIRST, RIGHT_FIRST, Draft
+
+
+def _pose(joints: tuple[str, ...], **angles: float) -> tuple[float, ...]:
+    """An angle for each joint: of `FL_hip`, else of `F_thigh`, else of `calf`."""
+
+    def angle(joint: str) -> float:
+        leg, part = joint.split("_")
+        for name in (f"{leg[1]}_{part}", f"{leg[0]}_{part}_", part):
+            if name in angles:
+                return angles[name]
+        raise KeyError(joint)
+
+    return tuple(angle(joint) for joint in joints)
+
+
+def _a1_pose(joints: tuple[str, ...]) -> tuple[float, ...]:
+    return _pose(joints, L_hip=0.1, R_hip=-0.1, F_thigh_=0.8, R_thigh_=1.0, calf=-1.5)
+
+
+def _go1_pose(joints: tuple[str, ...]) -> tuple[float, ...]:
+    return _pose(joints, L_hip=-0.1, R_hip=0.1, thigh=0.9, calf=-1.8)
+
+
+def _of_part(joints: tuple[str, ...], leg: float, calf: float) -> tuple[float, ...]:
+    return tuple(calf if joint.endswith("calf") else leg for joint in joints)
+
+
+def _terms(*names: str, **scales: float | tuple[float, ...]) -> tuple[Term, ...]:
+    def scale(name: str) -> tuple[float, ...]:
+        value = scales.get(name, 1.0)
+        return value if isinstance(value, tuple) else (value,)
+
+    return tuple(Term(name=name, scale=scale(name)) for name in names)
+
+
+_BODY = ("base_lin_vel", "base_ang_vel", "projected_gravity")
+_JOINTS = ("joint_pos", "joint_vel", "last_action")
+
+
+def _legged_gym(name: str) -> Draft:
+    return Draft(
+        source=f"the preset {name}",
+        joints=LEFT_FIRST,
+        terms=_terms(
+            *_BODY,
+            "command",
+            *_JOINTS,
+            base_lin_vel=2.0,
+            base_ang_vel=0.25,
+            command=(2.0, 2.0, 0.25),
+            joint_vel=0.05,
+        ),
+        obs_limit=100.0,
+        default_joint_pos_rad=_a1_pose(LEFT_FIRST),
+        action_scale_rad=(0.25,) * 12,
+        action_limit=100.0,
+        kp_nm_per_rad=(20.0,) * 12,
+        kd_nm_s_per_rad=(0.5,) * 12,
+        physics_dt_s=0.005,
+        substeps=4,
+    )
+
+
+PRESETS: dict[str, Draft] = {
+    "legged-gym-a1": _legged_gym("legged-gym-a1"),
+    "legged-gym-go2": _legged_gym("legged-gym-go2"),
+    "isaac-lab-go2-flat": Draft(
+        source="the preset isaac-lab-go2-flat",
+        joints=BY_TYPE,
+        terms=_terms(*_BODY, "command", *_JOINTS),
+        default_joint_pos_rad=_a1_pose(BY_TYPE),
+        action_scale_rad=(0.25,) * 12,
+        kp_nm_per_rad=(25.0,) * 12,
+        kd_nm_s_per_rad=(0.5,) * 12,
+        physics_dt_s=0.005,
+        substeps=4,
+    ),
+    "unitree-rl-lab-go2": Draft(
+        source="the preset unitree-rl-lab-go2",
+        joints=BY_TYPE,
+        terms=_terms(*_BODY[1:], "command", *_JOINTS, base_ang_vel=0.2, joint_vel=0.05),
+        default_joint_pos_rad=_a1_pose(BY_TYPE),
+        action_scale_rad=(0.25,) * 12,
+        kp_nm_per_rad=(25.0,) * 12,
+        kd_nm_s_per_rad=(0.5,) * 12,
+        physics_dt_s=0.005,
+        substeps=4,
+    ),
+    "unitree-rl-mjlab-go2": Draft(
+        source="the preset unitree-rl-mjlab-go2",
+        joints=LEFT_FIRST,
+        terms=_terms(*_BODY[1:], "command", *_JOINTS),
+        default_joint_pos_rad=_go1_pose(LEFT_FIRST),
+        action_scale_rad=(0.5,) * 12,
+        kp_nm_per_rad=_of_part(LEFT_FIRST, 20.0, 40.0),
+        kd_nm_s_per_rad=_of_part(LEFT_FIRST, 1.0, 2.0),
+        physics_dt_s=0.005,
+        substeps=4,
+    ),
+    "mjlab-go1-flat": Draft(
+        source="the preset mjlab-go1-flat",
+        joints=RIGHT_FIRST,
+        terms=_terms(*_BODY, *_JOINTS, "command"),
+        default_joint_pos_rad=_go1_pose(RIGHT_FIRST),
+        action_scale_rad=_of_part(RIGHT_FIRST, 0.373, 0.249),
+        kp_nm_per_rad=_of_part(RIGHT_FIRST, 15.9, 35.8),
+        kd_nm_s_per_rad=_of_part(RIGHT_FIRST, 1.01, 2.28),
+        physics_dt_s=0.005,
+        substeps=4,
+    ),
+}
+"""Sources: legged_gym a1_config.py and unitree_rl_gym go2_config.py; Isaac Lab
+velocity_env_cfg.py with unitree.py; unitree_rl_lab and unitree_rl_mjlab deploy.yaml of
+their Go2; metadata of mjlab 1.6's Go1, whose numbers have three digits."""

@@ -1,0 +1,1 @@
+"""Networks out of files of others, without running anything in them."""

@@ -1,0 +1,89 @@
+"""A network that was found in a file of others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from data.files.weights import not_finite
+from policy.networks.recipe import NetworkError, Recipe, RecipeNetwork, Stored
+
+UNORDERED = tuple(range(12))
+"""The order of actions before it is known which joint is which."""
+_DTYPES = {torch.float32: "float32", torch.int64: "int64", torch.bool: "bool"}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Found:
+    """A network, as its file has it: joints in the order of the policy."""
+
+    kind: str
+    """What file it is from, in words."""
+    recipe: Recipe
+    tensors: Mapping[str, Tensor]
+    """Weights and constants by their names."""
+    std: Tensor | None = None
+    """[12] exploration noise of the training, where the file has it."""
+    metadata: Mapping[str, str] | None = None
+    """What the file says of itself."""
+    guessed: Mapping[str, str] | None = None
+    """What the file leaves open, and what was taken."""
+
+    def network(self, order: tuple[int, ...] = UNORDERED) -> RecipeNetwork:
+        """The network, giving actions in `order`."""
+        network = RecipeNetwork(replace(self.recipe, action_order=order))
+        network.fill(self.tensors)
+        return network.eval()
+
+
+def plain_tensor(name: str, value: Tensor) -> Tensor:
+    """`value` in one of the types a recipe has.
+
+    Raises:
+        NetworkError: it holds something else.
+    """
+    if value.is_floating_point():
+        value = value.to(torch.float32)
+    elif value.dtype in (torch.int32, torch.int16, torch.int8, torch.uint8):
+        value = value.to(torch.int64)
+    if value.dtype not in _DTYPES:
+        raise NetworkError(f"{name[:60]} holds numbers of the type {value.dtype}")
+    return value.detach().cpu().contiguous()
+
+
+def stored(name: str, value: Tensor) -> Stored:
+    """What a recipe says of a tensor."""
+    dtype = _DTYPES[value.dtype]
+    return Stored(name=name, shape=tuple(value.shape), dtype=dtype)  # type: ignore[arg-type]
+
+
+def checked(found: Found) -> Found:
+    """`found`, which was tried on observations of zeros.
+
+    Raises:
+        NetworkError: it gives no 12 finite actions.
+    """
+    if bad := not_finite(found.tensors):
+        raise NetworkError(f"weights are no finite numbers: {bad}")
+    network = found.network()
+    for count in (1, 3):
+        try:
+            with torch.inference_mode():
+                actions = network(torch.zeros(count, found.recipe.obs_dim))
+        except NetworkError:
+            raise
+        except (RuntimeError, ValueError, IndexError, KeyError, TypeError) as error:
+            told = str(error).splitlines()[0][:160]
+            raise NetworkError(
+                f"its operations do not fit {count} observations of "
+                f"{found.recipe.obs_dim} numbers ({told})"
+            ) from None
+        if actions.shape != (count, 12) or not actions.isfinite().all():
+            raise NetworkError(
+                f"it gives {tuple(actions.shape)} actions for {count} observations "
+                f"where a quadruped has 12 joints, or no finite ones"
+            )
+    return found

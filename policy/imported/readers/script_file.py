@@ -1,0 +1,337 @@
+"""Networks in TorchScript: the graph is read as a recipe, the module is never run."""
+
+from __future__ import annotations
+
+import io
+import warnings
+import zipfile
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from policy.networks.recipe import INPUT, NetworkError, Node, Recipe
+
+from .found import UNORDERED, Found, plain_tensor, stored
+
+_MOST_BYTES = 512 * 2**20
+_SAME = {
+    "aten::relu": "Relu",
+    "aten::relu_": "Relu",
+    "aten::tanh": "Tanh",
+    "aten::tanh_": "Tanh",
+    "aten::sigmoid": "Sigmoid",
+    "aten::silu": "Silu",
+    "aten::silu_": "Silu",
+    "aten::mish": "Mish",
+    "aten::selu": "Selu",
+    "aten::sqrt": "Sqrt",
+    "aten::exp": "Exp",
+    "aten::neg": "Neg",
+    "aten::gelu": "Gelu",
+    "aten::softplus": "Softplus",
+    "aten::matmul": "MatMul",
+    "aten::mm": "MatMul",
+    "aten::mul": "Mul",
+    "aten::div": "Div",
+    "aten::minimum": "Min",
+    "aten::maximum": "Max",
+}
+"""Operations that only are called otherwise; of their arguments the tensors count."""
+_PASSED = frozenset(
+    {
+        "aten::contiguous",
+        "aten::detach",
+        "aten::clone",
+        "aten::dropout",
+        "aten::expand_as",
+        "aten::to",
+        "aten::alias",
+        "prim::unchecked_cast",
+        "prim::unchecked_unwrap_optional",
+    }
+)
+"""What leaves its first argument as it is."""
+_SILENT = frozenset({"prim::RaiseException", "aten::warn", "prim::Print"})
+_RECURRENT = ("aten::lstm", "aten::gru", "aten::rnn", "aten::copy_", "prim::SetAttr")
+
+
+def read_script(content: bytes) -> Found:
+    """The network of a TorchScript file, scripted or traced.
+
+    Raises:
+        NetworkError: it cannot be followed; what it is is named first.
+    """
+    _require_harmless(content)
+    with warnings.catch_warnings():
+        # TorchScript is deprecated, and what robots run.
+        warnings.simplefilter("ignore")
+        try:
+            module = torch.jit.load(io.BytesIO(content), map_location="cpu")
+            graph = module.inlined_graph
+        except Exception as error:
+            raise NetworkError(
+                f"torch cannot read it as TorchScript ({type(error).__name__})"
+            ) from None
+        return _Translation(module, graph).found()
+
+
+def _require_harmless(content: bytes) -> None:
+    """Refuse what would run, or unpack to more than is taken, before it is loaded."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            members = archive.infolist()
+            if sum(member.file_size for member in members) > _MOST_BYTES:
+                raise NetworkError("it unpacks to more than 512 MB")
+            for member in members:
+                if member.filename.endswith(".py") and (
+                    b"__setstate__" in archive.read(member)
+                ):
+                    raise NetworkError(
+                        f"{member.filename[-60:]} in it runs code when it is loaded "
+                        "(__setstate__)"
+                    )
+    except (zipfile.BadZipFile, NotImplementedError, EOFError, OSError) as error:
+        raise NetworkError(f"it is a damaged archive ({error})") from None
+
+
+class _Part:
+    """A module inside the file, by its path."""
+
+    def __init__(self, module: Any, path: str) -> None:
+        self.module, self.path = module, path
+
+
+class _Value:
+    """A tensor that the recipe computes or stores, by its name."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+
+class _Translation:
+    """One walk along a graph. What is known beforehand is Python's own value."""
+
+    def __init__(self, module: Any, graph: Any) -> None:
+        self._nodes: list[Node] = []
+        self._tensors: dict[str, Tensor] = {}
+        self._values: dict[str, Any] = {}
+        inputs = list(graph.inputs())
+        if len(inputs) != 2:
+            names = ", ".join(each.debugName() for each in inputs[1:])[:200]
+            raise NetworkError(
+                f"it takes {len(inputs) - 1} inputs ({names}), a policy takes one"
+            )
+        self._values[inputs[0].debugName()] = _Part(module._c, "")
+        self._values[inputs[1].debugName()] = _Value(INPUT)
+        self._walk(graph)
+        self._output = self._values[next(iter(graph.outputs())).debugName()]
+        if isinstance(self._output, list):
+            self._output = self._output[0]
+
+    def found(self) -> Found:
+        """The network."""
+        if not isinstance(self._output, _Value):
+            raise NetworkError("its output is no tensor")
+        trained = self._trained()
+        recipe = Recipe(
+            obs_dim=self._obs_dim(),
+            nodes=tuple(self._nodes),
+            output=self._output.name,
+            weights=tuple(
+                stored(n, t) for n, t in self._tensors.items() if n in trained
+            ),
+            constants=tuple(
+                stored(n, t) for n, t in self._tensors.items() if n not in trained
+            ),
+            action_order=UNORDERED,
+        )
+        return Found(kind="TorchScript", recipe=recipe, tensors=self._tensors)
+
+    def _trained(self) -> set[str]:
+        layers = {"Gemm", "MatMul"}
+        return {
+            name
+            for node in self._nodes
+            if node.op in layers
+            for name in node.inputs
+            if name in self._tensors
+        }
+
+    def _obs_dim(self) -> int:
+        """Width of the observations: what the first layer behind them takes."""
+        same = {INPUT}
+        for node in self._nodes:
+            if node.op == "Gemm" and node.inputs[0] in same:
+                return int(self._tensors[node.inputs[1]].shape[1])
+            if node.op in ("Sub", "Div", "Clip", "Identity") and node.inputs[0] in same:
+                other = self._tensors.get(node.inputs[-1])
+                if other is not None and other.ndim and other.shape[-1] > 1:
+                    return int(other.shape[-1])
+                same.add(node.output)
+        raise NetworkError("it does not say how many numbers an observation has")
+
+    def _walk(self, block: Any) -> None:
+        for node in block.nodes():
+            if len(self._nodes) > 5000:
+                raise NetworkError("its graph is too long")
+            given = [self._values.get(v.debugName()) for v in node.inputs()]
+            kind = node.kind()
+            if kind == "prim::If":
+                taken = list(node.blocks())[0 if given[0] is True else 1]
+                if not isinstance(given[0], bool):
+                    raise NetworkError(
+                        "it decides by what it computes, which is not followed here"
+                    )
+                self._walk(taken)
+                results = [self._values.get(v.debugName()) for v in taken.outputs()]
+                for out, value in zip(node.outputs(), results, strict=True):
+                    self._values[out.debugName()] = value
+                continue
+            if kind in _SILENT:
+                continue
+            self._values[node.output().debugName()] = self._value(node, kind, given)
+
+    def _value(self, node: Any, kind: str, given: list[Any]) -> Any:
+        if kind == "prim::Constant":
+            return self._literal(node)
+        if kind == "prim::GetAttr":
+            return self._attribute(given[0], node.s("name"))
+        if kind in ("prim::ListConstruct", "prim::TupleConstruct"):
+            return list(given)
+        if kind.startswith(_RECURRENT) and kind != "aten::copy":
+            raise NetworkError(
+                f"the network is recurrent, or keeps what it saw ({kind}), and only "
+                "feed-forward networks of proprioception can be brought in"
+            )
+        if kind in _PASSED:
+            return given[0]
+        if kind in _KNOWN:
+            return _KNOWN[kind](given)
+        return self._operation(kind, given)
+
+    def _literal(self, node: Any) -> Any:
+        try:
+            value = node.output().toIValue()
+        except RuntimeError:
+            # A function, which was inlined.
+            return None
+        if isinstance(value, Tensor):
+            return self._store(f"constant {len(self._tensors)}", value)
+        return value
+
+    def _attribute(self, part: Any, name: str) -> Any:
+        if not isinstance(part, _Part):
+            raise NetworkError(f"it looks up {name[:40]!r} in what is no module")
+        path = f"{part.path}{name}"
+        value = part.module.getattr(name)
+        if isinstance(value, Tensor):
+            return self._store(path, value)
+        if isinstance(value, bool | int | float | str | list | tuple | None):
+            return value
+        return _Part(value, f"{path}.")
+
+    def _store(self, name: str, value: Tensor) -> _Value:
+        self._tensors[name] = plain_tensor(name, value)
+        return _Value(name)
+
+    def _name(self, value: Any) -> str:
+        """The name of a tensor, stored first where it is a number."""
+        if isinstance(value, _Value):
+            return value.name
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            number = float(value)
+            return self._store(f"number {number!r}", torch.tensor(number)).name
+        raise NetworkError("an operation gets something that is no tensor")
+
+    def _add(self, op: str, values: list[Any], **attributes: Any) -> _Value:
+        output = f"value {len(self._nodes)}"
+        names = tuple(self._name(value) for value in values)
+        self._nodes.append(
+            Node(op=op, inputs=names, output=output, attributes=attributes)
+        )
+        return _Value(output)
+
+    def _operation(self, kind: str, given: list[Any]) -> _Value:
+        if kind in _SAME:
+            op = _SAME[kind]
+            two = op in ("MatMul", "Mul", "Div", "Min", "Max")
+            return self._add(op, given[: 2 if two else 1])
+        match kind, given:
+            case "aten::linear", [x, weight, bias]:
+                layer = [x, weight] if bias is None else [x, weight, bias]
+                return self._add("Gemm", layer, transB=1)
+            case "aten::addmm", [bias, x, weight, *_]:
+                return self._add("Gemm", [x, weight, bias])
+            case "aten::t", [x]:
+                return self._add("Transpose", [x], perm=[1, 0])
+            case (("aten::elu" | "aten::elu_"), [x, alpha, *_]):
+                return self._add("Elu", [x], alpha=float(alpha))
+            case (("aten::leaky_relu" | "aten::leaky_relu_"), [x, slope]):
+                return self._add("LeakyRelu", [x], alpha=float(slope))
+            case (("aten::add" | "aten::add_"), [a, b, 1]):
+                return self._add("Add", [a, b])
+            case (("aten::sub" | "aten::sub_"), [a, b, 1]):
+                return self._add("Sub", [a, b])
+            case "aten::slice", [x, int(axis), first, last, int(step)]:
+                ends = 2**62 if last is None else last
+                cut = {"starts": [first or 0], "ends": [ends], "axes": [axis]}
+                return (
+                    x
+                    if step == 1 and cut["starts"] == [0] and ends > 2**31
+                    else (self._sliced(x, cut, step))
+                )
+            case "aten::narrow", [x, int(axis), int(first), int(length)]:
+                cut = {"starts": [first], "ends": [first + length], "axes": [axis]}
+                return self._add("Slice", [x], **cut)
+            case "aten::select", [x, int(axis), int(index)]:
+                at = self._store(f"index {index}", torch.tensor(index))
+                return self._add("Gather", [x, at], axis=axis)
+            case "aten::index_select", [x, int(axis), idx]:
+                return self._add("Gather", [x, idx], axis=axis)
+            case "aten::cat", [list(parts), int(axis)]:
+                return self._add("Concat", parts, axis=axis)
+            case (("aten::clamp" | "aten::clip" | "aten::hardtanh"), [x, low, high]):
+                return self._add("Clip", [x], min=low, max=high)
+            case (("aten::clamp_min" | "aten::clamp_min_"), [x, low]):
+                return self._add("Clip", [x], min=low)
+            case (
+                ("aten::norm" | "aten::linalg_vector_norm"),
+                [x, 2 | 2.0, axes, keep, *_],
+            ):
+                return self._add("ReduceL2", [x], axes=axes, keepdims=int(keep))
+            case (("aten::sum" | "aten::mean"), [x, list(axes), keep, *_]):
+                op = "ReduceSum" if kind == "aten::sum" else "ReduceMean"
+                return self._add(op, [x], axes=axes, keepdims=int(keep))
+            case "aten::softmax", [x, int(axis), *_]:
+                return self._add("Softmax", [x], axis=axis)
+            case (("aten::view" | "aten::reshape"), [x, list(sizes)]):
+                return self._add("Reshape", [x], shape=sizes)
+            case "aten::unsqueeze", [x, int(axis)]:
+                return self._add("Unsqueeze", [x], axes=[axis])
+            case "aten::squeeze", [x, int(axis)]:
+                return self._add("Squeeze", [x], axes=[axis])
+            case "aten::flatten", [x, 1, -1]:
+                return self._add("Flatten", [x], axis=1)
+            case "aten::layer_norm", [x, [_], weight, bias, float(eps), *_]:
+                return self._add("LayerNormalization", [x, weight, bias], epsilon=eps)
+        if "conv" in kind or "pool" in kind:
+            raise NetworkError(f"it looks at pictures ({kind}), which is not taken")
+        raise NetworkError(f"it has the operation {kind[:40]}, not followed here")
+
+    def _sliced(self, x: Any, cut: dict[str, Any], step: int) -> _Value:
+        if step != 1:
+            raise NetworkError("a slice that leaves numbers out is not followed here")
+        return self._add("Slice", [x], **cut)
+
+
+_KNOWN: dict[str, Any] = {
+    "aten::__is__": lambda given: given[0] is given[1],
+    "aten::__isnot__": lambda given: given[0] is not given[1],
+    "aten::__not__": lambda given: not given[0],
+    "aten::eq": lambda given: given[0] == given[1],
+    "aten::ne": lambda given: given[0] != given[1],
+    "aten::dim": lambda given: 2,
+    "aten::len": lambda given: len(given[0]),
+}
+"""What is known without observations: these have two axes."""

@@ -1,0 +1,110 @@
+"""From the environment's own observation to what a policy of a law sees.
+
+Shapes: N environments, H frames, W numbers of a frame, D numbers of an observation; 48
+numbers of the environment's own observation, its joints in the order of `JOINTS`.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from .law import OF_JOINTS, Law
+
+OWN_STARTS = {
+    "base_lin_vel": 0,
+    "base_ang_vel": 3,
+    "projected_gravity": 6,
+    "joint_pos": 9,
+    "joint_vel": 21,
+    "last_action": 33,
+    "command": 45,
+}
+"""Where the terms of a law begin in the environment's own observation."""
+
+
+class Encoder:
+    """Observations of one law for N environments, with the frames that came before.
+
+    What came before an episode is its first frame, as many times as it takes.
+    """
+
+    def __init__(self, law: Law, num_envs: int) -> None:
+        self._limit = law.obs_limit
+        columns, scales, lows, highs = [], [], [], []
+        for term in law.terms:
+            own = torch.arange(term.width)
+            if term.name in OF_JOINTS:
+                own = torch.from_numpy(law.from_canonical)
+            columns.append(OWN_STARTS[term.name] + own)
+            scales.append(torch.tensor(term.scales, dtype=torch.float32))
+            low, high = term.clip or (-torch.inf, torch.inf)
+            lows.append(torch.full((term.width,), low))
+            highs.append(torch.full((term.width,), high))
+        self._columns, self._scale = torch.cat(columns), torch.cat(scales)
+        self._low, self._high = torch.cat(lows), torch.cat(highs)
+        frames = max(term.frames for term in law.terms)
+        self._order = _order(law, frames)
+        self._past = torch.zeros(num_envs, frames - 1, law.frame_dim)
+        self._latest = torch.zeros(num_envs, law.frame_dim)
+
+    def advance(self) -> None:
+        """The frame observed last becomes one of those before."""
+        if self._past.shape[1]:
+            self._past = torch.cat((self._past[:, 1:], self._latest[:, None]), dim=1)
+
+    def observe(self, own: Tensor, begins: Tensor) -> Tensor:
+        """Observations [N, D] of the environment's own [N, 48].
+
+        Args:
+            own: True or with noise.
+            begins: [N] where nothing came before.
+        """
+        values = own[:, self._columns]
+        frame = values.clamp(self._low, self._high) * self._scale
+        self._latest = frame
+        if self._past.shape[1]:
+            self._past = torch.where(
+                begins[:, None, None], frame[:, None], self._past
+            ).clone()
+        seen = torch.cat((self._past, frame[:, None]), dim=1).flatten(1)
+        seen = seen[:, self._order]
+        return seen if self._limit is None else seen.clamp(-self._limit, self._limit)
+
+    def snapshot(self) -> dict[str, Tensor]:
+        """What came before."""
+        return {"past": self._past.clone(), "latest": self._latest.clone()}
+
+    def restore(self, saved: dict[str, Tensor]) -> None:
+        """Go on from a `snapshot`."""
+        self._past, self._latest = saved["past"].clone(), saved["latest"].clone()
+
+
+def _order(law: Law, frames: int) -> Tensor:
+    """[D] where each number of an observation is among frames [H, W], oldest first."""
+    width = law.frame_dim
+    starts, start = [], 0
+    for term in law.terms:
+        starts.append(start)
+        start += term.width
+
+    def of(term_index: int, age: int) -> Tensor:
+        first = (frames - 1 - age) * width + starts[term_index]
+        return first + torch.arange(law.terms[term_index].width)
+
+    def ages(count: int) -> range:
+        return range(count) if law.newest_first else range(count - 1, -1, -1)
+
+    if law.by_term:
+        parts = [
+            of(index, age)
+            for index, term in enumerate(law.terms)
+            for age in ages(term.frames)
+        ]
+    else:
+        parts = [
+            of(index, age)
+            for age in ages(law.terms[0].frames)
+            for index in range(len(law.terms))
+        ]
+    return torch.cat(parts)

@@ -1,0 +1,1 @@
+"""Networks that others made, as a list of operations and their weights."""

@@ -1,0 +1,159 @@
+"""Sweeps: real loops, whoever runs them; killed and gone on with; failures are told."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from gaitpref.cli.main import main, parse
+from gaitpref.cli.options.options import Sweep
+from gaitpref.cli.shared.sweep_arguments import sweep_cells
+from gaitpref.sweep.sweep_cell import run_cell
+from tests.helpers.one_ray import one_ray
+from tests.helpers.small_sweep import made_by, small_plan
+
+FOREIGN = "cells/high_step-seed2/notes.txt"
+NAMES = ["high_step-seed0", "high_step-seed1"]
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two loops of one round."""
+    return small_plan(tmp_path_factory.mktemp("plan"))
+
+
+@pytest.fixture(scope="module")
+def swept(plan: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three loops in two processes, the last of which finds what is not its own."""
+    out = tmp_path_factory.mktemp("sweep") / "out"
+    command = ["sweep", "--out", str(out), "--plan", str(plan), "--jobs", "2"]
+    assert main([*command, "--seed", "0", "1"]) == 0
+    (out / FOREIGN).parent.mkdir()
+    (out / FOREIGN).write_text("mine")
+    assert main([*command, "--seed", "0", "1", "2"]) == 1
+    return out
+
+
+def results(out: Path) -> dict[str, dict[str, str]]:
+    """What the loops of a sweep made, by their names."""
+    return {name: made_by(out / "cells" / name) for name in NAMES}
+
+
+def test_a_failure_stops_nothing_and_is_named(swept: Path) -> None:
+    """With why, and its log; means are of those that finished."""
+    found = json.loads((swept / "results.json").read_text())
+    assert list(found["failures"]) == ["high_step-seed2"]
+    assert "is not empty" in found["failures"]["high_step-seed2"]
+    assert "is not empty" in (swept / "logs/high_step-seed2.log").read_text()
+    assert (swept / FOREIGN).read_text() == "mine"
+    (mean,) = found["means"]
+    assert mean["seeds"] == [0, 1]
+    assert mean["answers"] == [12, 12]
+    page = (swept / "index.html").read_text()
+    assert 'href="logs/high_step-seed2.log"' in page
+    for name in NAMES:
+        link = f"cells/{name}/report/index.html"
+        assert f'href="{link}"' in page
+        assert (swept / link).exists()
+
+
+def test_the_table_is_what_the_runs_reported(swept: Path) -> None:
+    """A line for each, and their mean with the t-interval of two: 12.706 errors."""
+    with (swept / "results.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["cell"] for row in rows] == NAMES
+    returns = []
+    for row in rows:
+        report = swept / "cells" / row["cell"] / "rounds/01/report.json"
+        last = json.loads(report.read_text())
+        assert float(row["final_return"]) == last["evaluation"]["return_mean"]
+        assert row["verdict"] == last["verdict"]["word"]
+        returns.append(last["evaluation"]["return_mean"])
+    found = json.loads((swept / "results.json").read_text())["means"][0]
+    assert found["final_return"]["mean"] == pytest.approx(sum(returns) / 2)
+    width = 12.7062 * abs(returns[0] - returns[1]) / 2
+    assert found["final_return"]["half_width"] == pytest.approx(width, rel=1e-4)
+
+
+def test_what_is_finished_is_not_run_again_and_not_with_other_settings(
+    swept: Path, plan: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["sweep", "--out", str(swept), "--plan", str(plan)]
+    made = results(swept)
+    assert main(command) == 0
+    assert "2 loops, 2 of them finished already; 0 to run" in capsys.readouterr().err
+    assert main([*command, "--labels", "13"]) == 1
+    said = capsys.readouterr().err
+    assert "was started with other settings (labels 12 -> 13)" in said
+    assert "; 0 to run" in said
+    assert results(swept) == made
+
+
+def test_it_is_the_same_whoever_runs_it(
+    swept: Path, plan: Path, tmp_path: Path
+) -> None:
+    """Processes, Ray, and this very process."""
+    made = results(swept)
+    assert all(len(files) > 40 for files in made.values())
+    with one_ray():
+        command = ["sweep", "--out", str(tmp_path / "out"), "--plan", str(plan)]
+        assert main([*command, "--ray", "local"]) == 0
+    assert results(tmp_path / "out") == made
+    command = parse([*command, "--seed", "0"])
+    assert isinstance(command, Sweep)
+    (cell,) = sweep_cells(command)
+    run_cell(tmp_path / "alone", cell.cfg)
+    assert made_by(tmp_path / "alone") == made[cell.name]
+
+
+def test_killed_and_interrupted_it_ends_the_same(
+    swept: Path, plan: Path, tmp_path: Path
+) -> None:
+    """A loop's process is killed and tried again; a Ctrl-C leaves what is finished and
+    no process; the same command goes on."""
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "gaitpref", "sweep", "--jobs", "2"]
+    command += ["--out", str(out), "--plan", str(plan)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    first, second = (out / "cells" / name for name in NAMES)
+    wait_for(lambda: any(second.glob("dataset/rollouts/*/*.mcap")))
+    victim = max(children(process.pid))
+    os.kill(victim, signal.SIGKILL)
+    wait_for(lambda: victim not in (left := children(process.pid)) and len(left) == 2)
+    finished = Path("report/index.html")
+    wait_for(lambda: (first / finished).exists() or (second / finished).exists())
+    working = children(process.pid)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(60) == 130
+    assert not any(Path(f"/proc/{pid}").exists() for pid in working)
+    assert (first / finished).exists() != (second / finished).exists()
+    assert subprocess.run(command, check=False).returncode == 0
+    assert results(out) == results(swept)
+
+
+def children(parent: int) -> list[int]:
+    """Processes of loops that a sweep has started."""
+    found = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
+    spawned = [
+        int(pid)
+        for pid in found
+        if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    ]
+    return sorted(spawned)
+
+
+def wait_for(reached: Callable[[], bool]) -> None:
+    """Until something is so, at most a minute and a half."""
+    deadline_s = time.monotonic() + 90
+    while not reached():
+        assert time.monotonic() < deadline_s
+        time.sleep(0.005)
