@@ -18,9 +18,10 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 demo: install
 	$(BIN)/gaitpref loop --run runs/demo --preset quick --criterion high_step
 
-# The pages as a site in runs/site; a link that leads nowhere is an error.
+# The pages as a site in runs/site; a link that leads nowhere is an error. With --quiet, warnings
+# are not counted and nothing is one.
 docs: install
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 # For the browser tests, which skip by name where none can be had.
 chromium: install

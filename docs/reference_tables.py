@@ -110,10 +110,12 @@ def _default(of: dataclasses.Field[Any]) -> str:
 
 
 def _answer_tables() -> str:
-    """The statements that make the present store, as SQLite keeps them."""
+    """The statements that make tables and views of the present store, as SQLite keeps
+    them."""
     with closing(connect_copy(Path("there is no such file"))) as store:
         made = store.execute(
-            "SELECT sql FROM sqlite_master WHERE sql IS NOT NULL ORDER BY rowid"
+            "SELECT sql FROM sqlite_master WHERE type IN ('table', 'view') "
+            "ORDER BY rowid"
         ).fetchall()
     return "```sql\n" + ";\n\n".join(text for (text,) in made) + ";\n```"
 

@@ -25,11 +25,12 @@ from data.episodes.episode import Episode, decode_episode, decode_features
 from data.episodes.mcap_records import tail_start
 from data.episodes.writer import encode_episode
 from data.errors import CorruptEpisode, DatasetError
+from data.features import FEATURE_DIM
 from data.files.files import fsync_directory, read_file, sha256_bytes, write_atomically
 from data.files.limits import EPISODE_BYTES
 
 from .episode_window import read_feature_window
-from .feature_cache import FeatureCache
+from .feature_cache import FEATURE_CACHE_BYTES, FeatureCache
 from .manifest import EpisodeEntry as EpisodeEntry
 from .manifest import rollout_path
 from .manifest_file import LOCK_NAME as LOCK_NAME
@@ -201,8 +202,12 @@ class Dataset:
         entry = self.entry(sha256)
         return decode_episode(self.content(entry), str(self.root / entry.path))
 
-    def features(self, sha256: str) -> np.ndarray:
-        """The feature rows [T, F] of an episode, float32, read-only and cached.
+    def features(self, sha256: str, *, keep: bool = True) -> np.ndarray:
+        """The feature rows [T, F] of an episode, float32, read-only.
+
+        Args:
+            sha256: The episode.
+            keep: Keep them in memory, for those who ask again.
 
         Raises:
             DatasetError, EpisodeError: as for `read`.
@@ -213,7 +218,8 @@ class Dataset:
         entry = self.entry(sha256)
         content = self.content(entry)
         features = decode_features(content, str(self.root / entry.path))
-        self._features.put(sha256, features)
+        if keep:
+            self._features.put(sha256, features)
         return features
 
     def clip_features(self, clip: Clip) -> np.ndarray:
@@ -247,8 +253,11 @@ class Dataset:
         for position, clip in enumerate(clips):
             positions[clip.rollout].append(position)
         self._touched.update(positions)
+        # Of more than is kept, the first are gone before they are asked for again.
+        steps = sum(self.entry(rollout).num_steps for rollout in positions)
+        kept = 4 * FEATURE_DIM * steps <= FEATURE_CACHE_BYTES // 2
         for rollout in sorted(positions):
-            features = self.features(rollout)
+            features = self.features(rollout, keep=kept)
             for position in positions[rollout]:
                 _require_within(clips[position], len(features))
                 yield position, features[clips[position].rows]

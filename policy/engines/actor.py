@@ -8,11 +8,11 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import torch
-from torch import nn
+from tensordict import TensorDict
+from torch import Tensor, nn
 
 from policy.env.env_cfg import EnvCfg
 from policy.env.randomise import make_env
@@ -82,8 +82,8 @@ class Actor:
         storage = alg.storage
         return Trajectory(
             origin=Origin(self._plan.actor, sequence, version),
-            observations={k: _array(v) for k, v in storage.observations.items()},
-            last_observations={k: _array(v) for k, v in self._obs.items()},
+            observations=_arrays(storage.observations),
+            last_observations=_arrays(self._obs),
             actions=_array(storage.actions),
             log_probs=_array(storage.actions_log_prob[..., 0]),
             features=_array(alg.features),
@@ -145,6 +145,10 @@ def _load(network: nn.Module, state: Mapping[str, np.ndarray]) -> None:
     network.load_state_dict({k: torch.tensor(v) for k, v in state.items()})
 
 
-def _array(values: Any) -> np.ndarray:
-    """A copy of a tensor that later rollouts do not write into."""
+def _arrays(groups: TensorDict) -> dict[str, np.ndarray]:
+    return {str(name): _array(groups[name]) for name in groups.keys()}  # noqa: SIM118
+
+
+def _array(values: Tensor) -> np.ndarray:
+    """A copy that later rollouts do not write into."""
     return values.detach().cpu().numpy().copy()

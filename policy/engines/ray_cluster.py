@@ -21,7 +21,7 @@ from .actors_cfg import ActorsCfg, ActorsError
 _STORE_BYTES = 300 * 2**20
 _CONNECT_S = 5.0
 _ANSWER_S = 30.0
-_PACKAGES = ("mujoco", "numpy", "ray", "rsl-rl-lib", "torch")
+_PACKAGES = ("gaitpref", "mujoco", "numpy", "ray", "rsl-rl-lib", "torch")
 _QUIET = {
     "RAY_USAGE_STATS_ENABLED": "0",
     # It would warn that a default changes for tasks without a GPU.
@@ -40,6 +40,11 @@ def ray_for(cfg: ActorsCfg) -> Iterator[Any]:
     for name, value in _QUIET.items():
         os.environ.setdefault(name, value)
     ray = importlib.import_module("ray")
+    if ray.is_initialized():
+        # Who has connected before will also end it.
+        _require_cores(int(ray.cluster_resources().get("CPU", 0)), cfg)
+        yield ray
+        return
     if cfg.address is None:
         _require_cores(_cores(cfg), cfg)
     if cfg.address is not None and cfg.address != "auto":

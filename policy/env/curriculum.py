@@ -67,8 +67,8 @@ class Curriculum:
         self._steps += 1
         if self._steps < self._window:
             return
-        followed = self._ranks.means({"": self._sum / self._steps})[""]
-        if followed >= self._cfg.good:
+        told = {"followed": self._sum / self._steps}
+        if self._ranks.means(told)["followed"] >= self._cfg.good:
             self.share = min(self._cfg.end, self.share + self._cfg.widen)
         self._sum, self._steps = 0.0, 0
 

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-import signal
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -28,6 +25,7 @@ from policy.robots.robot import Robot
 
 from .checkpoint import PolicyError, PolicyInfo, policy_info, read_plain, save_policy
 from .identity import content_of, differences
+from .interrupts import interrupts
 from .ppo import IterationStats, PpoCfg, Runner, ScoreFn
 from .written import as_written
 
@@ -37,9 +35,6 @@ CHECKPOINTS_NAME = "checkpoints"
 SUMMARY_NAME = "summary.json"
 LOOKING_ON = 10
 """Updates of a new critic before the policy it judges is changed."""
-
-_PASSED_ON_S = 2.0
-"""Within this time, a signal that comes again is the same one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -325,7 +320,7 @@ class _Session:
 
         interrupted: list[int] = []
         try:
-            with _interrupts(interrupted, ranks):
+            with interrupts(interrupted, ranks):
                 self.runner.learn(cfg.iterations, after)
         except (RuntimeError, ValueError):
             # What torch says of ruined weights depends on where it meets them.
@@ -419,31 +414,3 @@ def _written(state: dict[str, Any]) -> bytes:
     buffer = io.BytesIO()
     torch.save(state, buffer)
     return buffer.getvalue()
-
-
-@contextmanager
-def _interrupts(received: list[int], ranks: Ranks) -> Iterator[None]:
-    """Collect the first Ctrl-C or SIGTERM, so that an iteration is never cut in two."""
-    first_s = 0.0
-
-    def note(signum: int, frame: object) -> None:
-        nonlocal first_s
-        # torchrun passes on what the terminal has sent to all of them already.
-        again = ranks.size == 1 or time.monotonic() - first_s > _PASSED_ON_S
-        if received and again:
-            raise KeyboardInterrupt
-        if not received:
-            first_s = time.monotonic()
-            received.append(signum)
-
-    try:
-        previous = {s: signal.signal(s, note) for s in (signal.SIGINT, signal.SIGTERM)}
-    except ValueError:
-        # Not in the main thread: whoever runs us there handles signals.
-        yield
-        return
-    try:
-        yield
-    finally:
-        for signum, handler in previous.items():
-            signal.signal(signum, handler)

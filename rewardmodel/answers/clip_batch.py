@@ -14,7 +14,7 @@ members.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import InitVar, dataclass, replace
 
 import numpy as np
@@ -24,9 +24,13 @@ from torch import Tensor
 from data.episodes.clips import Clip
 from data.features import FEATURE_DIM, column, columns
 
+from .spool import Spool, zeros
+
 ClipRows = Callable[[Clip], np.ndarray]
 """Gives the feature rows [steps, F] of a clip; `Dataset.clip_features` is one."""
 
+PART = 2048
+"""Clips that something is made of at a time: it may take more memory than they do."""
 PAST_STEPS = 50
 """Steps looked back over: 1 s at 50 Hz."""
 _FALLEN = column("fallen").start
@@ -48,6 +52,8 @@ class ClipBatch:
     """[B, L] feet that left the ground at each of the steps up to the clip's first,
     that one included; NaN where the episode had not begun. None where nobody knows what
     came before."""
+    spool: Spool | None = None
+    """The file that holds the rows of very many clips."""
     checked: InitVar[bool] = False
     """Whether the rows are of a batch that was looked at already."""
 
@@ -69,22 +75,38 @@ class ClipBatch:
                 f"lift_offs_before must be {[len(self.valid), PAST_STEPS]}, "
                 f"got {list(before.shape)}"
             )
-        # One pass without a mask as large as the features; NaN is passed on by both.
-        if not all(torch.isfinite(v) for v in self.features.aminmax()):
-            _require_missing_as_a_whole(self.features, self.valid)
+        for _, part in self.parts():
+            # Without a mask as large as the features; NaN is passed on by both.
+            if not all(torch.isfinite(v) for v in part.features.aminmax()):
+                _require_missing_as_a_whole(part.features, part.valid)
 
     def __len__(self) -> int:
         return len(self.features)
 
     def part(self, rows: slice | list[int]) -> ClipBatch:
         """Some of the clips, padded as before."""
-        before = self.lift_offs_before
+        before, spool = self.lift_offs_before, self.spool
+        features = self.features[rows]
+        if spool is not None and not isinstance(rows, slice):
+            # These are a copy.
+            spool.release()
+            spool = None
         return ClipBatch(
-            self.features[rows],
+            features,
             self.valid[rows],
             None if before is None else before[rows],
+            spool,
             checked=True,
         )
+
+    def parts(self) -> Iterator[tuple[slice, ClipBatch]]:
+        """All clips, some at a time, and which these are."""
+        for first in range(0, len(self), PART):
+            rows = slice(first, first + PART)
+            part = self.part(rows)
+            yield rows, part
+            if self.spool is not None:
+                self.spool.used(part.features.nbytes)
 
     def joined(self, others: ClipBatch) -> ClipBatch:
         """These, and `others`, padded to the same length, behind them."""
@@ -173,7 +195,7 @@ def fill_clips(
     if not steps or min(steps) == 0:
         raise ValueError("a batch needs at least one clip, and each clip a step")
     # Filled in place: the rows of many clips would not fit into memory twice.
-    features = np.zeros((len(steps), max(steps), FEATURE_DIM), dtype=np.float32)
+    features, spool = zeros((len(steps), max(steps), FEATURE_DIM))
     before = np.full((len(steps), PAST_STEPS), np.nan, dtype=np.float32)
     finite = True
     for position, clip in rows:
@@ -183,10 +205,16 @@ def fill_clips(
         before[position] = _lift_offs(clip[: past + 1])
         # While it is in the cache: looking at all clips once more takes longer.
         finite &= math.isfinite(np.vdot(own, own))
+        if spool is not None:
+            spool.used(own.nbytes)
     lengths = torch.tensor(steps)
     valid = torch.arange(features.shape[1]) < lengths[:, None]
     return ClipBatch(
-        torch.from_numpy(features), valid, torch.from_numpy(before), checked=finite
+        torch.from_numpy(features),
+        valid,
+        torch.from_numpy(before),
+        spool,
+        checked=finite,
     )
 
 

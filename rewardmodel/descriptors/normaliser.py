@@ -1,6 +1,6 @@
 """Descriptors to numbers of order one, by constants frozen at the fit.
 
-Shapes: K steps, D descriptors.
+Shapes: K values, D descriptors.
 """
 
 from __future__ import annotations
@@ -23,17 +23,18 @@ class Normaliser(nn.Module):
         self.register_buffer("mean", torch.zeros(num_descriptors))
         self.register_buffer("std", torch.ones(num_descriptors))
 
-    def fit(self, descriptors: Tensor) -> Normaliser:
-        """Take the constants from steps [K, D]; a constant descriptor is left at 0.
+    def fit(self, descriptors: Tensor, counted: Tensor | None = None) -> Normaliser:
+        """Take the constants from steps [..., D], those in `counted` [...] (bool); a
+        constant descriptor is left at 0.
 
         What is missing, NaN, does not count; missing in all steps is constant.
         """
-        std, mean = torch.std_mean(descriptors.double(), dim=0, correction=0)
-        for index in mean.isnan().nonzero().flatten().tolist():
-            values = descriptors[:, index]
-            values = values[~values.isnan()].double()
-            mean[index] = values.mean() if len(values) else 0.0
-            std[index] = values.std(correction=0) if len(values) else 0.0
+        # One after the other: in double precision, all would be many times the steps.
+        columns = [
+            _std_mean(column if counted is None else column[counted])
+            for column in descriptors.unbind(dim=-1)
+        ]
+        std, mean = torch.tensor(columns, dtype=torch.float64).mT
         # Relative, because a constant column has the rounding error of its own size.
         constant = std <= 1e-6 * mean.abs().clamp_min(1e-3)
         self.mean.copy_(mean)
@@ -42,7 +43,16 @@ class Normaliser(nn.Module):
 
     def forward(self, descriptors: Tensor) -> Tensor:
         """Standardised descriptors [..., D]."""
-        return ((descriptors - self.mean) / self.std).clamp(-_CLAMP, _CLAMP)
+        return (descriptors - self.mean).div_(self.std).clamp_(-_CLAMP, _CLAMP)
+
+
+def _std_mean(values: Tensor) -> tuple[float, float]:
+    """Deviation and mean of what is not missing in `values` [K]; 0 of nothing."""
+    known = values[~values.isnan()] if values.isnan().any() else values
+    if not len(known):
+        return 0.0, 0.0
+    std, mean = torch.std_mean(known.double(), correction=0)
+    return float(std), float(mean)
 
 
 def fill_missing(standardised: Tensor) -> Tensor:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import get_args
 
@@ -34,7 +33,7 @@ from rewardmodel.models.ensemble import fit_ensemble
 from rewardmodel.models.fit_report import FitReport as FitReport
 from rewardmodel.models.fit_report import wilson_interval
 from rewardmodel.models.kinds import KINDS, kind_called, make_scorer, prepare
-from rewardmodel.models.model import Provenance, RewardModel, leads_of_pairs
+from rewardmodel.models.model import Provenance, RewardModel, leads_by
 from rewardmodel.models.prediction import Prediction
 from rewardmodel.prepared.described import ClipPairs
 from rewardmodel.prepared.prepared import Prepared
@@ -79,7 +78,7 @@ def fit_reward(
         kind, considered = choose(prepared, pairs, cfg, seed, measured)
     linear = members_for(cfg.linear, len(pairs))
     cfg = replace(cfg, kind=kind, linear=linear)
-    judged, cfg = _settled(prepared, pairs.raters, cfg)
+    judged, cfg = _settled(prepared, pairs, cfg)
     answers, doubted = judged.prepared.seen_by(KINDS[kind].sight), 0
     if cfg.label_filter is not None:
         answers, doubted = without_doubted(answers, cfg, seed=seed)
@@ -87,7 +86,6 @@ def fit_reward(
     normaliser, scorer = fit_ensemble(answers, cfg, seed, others)
     if (share := scorer.error_share_found) is not None:
         cfg = replace(cfg, error_share=share)
-    standardised = answers.by(normaliser)
     held_out = torch.zeros(len(pairs), dtype=torch.bool)
     foreseen = Prediction.none(0)
     if measured:
@@ -97,8 +95,8 @@ def fit_reward(
         foreseen = foreseen.subset(judged.measuring[held_out])
         held_out &= judged.measuring
     report = report_of(
-        standardised,
-        leads_of_pairs(scorer.payer, standardised).mean(dim=0),
+        answers.described,
+        leads_by(scorer.payer, answers.described, normaliser).mean(dim=0),
         held_out,
         foreseen,
         cfg,
@@ -112,7 +110,7 @@ def fit_reward(
     seen = frozenset(sha256 for pair in pairs.episodes for sha256 in pair)
     provenance = Provenance(cfg, report, pairs.answers_sha256, seen)
     model = RewardModel(normaliser, scorer, provenance)
-    model.calibrate(standardised)
+    model.calibrate(answers.described)
     if measured:
         report = _with_remaining(model, pairs)
     logger.info("fitted a %s reward: %s", kind, report)
@@ -156,17 +154,17 @@ def _with_remaining(model: RewardModel, pairs: AnsweredPairs) -> FitReport:
 
 
 def _settled(
-    prepared: Prepared, raters: Sequence[str], cfg: FitCfg
+    prepared: Prepared, pairs: AnsweredPairs, cfg: FitCfg
 ) -> tuple[Judged, FitCfg]:
     """Answers with the errors of their raters, and `cfg` with what they decide put in,
     where it leaves that to them."""
     kind = kind_called(cfg.kind)
     if kind.pooled or not cfg.adapt:
-        return judge(prepared, raters, cfg), cfg
+        return judge(prepared, pairs, cfg), cfg
     seen = prepared.seen_by(kind.sight)
     found = settled(cfg, noise_level(seen, cfg), tells_errors=kind.tells_errors)
     errors = errors_alike(prepared, found, found.error_share)
-    judged = judge(prepared.with_errors(errors), raters, found)
+    judged = judge(prepared.with_errors(errors), pairs, found)
     if not judged.measuring.all():
         # How strong opinions may be is for those to say who look.
         level = noise_level(seen.subset(judged.measuring), cfg)

@@ -29,7 +29,7 @@ from rewardmodel.measures.held_out import held_out_predictions
 from rewardmodel.models.ensemble import fit_ensemble
 from rewardmodel.models.fit_report import FitReport
 from rewardmodel.models.kinds import KINDS
-from rewardmodel.models.model import leads_of_pairs
+from rewardmodel.models.model import leads_by
 from rewardmodel.models.prediction import Prediction
 from rewardmodel.prepared.described import DescribedPairs
 from rewardmodel.prepared.prepared import Prepared
@@ -120,12 +120,11 @@ def fit_table(
     errors = errors_alike(prepared, found, found.error_share)
     prepared = replace(prepared, described=replace(prepared.described, errors=errors))
     normaliser, scorer = fit_ensemble(prepared, found, seed)
-    standardised = prepared.by(normaliser)
     names = tuple((segments.ids[a.left], segments.ids[a.right]) for a in answers)
     asked, foreseen = held_out_predictions(prepared, names, found, seed)
     report = report_of(
-        standardised,
-        leads_of_pairs(scorer.payer, standardised).mean(dim=0),
+        prepared.described,
+        leads_by(scorer.payer, prepared.described, normaliser).mean(dim=0),
         asked,
         foreseen,
         found,

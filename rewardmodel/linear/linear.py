@@ -81,7 +81,7 @@ def fit_linear(
     prepared: Prepared, cfg: FitCfg, generator: torch.Generator
 ) -> LinearScorer:
     """Fit each member to its own bootstrap of the answers."""
-    pairs, scaled = prepared.standardised, prepared.clips.differences
+    pairs, scaled = prepared.described, prepared.clips.differences
     inputs, spread = scaled.inputs, scaled.spread
     mean = expected_weights(pairs, spread, cfg.linear)
     factor = prior_factor(cfg.linear, len(spread))

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from rewardmodel.answers.likelihood import Errors
 from rewardmodel.cfg import FitCfg
-from rewardmodel.prepared.described import StandardisedPairs
+from rewardmodel.prepared.described import ClipPairs
 from rewardmodel.prepared.prepared import Prepared
 
 from .laplace import evidence
@@ -94,7 +94,7 @@ Tried = dict[tuple[float, float], float]
 def _tried(prepared: Prepared, cfg: FitCfg) -> Tried:
     """The evidence of the answers for all that is tried."""
     seen = prepared.seen_by("habits")
-    pairs, inputs = seen.standardised, seen.clips.differences.inputs
+    pairs, inputs = seen.described, seen.clips.differences.inputs
     mean = expected_of_all(seen, cfg)
     return {
         (share, precision): evidence(
@@ -155,7 +155,7 @@ def settled(cfg: FitCfg, found: Found, *, tells_errors: bool) -> FitCfg:
     return replace(cfg, adapt=False, error_share=found.error_share, linear=linear)
 
 
-def erring(pairs: StandardisedPairs, cfg: FitCfg, share: float) -> StandardisedPairs:
+def erring(pairs: ClipPairs, cfg: FitCfg, share: float) -> ClipPairs:
     """`pairs` whose answers are all expected to be random in a share of the cases."""
     return replace(pairs, errors=errors_alike(pairs, cfg, share))
 

@@ -12,14 +12,15 @@ Shapes: B answers, R raters; stacked values [3, B] are left, right, tie.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
+from rewardmodel.answers.answered_pairs import AnsweredPairs
 from rewardmodel.answers.likelihood import Errors, guesses_of
 from rewardmodel.cfg import FitCfg
+from rewardmodel.models.kinds import prepare_closely
 from rewardmodel.posterior.fit_posterior import shares_of_raters
 from rewardmodel.prepared.prepared import Prepared
 
@@ -43,15 +44,18 @@ class Judged:
     look, beside others. Foreseen at chance, they would hide what it is right about."""
 
 
-def judge(prepared: Prepared, raters: Sequence[str], cfg: FitCfg) -> Judged:
+def judge(prepared: Prepared, pairs: AnsweredPairs, cfg: FitCfg) -> Judged:
     """How often each of several raters errs. One can be compared with nobody, and
     nothing is changed.
 
+    Whatever a reward sees, raters are told apart by opinions about all there is.
+
     Args:
-        prepared: The answers, and what they are about.
-        raters: Who gave each.
+        prepared: The answers, as the reward sees them.
+        pairs: The same answers.
         cfg: How a reward is fitted.
     """
+    raters = pairs.raters
     names = sorted(set(raters))
     if len(names) < 2 or not cfg.reliability.enabled:
         return Judged(prepared, (), torch.ones(len(prepared), dtype=torch.bool))
@@ -59,8 +63,12 @@ def judge(prepared: Prepared, raters: Sequence[str], cfg: FitCfg) -> Judged:
     target = prepared.described.target
     habits = guesses_of(target, of, len(names), tie_threshold=cfg.tie_threshold)
     share = torch.full((len(of),), cfg.error_share)
-    prepared = prepared.with_errors(Errors(share, habits[:, of], of))
-    found = shares_of_raters(prepared.subset(_some(of)), cfg)
+    errors, some = Errors(share, habits[:, of], of), _some(of)
+    if prepared.clips.pool is None:
+        seen = prepare_closely(pairs.subset(some), cfg)
+    else:
+        seen = prepared.subset(some)
+    found = shares_of_raters(seen.with_errors(errors.part(some)), cfg)
     share = torch.tensor(found)[of]
     measuring = share < HARDLY_LOOKS
     if not measuring.any():

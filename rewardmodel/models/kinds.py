@@ -82,8 +82,7 @@ KINDS: dict[str, Kind] = {
 }
 """From the stiffest to the most flexible."""
 EVERYTHING: Sight = "legs"
-"""All that any of them sees: described where the kind is still to be chosen, and for
-opinions."""
+"""All that any of them sees."""
 
 
 def kind_called(name: str) -> Kind:
@@ -108,13 +107,14 @@ def make_scorer(cfg: FitCfg) -> Scorer:
 
 
 def prepare(pairs: AnsweredPairs, cfg: FitCfg) -> Prepared:
-    """Describe answered pairs, once for the fit, all its folds and kinds of model.
-
-    Whoever answered, several raters are told apart by opinions about all there is.
-    """
+    """Describe answered pairs, once for the fit, all its folds and kinds of model."""
     known = KINDS.get(cfg.kind)
-    several = cfg.reliability.enabled and len(set(pairs.raters)) > 1
-    if known and not known.pooled and not several:
+    if known and not known.pooled:
         return Prepared.of(describe_pairs(pairs, cfg, known.sight))
+    return prepare_closely(pairs, cfg)
+
+
+def prepare_closely(pairs: AnsweredPairs, cfg: FitCfg) -> Prepared:
+    """Describe answered pairs for opinions, which are about all there is."""
     pool = Pool.of(pairs, told=cfg.posterior.told)
     return Prepared.of(describe_pairs(pairs, cfg, EVERYTHING), pool)

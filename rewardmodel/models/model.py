@@ -9,7 +9,9 @@ D descriptors, K steps.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from torch import Tensor, nn
@@ -18,7 +20,7 @@ from rewardmodel.answers.clip_batch import ClipBatch, mean_over
 from rewardmodel.cfg import FitCfg
 from rewardmodel.descriptors.normaliser import Normaliser, fill_missing
 from rewardmodel.descriptors.table import Sight, describe, names_seen
-from rewardmodel.prepared.described import StandardisedPairs
+from rewardmodel.prepared.described import DescribedPairs, StandardisedPairs
 from rewardmodel.scorer import Scorer
 
 from .fit_report import FitReport
@@ -27,12 +29,20 @@ from .prediction import Prediction
 
 _MIN_STD = 1e-4
 """Raw rewards, in logits, that vary less than this are no opinion."""
+StepRewards = Callable[[StandardisedPairs], Tensor]
+"""Raw rewards [..., K] of the steps that count."""
 
 
 def leads_of_pairs(scorer: Scorer, pairs: StandardisedPairs) -> Tensor:
     """Logit [M, B], by member, that left clips of standardised `pairs` are better."""
     before = pairs.lift_offs_before
     return pairs.leads(lambda steps: scorer.of_clips(steps, pairs.scored, before))
+
+
+def leads_by(scorer: Scorer, pairs: DescribedPairs, normaliser: Normaliser) -> Tensor:
+    """As `leads_of_pairs`, of `pairs` standardised by `normaliser`, some at a time."""
+    parts = (part.standardised(normaliser) for part in pairs.parts())
+    return torch.cat([leads_of_pairs(scorer, part) for part in parts], dim=1)
 
 
 def predict_pairs(scorer: Scorer, pairs: StandardisedPairs) -> Prediction:
@@ -95,33 +105,31 @@ class RewardModel(nn.Module):
         """What the model sees."""
         return kind_called(self.provenance.cfg.kind).sight
 
-    def calibrate(self, pairs: StandardisedPairs) -> RewardModel:
-        """Freeze centre and scale on the steps of standardised pairs.
+    def calibrate(self, pairs: DescribedPairs) -> RewardModel:
+        """Freeze centre and scale on the steps of described pairs.
 
         A model without any opinion gives reward 0 rather than magnified noise. Where
         another than the members is paid, the deviation is that of a member.
         """
-        if self.history_steps:
-            rewards = self.payer.of_clips(
-                pairs.steps, pairs.scored, pairs.lift_offs_before
-            )[:, pairs.scored]
-        else:
-            rewards = self.scorer(pairs.scored_steps)
-        std, mean = torch.std_mean(rewards.mean(dim=0), correction=0)
+        agreed = self._of_parts(pairs, self._agreed)
+        std, mean = torch.std_mean(agreed, correction=0)
         if self.payer is not self.scorer:
-            std = std * self._contradicted(pairs)
+            own = self._of_parts(pairs, partial(_in_clips, self.scorer))
+            std = std * _contradicted(own)
         self.reward_mean.copy_(mean)
         self.reward_std.copy_(std if std > _MIN_STD else torch.ones(()))
         return self
 
-    def _contradicted(self, pairs: StandardisedPairs) -> Tensor:
-        """How much less the mean of the members varies than they do, from 1 up: what
-        they disagree about is not scaled up again."""
-        scored = pairs.scored
-        own = self.scorer.of_clips(pairs.steps, scored, pairs.lift_offs_before)
-        own = own[:, scored]
-        of_all = own.mean(dim=0).std(correction=0).clamp_min(_MIN_STD)
-        return (own.std(dim=1, correction=0).mean() / of_all).clamp_min(1)
+    def _of_parts(self, pairs: DescribedPairs, rewards: StepRewards) -> Tensor:
+        """`rewards` [..., K] of all pairs, some at a time."""
+        parts = (part.standardised(self.normaliser) for part in pairs.parts())
+        return torch.cat([rewards(part) for part in parts], dim=-1)
+
+    def _agreed(self, pairs: StandardisedPairs) -> Tensor:
+        """Raw reward [K] of every step that counts, as the members agree on it."""
+        if self.history_steps:
+            return _in_clips(self.payer, pairs).mean(dim=0)
+        return self.scorer(pairs.scored_steps).mean(dim=0)
 
     def standardised(self, features: Tensor) -> Tensor:
         """What the model sees [..., D] of rows [..., F]."""
@@ -211,3 +219,16 @@ class RewardModel(nn.Module):
         if before is not None:
             before = before.to(device)
         return scorer.of_clips(steps, clips.scored.to(device), before)
+
+
+def _in_clips(scorer: Scorer, pairs: StandardisedPairs) -> Tensor:
+    """Raw reward [M, K] of every step that counts, as part of its clip."""
+    rewards = scorer.of_clips(pairs.steps, pairs.scored, pairs.lift_offs_before)
+    return rewards[:, pairs.scored]
+
+
+def _contradicted(rewards: Tensor) -> Tensor:
+    """How much less the mean of members varies than they do, of what each gives [M, K],
+    from 1 up: what they disagree about is not scaled up again."""
+    of_all = rewards.mean(dim=0).std(correction=0).clamp_min(_MIN_STD)
+    return (rewards.std(dim=1, correction=0).mean() / of_all).clamp_min(1)

@@ -6,7 +6,7 @@ K steps that count.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -15,7 +15,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from rewardmodel.answers.answered_pairs import AnsweredPairs
-from rewardmodel.answers.clip_batch import mean_over
+from rewardmodel.answers.clip_batch import PART, mean_over
 from rewardmodel.answers.likelihood import Errors, log_likelihood
 from rewardmodel.cfg import FitCfg
 from rewardmodel.descriptors.normaliser import Normaliser, fill_missing
@@ -46,7 +46,7 @@ class ClipPairs:
     def __len__(self) -> int:
         return len(self.target)
 
-    def subset(self, chosen: Tensor) -> Self:
+    def subset(self, chosen: Tensor | slice) -> Self:
         """The pairs in `chosen` [B] (bool or indices)."""
         before = self.lift_offs_before
         return replace(
@@ -59,6 +59,12 @@ class ClipPairs:
             aspect=None if self.aspect is None else self.aspect[chosen],
             lift_offs_before=None if before is None else before[:, chosen],
         )
+
+    def parts(self) -> Iterator[Self]:
+        """All pairs, some at a time: what is made of many takes more memory than they
+        do."""
+        for first in range(0, len(self), PART):
+            yield self.subset(slice(first, first + PART))
 
     @property
     def said(self) -> Tensor:
@@ -122,6 +128,12 @@ class DescribedPairs(ClipPairs):
         """The columns of `sight`, which may see less than these pairs tell."""
         return replace(self, steps=self.steps[..., : len(names_seen(sight))])
 
+    def difference(self, normaliser: Normaliser) -> Tensor:
+        """[B, D] as of `StandardisedPairs`, by `normaliser`."""
+        return torch.cat(
+            [part.standardised(normaliser).difference for part in self.parts()]
+        )
+
     def standardised(self, normaliser: Normaliser) -> StandardisedPairs:
         """The pairs by `normaliser`, missing descriptors at their mean."""
         return StandardisedPairs(
@@ -153,17 +165,25 @@ class StandardisedPairs(ClipPairs):
 
 def describe_pairs(pairs: AnsweredPairs, cfg: FitCfg, sight: Sight) -> DescribedPairs:
     """Describe answered pairs, whose raters err as `cfg` says."""
-    left_fell, right_fell = pairs.fell.unbind(dim=-1)
-    sides = (pairs.left.features, pairs.right.features)
-    steps = torch.stack([describe(features, sight) for features in sides])
-    if steps.isnan().any():
-        missing = steps.isnan().any(dim=2).any(dim=0)
-        steps.masked_fill_(missing[:, None], torch.nan)
+    shape = (2, len(pairs), pairs.left.valid.shape[1])
+    steps = torch.empty(*shape, len(names_seen(sight)))
+    scored = torch.empty(shape, dtype=torch.bool)
+    fell = torch.empty(shape[:2])
+    for side, clips in enumerate((pairs.left, pairs.right)):
+        for rows, part in clips.parts():
+            steps[side, rows] = describe(part.features, sight)
+            scored[side, rows] = part.scored
+            fell[side, rows] = part.fell.float()
+    for first in range(0, len(pairs), PART):
+        part = steps[:, first : first + PART]
+        if part.isnan().any():
+            missing = part.isnan().any(dim=2).any(dim=0)
+            part.masked_fill_(missing[:, None], torch.nan)
     before = (pairs.left.lift_offs_before, pairs.right.lift_offs_before)
     return DescribedPairs(
         steps=steps,
-        scored=torch.stack([pairs.left.scored, pairs.right.scored]),
-        fall_lead=cfg.fall_logit * (right_fell.float() - left_fell.float()),
+        scored=scored,
+        fall_lead=cfg.fall_logit * (fell[1] - fell[0]),
         target=pairs.target,
         errors=Errors.alike(
             cfg.error_share, len(pairs), tie_threshold=cfg.tie_threshold

@@ -42,11 +42,14 @@ class PreparedClips:
     def __init__(self, described: DescribedPairs, pool: Pool | None = None) -> None:
         self._described = described
         self.pool = pool
-        self._seen: dict[int, PreparedClips] = {described.steps.shape[-1]: self}
+        self._seen: dict[int, PreparedClips] = {}
 
     def seen_by(self, sight: Sight) -> PreparedClips:
         """The columns of `sight`, standardised by themselves."""
         columns = len(names_seen(sight))
+        if columns == self._described.steps.shape[-1]:
+            # Not kept in itself, or all the steps would wait for the collector.
+            return self
         if columns not in self._seen:
             self._seen[columns] = PreparedClips(self._described.seen_by(sight))
         return self._seen[columns]
@@ -56,8 +59,8 @@ class PreparedClips:
         """Fitted to the steps that count, of all there is where that is known."""
         if self.pool:
             return self.pool.normaliser
-        steps = self._described.scored_steps
-        return Normaliser(steps.shape[-1]).fit(steps)
+        steps = self._described.steps
+        return Normaliser(steps.shape[-1]).fit(steps, self._described.scored)
 
     @cached_property
     def standardised(self) -> StandardisedPairs:
@@ -67,7 +70,7 @@ class PreparedClips:
     @cached_property
     def differences(self) -> ScaledDifferences:
         """For models of weights."""
-        return scaled_differences(self.standardised)
+        return scaled_differences(self._described.difference(self.normaliser))
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,10 +115,10 @@ class Prepared:
         return self.described.standardised(normaliser)
 
 
-def scaled_differences(pairs: StandardisedPairs) -> ScaledDifferences:
-    """Each descriptor's difference by its root mean square over the asked pairs, so
-    that a prior means the same for each: a habit in which the clips differ by the usual
-    amount shifts the logit by about one."""
-    difference = pairs.difference.double()
+def scaled_differences(difference: Tensor) -> ScaledDifferences:
+    """Each descriptor's difference [B, D] by its root mean square over the asked pairs,
+    so that a prior means the same for each: a habit in which the clips differ by the
+    usual amount shifts the logit by about one."""
+    difference = difference.double()
     spread = difference.square().mean(dim=0).sqrt().clamp_min(MIN_SPREAD)
     return ScaledDifferences(difference / spread, spread)

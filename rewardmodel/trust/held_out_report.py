@@ -138,7 +138,7 @@ def foresee(model: RewardModel, pairs: AnsweredPairs, *, seed: int) -> Foreseen:
     seen = model.provenance.episodes
     unseen = torch.tensor([not seen.intersection(pair) for pair in pairs.episodes])
     kind = kind_called(cfg.kind)
-    judged = judge(prepare(pairs, cfg), pairs.raters, cfg)
+    judged = judge(prepare(pairs, cfg), pairs, cfg)
     prepared = judged.prepared
     opinion = Prediction.none(len(pairs))
     asked = unseen.clone()

@@ -54,6 +54,20 @@ def test_learning(tmp_path: Path) -> None:
         assert isinstance(result[name], int | float), name
 
 
+def test_actors(tmp_path: Path) -> None:
+    """PPO beside an actor on Ray, by steps, time and staleness."""
+    pytest.importorskip("ray")
+    figures = tmp_path / "figures.json"
+    # In a process of its own, which takes Ray's open files with it.
+    command = [sys.executable, "-m", "benchmarks.actors", "--quick"]
+    subprocess.run(
+        [*command, "--json", str(figures), "--work", str(tmp_path / "work")], check=True
+    )
+    result = json.loads(figures.read_text())
+    assert result["vtrace_1_lag_most"] <= 2.0
+    assert result["vtrace_1_over_ppo_steps_per_s"] > 0.0
+
+
 def test_robots_of_others(tmp_path: Path) -> None:
     """A robot is trained, measured and published with the keys of the goals."""
     xml = tmp_path / "menagerie" / robots.ROBOTS["spot"]

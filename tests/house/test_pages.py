@@ -23,6 +23,7 @@ BLOCK = re.compile(r"^ *```(\w*)\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
 FILE = re.compile(r"`([\w./]+\.(?:py|toml|sql|pyi))`")
 PAGE = re.compile(r"\bdocs/[\w./-]+\.md\b")
 ORDER = re.compile(r"^ *(?:\$ )?(gaitpref .*)$", re.MULTILINE)
+LINK = re.compile(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)")
 PROGRAM = re.compile(r"python -m (benchmarks|studies|examples)\.([a-z]\w*)")
 PACKAGES = ("data", "rewardmodel", "policy", "labeling_ui", "gaitpref")
 FOLDERS = (*PACKAGES, "benchmarks", "studies", "tests", "examples", "docs")
@@ -96,6 +97,17 @@ def test_the_python_of_a_page_runs(
         exec(compile(tree, page, "exec"), {"__name__": "page"})
 
 
+def test_a_link_beside_the_site_leads_somewhere() -> None:
+    """Those of the site are looked at when it is built."""
+    dead = {
+        (name, link)
+        for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")
+        for link in LINK.findall((ROOT / name).read_text())
+        if not (ROOT / link).exists()
+    }
+    assert dead == set()
+
+
 def test_a_how_to_is_read_in_two_minutes() -> None:
     words = {
         page.name: len(page.read_text().split())
@@ -108,7 +120,7 @@ def test_a_how_to_is_read_in_two_minutes() -> None:
 def test_a_page_that_the_code_names_is_there() -> None:
     named = {
         (path.relative_to(ROOT).as_posix(), name)
-        for folder in (*FOLDERS, "examples", "tests")
+        for folder in FOLDERS
         for path in (ROOT / folder).rglob("*.py")
         for name in PAGE.findall(path.read_text())
     }

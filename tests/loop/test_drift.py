@@ -116,8 +116,7 @@ def exploitable(model: RewardModel, pairs: AnsweredPairs) -> RewardModel:
     weights[:, DESCRIPTOR_NAMES.index("action_sq")] = 1.0
     model.scorer.weights.copy_(weights)
     # Unit deviation on the judged steps, as every fitted reward has.
-    steps = prepare(pairs, FitCfg()).by(model.normaliser)
-    return model.calibrate(steps)
+    return model.calibrate(prepare(pairs, FitCfg()).described)
 
 
 def test_an_exploited_reward_is_noticed(tmp_path: Path) -> None:

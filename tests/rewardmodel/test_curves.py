@@ -184,7 +184,7 @@ def test_who_does_not_look_is_found_out_in_a_crowd() -> None:
     careless = torch.tensor([name == "c" for name in names])
     target = torch.where(careless, chance.float(), pairs.target)
     spoiled = replace(pairs, target=target, raters=names)
-    judged = judge(prepare(spoiled, POSTERIOR), names, POSTERIOR)
+    judged = judge(prepare(spoiled, POSTERIOR), spoiled, POSTERIOR)
     shares = dict(judged.raters)
     assert shares.pop("c") >= HARDLY_LOOKS
     assert max(shares.values()) < 0.3

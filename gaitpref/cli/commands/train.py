@@ -111,10 +111,13 @@ def _engine(command: options.Train, ranks: Ranks) -> Engine | None:
         GaitprefError: two ways to use many cores at once, or Ray is not installed.
     """
     if command.actors is None:
-        if command.ray is not None:
-            raise GaitprefError(
-                "--ray says where actors run: give --actors N too, or leave it out"
-            )
+        own = options.Train(out=command.out, reward=command.reward)
+        for name in ("ray", "update", "most_lag"):
+            if getattr(command, name) != getattr(own, name):
+                option = name.replace("_", "-")
+                raise GaitprefError(
+                    f"--{option} is about actors: give --actors N too, or leave it out"
+                )
         return None
     if ranks.size > 1:
         raise GaitprefError(

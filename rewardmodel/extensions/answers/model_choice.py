@@ -39,7 +39,7 @@ def choose(
     if not measured:
         return stiffest, ()
     foreseen: dict[KindName, Tensor] = {}
-    judged = judge(prepared, pairs.raters, cfg)
+    judged = judge(prepared, pairs, cfg)
     for kind in get_args(KindName):
         # It takes as long as all others together, and where what led to a step does
         # not matter to the simpler of the two, it does not matter.
