@@ -142,7 +142,7 @@ class Worth:
 
     @property
     def standard_error(self) -> float:
-        """Of the mean; infinite for fewer than two pairs."""
+        """Standard error of the mean; infinite for fewer than two pairs."""
         if len(self.shares) < 2:
             return math.inf
         return statistics.stdev(self.shares) / math.sqrt(len(self.shares))

@@ -532,7 +532,7 @@ class _Ended:
     out: str
     err: str
     bytes: int
-    """What it took of memory at most."""
+    """Most memory the command took."""
 
 
 def _in_child(args: list[str], scratch: Path) -> _Ended:

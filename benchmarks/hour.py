@@ -47,7 +47,7 @@ class Options:
     """Let eight raters answer for an hour, in short."""
 
     answers: int = ANSWERS
-    """Of each rater."""
+    """Answers each rater gives."""
     quick: bool = False
     """A tenth of the answers."""
     json: Path | None = None
@@ -67,7 +67,7 @@ class Figures:
     hour_memory_mb: float
     """Resident memory of the server when its caches are full."""
     hour_memory_growth_mb: float
-    """What it had more at the end."""
+    """Resident memory the server had more at the end."""
     hour_wall_s: float
 
 

@@ -164,7 +164,7 @@ class Cell:
 
     @property
     def name(self) -> str:
-        """Of its files; tells all that decides its outcome."""
+        """Name of the row's files; tells all that decides its outcome."""
         what = f"{self.task}-{self.answers}-{self.rater}-{self.method}"
         return f"{self.of_robot(what)}-seed{self.seed}"
 
@@ -266,7 +266,7 @@ def cfg_of(
 
 
 def tiny(cfg: LoopCfg) -> LoopCfg:
-    """The same loop with one round and next to no training."""
+    """`cfg` with one round and next to no training."""
     return replace(
         cfg,
         rounds=1,

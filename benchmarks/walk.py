@@ -65,7 +65,7 @@ class Outcome:
     steps: int
     """Environment steps of that policy, or all."""
     tracking_error_m_s: float
-    """Of that policy, or the last one."""
+    """Tracking error of the policy that walked, or of the last one."""
     whole_s: float
     """The whole command."""
 

@@ -18,7 +18,7 @@ ROBOT_XML = Path(__file__).parents[1] / "policy" / "robots" / "go1.xml"
 DT_S = 0.02
 HOME_JOINTS = np.tile((0.0, 0.9, -1.8), 4)
 PHASES = (0.0, 0.5, 0.5, 0.0)
-"""Of the legs FR FL RR RL: a trot."""
+"""Phases of the legs FR FL RR RL: a trot."""
 
 
 def walk(

@@ -44,7 +44,7 @@ class LabelCfg:
     cert: Path | None = None
     """Certificate for TLS, PEM."""
     key: Path | None = None
-    """Its private key, PEM."""
+    """Private key of the certificate, PEM."""
     public_url: PublicUrl | None = None
     """Where people open the page, if a reverse proxy stands before it."""
     auth: bool = True

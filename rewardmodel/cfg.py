@@ -31,8 +31,9 @@ class LinearCfg:
     more, each, is expected to lose before any answer. Answers overrule it; wrong ones
     are kept from teaching that rocking is wanted."""
     quiet_logit: float = field(default=0.0, metadata=ADDED_LATER)
-    """The same of each habit of moving more than a walk takes, where answers err. A
-    reward that expects it before there is a walk prefers standing."""
+    """Logit by which a clip is expected to lose, where answers err, for each habit of
+    moving more than a walk takes. A reward that expects it before there is a walk
+    prefers standing."""
     hurry: float = field(default=0.0, metadata=ADDED_LATER)
     """How much short, hurried steps are expected to be disliked, whether answers err or
     not, in deviations of the prior: as much as opinions are strong. One that expects it

@@ -65,7 +65,7 @@ class FewAnswers:
     counts: tuple[int, ...] = (5, 10, 20, 40)
     """Answers after which it is measured."""
     seeds: tuple[int, ...] = (100, 101)
-    """Of the questions; the table of `benchmarks.preferences` has 0 to 4."""
+    """Seeds of the questions; the table of `benchmarks.preferences` has 0 to 4."""
     why: bool = False
     """Answers name a reason, the right one in four of five."""
     mistakes: float = 0.0

@@ -46,9 +46,9 @@ class Groups:
     work: Path = Path("runs/few-answers")
     """Directory of the recordings."""
     answers: int = 40
-    """Of each rater."""
+    """Answers of each rater."""
     draws: int = 10
-    """Of each kind."""
+    """Draws of each kind."""
     only: tuple[str, ...] = ()
     """Only these kinds."""
 

@@ -55,9 +55,9 @@ class HumanLabels:
     splits: int = 5
     """Draws of what is held out."""
     held_out: float = 0.2
-    """Share of the answers that is."""
+    """Share of the answers that is held out."""
     most_epochs: int = EPOCHS
-    """Of Uni-RLHF's network."""
+    """Epochs after which Uni-RLHF's network ends at the latest."""
     json: bool = False
     """Print JSON in place of a table."""
 
@@ -76,7 +76,7 @@ class Foreseen:
     ece_by_chance: float
     """What a calibrated model would show on so few answers."""
     log_loss: float
-    """Of the preferences, in nats; log 2 is a guess."""
+    """Mean loss of the preferences, in nats; log 2 is a guess."""
     ties_told: float
     """Probability that a tie has a smaller lead than a preference; half is a guess."""
 

@@ -36,7 +36,7 @@ NEAR_STEPS = 5
 """A minimum so near to the middle of the stumble has found it."""
 _CLIPS = 40
 _FIRST, _STEPS = 60, 60
-"""Of an episode: where the start from standing is over."""
+"""First step and steps of what is looked at: the start from standing is over there."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -48,9 +48,9 @@ class PostgresBackend:
         self._single = engine.execution_options(isolation_level="AUTOCOMMIT")
         self._lock = threading.RLock()
         self._open: Connection | None = None
-        """Of the transaction that is going on; only for who holds the lock."""
+        """Connection of the open transaction; only for who holds the lock."""
         self._waits = True
-        """A commit waits for the disk; only for who holds the lock."""
+        """Whether a commit waits for the disk; only for who holds the lock."""
 
     @staticmethod
     def open(address: str) -> PostgresBackend:

@@ -32,7 +32,7 @@ class RecoveredFile:
     """Hashes of the episodes it gave."""
     kept_steps: int
     lost_steps: int | None
-    """None if nobody knows how many there were."""
+    """Steps that are gone; None if nobody knows how many there were."""
     problem: str
     """Why nothing could be saved; empty if something was."""
 

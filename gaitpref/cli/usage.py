@@ -16,7 +16,7 @@ DATA = "data"
 
 
 class UsageError(GaitprefError):
-    """There is no such command."""
+    """A command that does not exist."""
 
 
 def commands() -> dict[tuple[str, ...], type]:

@@ -33,7 +33,8 @@ class Exported:
     left_out_episodes: int
     """Aborted ones, and those without observations or actions, as from hardware."""
     left_out_answers: int
-    """Neither a preference nor equal, or about clips the format cannot hold."""
+    """Answers that prefer nothing and are no tie, or whose clips the format cannot
+    hold."""
 
 
 @dataclass(frozen=True, eq=False)

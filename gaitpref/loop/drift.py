@@ -102,7 +102,7 @@ def was_judged(foreseen: Foreseen) -> bool:
 
 
 def judged_before(pairs: AnsweredPairs, round: Round) -> AnsweredPairs | None:
-    """Those of the answers that the reward of the round before was fitted to; None
-    where there was none."""
+    """The answers that the reward of the round before was fitted to; None where there
+    was none."""
     earlier = torch.tensor(pairs.rounds) < round.number
     return pairs.subset(earlier) if earlier.any() else None

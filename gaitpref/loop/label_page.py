@@ -24,7 +24,7 @@ from labeling_ui.page.loop_status import LoopStatus
 _START_S = 120.0
 _STOP_S = 20.0
 NICENESS = 5
-"""Of the loop: who answers must not wait for a training that takes minutes anyway."""
+"""Niceness of the loop: who answers must not wait for a training of minutes."""
 
 
 class LoopPage:

@@ -177,7 +177,7 @@ class _Plan:
     reward_name: str = "task"
     init: Path | None = None
     standstill: Standstill | None = None
-    """What it is to leave."""
+    """The standing still that the training is to leave."""
 
 
 def _plan(

@@ -87,6 +87,10 @@ class PutBack:
         return replace(found, final_std=self.calm_std, calm_from=self.calm_from)
 
 
+Exploration = Descending | PutBack
+"""What a method can decide; its name is written into a run's configuration."""
+
+
 def pays_for_rate(model: RewardModel) -> bool:
     """Whether the rate of steps is among the few things a sum of curves is about."""
     heights = model.payer.heights

@@ -17,8 +17,8 @@ from .budget import FrontLoaded
 from .clip_sources import ClipSources
 from .context import RoundContext
 from .expectations import OnceItWalks
-from .exploration import Descending, PutBack
-from .paid import AsFitted, SurelyLiked
+from .exploration import Descending, Exploration, PutBack
+from .paid import AsFitted, Paid, SurelyLiked
 from .questions import Questions
 from .tracking import TrackingPrice
 from .unstick import Optimism
@@ -38,13 +38,13 @@ class Method:
     """What is fitted to the answers."""
     once_it_walks: OnceItWalks | None = None
     """What the last rewards expect besides; None: nothing."""
-    paid: SurelyLiked | AsFitted = field(metadata=ONE_OF)
+    paid: Paid = field(metadata=ONE_OF)
     """What of the reward a training is paid."""
     weight: float
     """Weight of that, which has unit standard deviation per second."""
     safety: KnownTermsCfg = field(default_factory=KnownTermsCfg)
     """Known terms it is added to, the robot's safety."""
-    exploration: Descending | PutBack | None = field(metadata=ONE_OF)
+    exploration: Exploration | None = field(metadata=ONE_OF)
     """Its exploration noise; None: what the policy has."""
     mirror: bool = True
     """Whether every step counts as its mirror image too, where both sides of the robot

@@ -49,3 +49,7 @@ class AsFitted:
     def of(self, model: RewardModel, context: RoundContext) -> RewardFn:
         """`model`, whatever the round."""
         return model
+
+
+Paid = SurelyLiked | AsFitted
+"""What a method can decide; its name is written into a run's configuration."""

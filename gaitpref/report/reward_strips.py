@@ -62,12 +62,13 @@ def curves_picture(curves: Sequence[Curve]) -> Figure:
     figure = Figure(figsize=(2.6 * columns, 2.1 * rows), layout="constrained")
     panels = figure.subplots(rows, columns, sharey=True, squeeze=False).flatten()
     for axes, curve in zip(panels, curves, strict=False):
-        plain_axes(axes, curve.name)
+        plain_axes(axes, curve.habit.name)
         band = (curve.reward - curve.spread, curve.reward + curve.spread)
         axes.fill_between(curve.values, *band, color=BLUE, alpha=0.2, linewidth=0)
         axes.plot(curve.values, curve.reward, color=BLUE, linewidth=1.5)
         axes.axhline(0.0, color=GREY, linestyle=":", linewidth=1)
-        axes.set_xlabel("" if curve.unit == "1" else curve.unit, fontsize=9)
+        unit = curve.habit.unit
+        axes.set_xlabel("" if unit == "1" else unit, fontsize=9)
     for axes in panels[len(curves) :]:
         axes.set_visible(False)
     for axes in panels[::columns]:

@@ -11,7 +11,7 @@ from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from rewardmodel.answers.clip_batch import read_clips
 from rewardmodel.explain.attribution import explain
-from rewardmodel.explain.learned_curves import learned_curves
+from rewardmodel.explain.learned_curves import Curve, learned_curves
 from rewardmodel.models.storage import load_reward
 
 from .findings import NO_ALARM, findings_of_run
@@ -115,6 +115,10 @@ def trust_cells(of_round: dict[str, Any]) -> tuple[str, str, str]:
     )
 
 
+def _meaning(curve: Curve) -> str:
+    return f"<li>{curve.habit.name}: {html.escape(curve.habit.meaning)}.</li>"
+
+
 def clips_section(run: Path, rounds: list[dict[str, Any]]) -> str:
     """The newest reward's best and worst clips of the round it was fitted in."""
     numbers = [r["round"] for r in rounds if r.get("fit")]
@@ -148,6 +152,7 @@ def clips_section(run: Path, rounds: list[dict[str, Any]]) -> str:
             "<p>What each habit adds to the reward of a step, over its usual values, "
             "with the spread of the ensemble; those that matter most.</p>"
             f"<figure>{svg_of(curves_picture(curves).axes[0])}</figure>"
+            f"<ul>{''.join(map(_meaning, curves))}</ul>"
         )
     return (
         f"<h2>What the reward of round {newest} likes</h2>{learned}"

@@ -60,9 +60,9 @@ class TotalReward:
     """How badly commands may be followed before `score` counts less; None: it never
     does."""
     figures: dict[str, float] = field(default_factory=dict, compare=False)
-    """Of the rollout scored last: each part per second (`reward/NAME`), its share of
-    the magnitudes of all (`share/NAME`), and how unsure an ensemble is of the score
-    (`reward/spread`, in its standard deviations)."""
+    """Figures of the rollout scored last: each part per second (`reward/NAME`), its
+    share of the magnitudes of all (`share/NAME`), and how unsure an ensemble is of the
+    score (`reward/spread`, in its standard deviations)."""
 
     @property
     def history_steps(self) -> int:

@@ -21,7 +21,7 @@ LOGIN_FAILURES_PER_MINUTE = 10
 REQUESTS_PER_S = 10.0
 """Pages (figures, guidelines) a rater may ask for; more are refused for a moment."""
 REQUESTS_AT_ONCE = 40.0
-"""So many may come at once, after a pause."""
+"""Requests that may come at once, after a pause."""
 
 PAGES = 24
 """Open labeling pages in all, unless `--most-raters` says otherwise."""
@@ -34,7 +34,7 @@ PAGES_PER_RATER = 1
 OPENINGS_PER_S = 1.0
 """How often a rater's page may be opened anew; more wait for their turn."""
 OPENINGS_AT_ONCE = 5.0
-"""So many may come at once, after a pause."""
+"""Openings that may come at once, after a pause."""
 WATCH_S = 0.25
 """How often it is looked whether the rater of an open page may still be there."""
 CLOSE_S = 1.0
@@ -45,7 +45,7 @@ MESSAGE_BYTES = 2**20
 MESSAGES_PER_S = 200.0
 """Messages of a rater; more are read later, so that they wait at the sender."""
 MESSAGES_AT_ONCE = 400.0
-"""So many may come at once, after a pause."""
+"""Messages that may come at once, after a pause."""
 MESSAGE_UNIT_BYTES = 2**12
 """A long message counts as one for each of these."""
 FLOOD_S = 5.0
@@ -57,7 +57,7 @@ ACTIONS_WAITING = 8
 CHANGES_PER_S = 8.0
 """Switches of view, plots, theme and dialogs of one page; more are dropped."""
 CHANGES_AT_ONCE = 8.0
-"""So many may come at once, after a pause."""
+"""Changes that may come at once, after a pause."""
 
 INNER_WAITING = 32
 """Connections to viser that have not yet said who they are."""

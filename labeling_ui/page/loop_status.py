@@ -25,5 +25,5 @@ StatusSource = Callable[[], LoopStatus | None]
 
 
 def no_status() -> LoopStatus | None:
-    """There is no loop."""
+    """Tell that the page belongs to no loop."""
     return None

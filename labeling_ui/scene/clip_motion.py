@@ -121,7 +121,7 @@ def load_motion(dataset: Dataset, clip: Clip) -> Motion:
 
 
 def _commands(episode: Episode, rows: np.ndarray) -> tuple[Command, ...]:
-    """Those of a clip with feature `rows`, each once for as long as it holds."""
+    """Commands of a clip with feature `rows`, each once for as long as it holds."""
     if not episode.meta.command_change_steps:
         return (episode.meta.command,)
     asked = rows[:, column("command")]

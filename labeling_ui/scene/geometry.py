@@ -61,7 +61,7 @@ class RobotGeometry:
 
     @cached_property
     def ground(self) -> Ground | None:
-        """What it walks on; None is the plane z = 0."""
+        """The ground under the robot; None is the plane z = 0."""
         mj_model = self.mj_model
         shown = np.flatnonzero(mj_model.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD)
         if not len(shown):

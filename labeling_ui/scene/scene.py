@@ -60,7 +60,7 @@ class Pose:
     path: np.ndarray
     """[2] m, the ground point the view follows."""
     fallen: bool = False
-    """It is lying where it fell."""
+    """Whether the robot lies where it fell."""
 
 
 class RobotView:

@@ -39,7 +39,7 @@ class _Caller:
     socket: socket.socket
     transport: asyncio.BaseTransport | None = None
     on_page: bool = False
-    """It carries an open page, and is closed only by that."""
+    """Whether the connection carries an open page, which alone closes it then."""
 
     dropped: bool = False
 
@@ -63,7 +63,7 @@ class FrontDoor:
     """Listens on a port and keeps a limited number of callers waiting."""
 
     def __init__(self, serve: Callable[[], asyncio.Protocol]) -> None:
-        """Nothing is open before `open`.
+        """A door that is shut until `open`.
 
         Args:
             serve: Makes what speaks HTTP on one connection.

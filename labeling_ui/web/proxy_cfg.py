@@ -27,7 +27,7 @@ class ProxyCfg:
     cert: Path | None = None
     """Certificate chain for TLS, PEM."""
     key: Path | None = None
-    """Its private key, PEM."""
+    """Private key of the certificate, PEM."""
     public_url: PublicUrl | None = None
     """Where people open the page, if a reverse proxy stands before it."""
     auth: bool = True

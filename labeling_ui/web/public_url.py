@@ -27,7 +27,7 @@ class PublicUrl:
     name: str
     """Name of the host, in lower case."""
     port: int | None
-    """None for the usual one of the scheme, which browsers leave out."""
+    """Port; None for the usual one of the scheme, which browsers leave out."""
     path: str
     """What all addresses begin with: empty, or as `/gait`."""
 

@@ -71,7 +71,7 @@ class Robot:
     changes: tuple[str, ...] = ()
     """What was added to the model or replaced in it, in words."""
     ground: Ground | None = None
-    """What it stands on; None is the plane z = 0."""
+    """The ground under the robot; None is the plane z = 0."""
 
     @property
     def home_foot_pos_w(self) -> np.ndarray:

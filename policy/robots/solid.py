@@ -74,7 +74,7 @@ def make_legs_solid(
 def _links(
     mj_model: mujoco.MjModel, mj_data: mujoco.MjData, leg: int, joints: list[int]
 ) -> list[_Link]:
-    """Those of a leg's thigh and shank that nothing but their foot touches."""
+    """Geoms of a leg's thigh and shank that nothing but their foot touches."""
     _, thigh, knee = joints
     foot = int(mj_model.sensor(f"{PREFIX}contact_{LEGS[leg]}").objid[0])
     knee_w, foot_w = mj_data.xanchor[knee], mj_data.geom_xpos[foot]

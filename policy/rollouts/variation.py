@@ -1,4 +1,4 @@
-"""The same policy in another posture: what would people say if it walked taller?
+"""A policy in another posture: what would people say if it walked taller?
 
 Clips of one policy look alike in what the policy never varies, and no answer about them
 tells whether that habit is wanted. So some episodes are recorded with the feet shifted

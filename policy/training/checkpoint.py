@@ -43,7 +43,7 @@ class PolicyInfo:
     steps: int
     """Environment steps it was trained, those of the policies before it included."""
     reward: str
-    """What it was trained against, in words."""
+    """What the policy was trained on, in words."""
     seed: int
     """Of its training."""
     env: EnvCfg

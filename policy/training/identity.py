@@ -64,7 +64,7 @@ def content_of(value: Any) -> Any:
 
 
 def _of_function(function: Any) -> dict[str, Any]:
-    """Its source, and what it holds on to from where it was made."""
+    """Source of `function`, and what it holds on to from where it was made."""
     held = [cell.cell_contents for cell in getattr(function, "__closure__", None) or ()]
     if inspect.ismethod(function):
         held.append(function.__self__)

@@ -111,7 +111,7 @@ class Bonus(Protocol):
         ...
 
     def state_dict(self) -> dict[str, Any]:
-        """What it has learned."""
+        """Weights of the bonus."""
         ...
 
     def load_state_dict(self, state_dict: dict[str, Any], /) -> Any:
@@ -127,7 +127,7 @@ class Penalty(Protocol):
         ...
 
     def saved(self) -> dict[str, Any]:
-        """What it goes on from, by names of its own."""
+        """What the penalty goes on from, by names of its own."""
         ...
 
     def load(self, saved: dict[str, Any], /) -> None:

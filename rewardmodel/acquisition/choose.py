@@ -229,8 +229,7 @@ def _diverse(
 def _decided_before(
     known_pairs: Iterable[Pair], entries: Iterable[EpisodeEntry], round: int
 ) -> list[bool]:
-    """Of each pair the round has asked about by now, whether one of two robots
-    falls."""
+    """Whether one of the two robots falls, of each pair the round has asked about."""
     ends = {e.sha256: e.num_steps for e in entries if e.end_reason == "terminated"}
 
     def falls(clip: Clip) -> bool:

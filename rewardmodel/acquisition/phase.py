@@ -63,7 +63,7 @@ def touchdowns(contact: np.ndarray) -> np.ndarray:
 
 
 def overlapping(clip: Clip, others: Iterable[Clip]) -> list[Clip]:
-    """Those of `others` that show mostly the same as `clip`: more than half of the
+    """The clips of `others` that show mostly the same as `clip`: more than half of the
     longer of the two is common to both."""
     return [
         other

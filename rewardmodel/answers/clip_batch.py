@@ -55,7 +55,7 @@ class ClipBatch:
     spool: Spool | None = None
     """The file that holds the rows of very many clips."""
     checked: InitVar[bool] = False
-    """These are rows of a batch that was looked at already."""
+    """Whether the rows are of a batch that was looked at already."""
 
     def __post_init__(self, checked: bool) -> None:
         if checked:

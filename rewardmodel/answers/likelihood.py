@@ -57,7 +57,7 @@ class Errors:
         )
 
     def part(self, chosen: Tensor) -> Errors:
-        """Those of the answers `chosen` [B] (bool or indices)."""
+        """Errors of the answers `chosen` [B] (bool or indices)."""
         return Errors(self.share[chosen], self.guess[:, chosen], self.rater[chosen])
 
 

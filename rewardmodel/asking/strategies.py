@@ -19,9 +19,9 @@ class Making:
     """How a strategy is made, with or without an ensemble to ask."""
 
     blind: Callable[[ClipRows], Strategy] | None = None
-    """Without one; None where it needs one."""
+    """The strategy without a model; None where it needs one."""
     asking: Callable[[RewardModel, ClipRows], Strategy] | None = None
-    """With one; None where it takes no notice of it."""
+    """The strategy with a model; None where it takes no notice of it."""
 
 
 STRATEGIES: Mapping[StrategyName, Making] = {

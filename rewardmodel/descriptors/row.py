@@ -1,4 +1,4 @@
-"""A feature row by name, and what a descriptor is.
+"""A feature row by name, and what a habit and a descriptor are.
 
 Shapes: F columns of a feature row.
 """
@@ -6,10 +6,11 @@ Shapes: F columns of a feature row.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from torch import Tensor, float32
 
+from data.answers.answer_records import Aspect
 from data.features import column
 
 _LIMIT = 1e6
@@ -28,14 +29,33 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Descriptor:
-    """One habit of a gait, as a number per control step."""
+class Habit:
+    """One habit of a gait: what it is called, and all that is believed of it."""
 
     name: str
     unit: str
     meaning: str
-    compute: Callable[[Row], Tensor]
-    """Its value [...] for rows [..., F]; finite for every finite row."""
-    quadratic: bool = False
+    quadratic: bool = field(default=False, kw_only=True)
     """A sum of squares or of products of rates, from 0 up: a gait's moments of effort
     are far above all the rest of it."""
+    signed: bool = field(default=False, kw_only=True)
+    """Whether the habit can be below 0."""
+    swings: bool = field(default=False, kw_only=True)
+    """Whether it goes to and fro with every step: nobody wishes it neither high nor
+    low."""
+    group: str = field(default="other", kw_only=True)
+    """What it is explained together with: correlated habits share a reward by chance,
+    their group does not."""
+    aspect: Aspect | None = field(default=None, kw_only=True)
+    """The reason an answer can give that means it; None of what a robot is told."""
+    concept: str | None = field(default=None, kw_only=True)
+    """What people have one word for, of this habit and others; each concept is as
+    probable a wish as the others, and so is each of its habits. None: no wish."""
+
+
+@dataclass(frozen=True)
+class Descriptor(Habit):
+    """A habit that one feature row tells, as a number per control step."""
+
+    compute: Callable[[Row], Tensor]
+    """Value [...] for rows [..., F]; finite for every finite row."""

@@ -11,8 +11,17 @@ from torch.nn import functional
 
 from rewardmodel.answers.clip_batch import PAST_STEPS, since_start
 
+from .row import Habit
 from .table import names_seen
 
+STRIDE_RATE = Habit(
+    "stride_rate",
+    "Hz",
+    "strides a second, over the last second",
+    aspect="rhythm",
+    concept="rate of steps",
+)
+"""The habit that no single row tells."""
 _CONTACTS = tuple(
     index
     for index, name in enumerate(names_seen("legs"))

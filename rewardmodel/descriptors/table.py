@@ -38,14 +38,14 @@ def _yaw_rate_error(row: Row) -> Tensor:
 
 
 def _tilt_sq(row: Row) -> Tensor:
-    """It goes on growing beyond a quarter turn: a robot on its back is not level."""
+    """Grow beyond a quarter turn too: a robot on its back is not level."""
     gravity_b = row["gravity_b"]
     sine_sq = _sum_of_squares(gravity_b[..., :2])
     return torch.where(gravity_b[..., 2] > 0, 2.0 - sine_sq, sine_sq)
 
 
 def _lift_offs(row: Row) -> Tensor:
-    """The integral over a swing is nearly the same however long it lasts."""
+    """Sum of pulses after lift-offs, nearly the same however long a swing lasts."""
     air_s = row["foot_air_time"]
     return ((air_s > 0) * torch.exp(-air_s.clamp(min=0) / _LIFT_OFF_S)).sum(dim=-1)
 
@@ -56,6 +56,8 @@ DESCRIPTORS = (
         "m/s",
         "how far the planar velocity is from the one asked for",
         lambda row: _sum_of_squares(_planar_error(row)).sqrt(),
+        group="tracking",
+        concept="planar error",
     ),
     Descriptor(
         "planar_error_sq",
@@ -63,12 +65,15 @@ DESCRIPTORS = (
         "the same, squared",
         lambda row: _sum_of_squares(_planar_error(row)),
         quadratic=True,
+        group="tracking",
     ),
     Descriptor(
         "yaw_rate_error",
         "rad/s",
         "how far the yaw rate is from the one asked for",
         lambda row: _yaw_rate_error(row).abs(),
+        group="tracking",
+        concept="yaw rate error",
     ),
     Descriptor(
         "yaw_rate_error_sq",
@@ -76,12 +81,16 @@ DESCRIPTORS = (
         "the same, squared",
         lambda row: _yaw_rate_error(row).square(),
         quadratic=True,
+        group="tracking",
     ),
     Descriptor(
         "forward_speed",
         "m/s",
         "speed along the body's nose, whatever was asked for",
         lambda row: row["base_lin_vel_b"][..., 0],
+        group="tracking",
+        concept="speed",
+        signed=True,
     ),
     Descriptor(
         "vertical_speed_sq",
@@ -89,6 +98,9 @@ DESCRIPTORS = (
         "bouncing",
         lambda row: row["base_lin_vel_b"][..., 2].square(),
         quadratic=True,
+        group="steadiness",
+        aspect="steadiness",
+        concept="steadiness",
     ),
     Descriptor(
         "roll_rate_sq",
@@ -96,6 +108,9 @@ DESCRIPTORS = (
         "swaying from side to side",
         lambda row: row["base_ang_vel_b"][..., 0].square(),
         quadratic=True,
+        group="steadiness",
+        aspect="steadiness",
+        concept="steadiness",
     ),
     Descriptor(
         "pitch_rate_sq",
@@ -103,6 +118,9 @@ DESCRIPTORS = (
         "rocking from nose to tail",
         lambda row: row["base_ang_vel_b"][..., 1].square(),
         quadratic=True,
+        group="steadiness",
+        aspect="steadiness",
+        concept="steadiness",
     ),
     Descriptor(
         "tilt_sq",
@@ -111,18 +129,26 @@ DESCRIPTORS = (
         "where the body is upside down",
         _tilt_sq,
         quadratic=True,
+        group="steadiness",
+        aspect="posture",
+        concept="uprightness",
     ),
     Descriptor(
         "height",
         "m",
         "height of the base above the ground",
         lambda row: row["base_height"][..., 0],
+        group="posture",
+        aspect="posture",
+        concept="trunk height",
     ),
     Descriptor(
         "height_sq",
         "m2",
         "the same, squared: with `height` it can name a best height",
         lambda row: row["base_height"][..., 0].square(),
+        group="posture",
+        aspect="posture",
     ),
     Descriptor(
         "joint_offset_sq",
@@ -130,6 +156,9 @@ DESCRIPTORS = (
         "distance of all joints from the home pose",
         lambda row: _sum_of_squares(row["joint_pos_offset"]),
         quadratic=True,
+        group="posture",
+        aspect="posture",
+        concept="uprightness",
     ),
     Descriptor(
         "joint_speed_sq",
@@ -137,6 +166,9 @@ DESCRIPTORS = (
         "how fast the joints move",
         lambda row: _sum_of_squares(row["joint_vel"]),
         quadratic=True,
+        group="effort",
+        aspect="effort",
+        concept="effort",
     ),
     Descriptor(
         "torque_sq",
@@ -144,6 +176,9 @@ DESCRIPTORS = (
         "how hard the joints work",
         lambda row: _sum_of_squares(row["joint_torque"]),
         quadratic=True,
+        group="effort",
+        aspect="effort",
+        concept="effort",
     ),
     Descriptor(
         "power",
@@ -151,6 +186,9 @@ DESCRIPTORS = (
         "mechanical power, braking counted as much as driving",
         lambda row: (row["joint_torque"] * row["joint_vel"]).abs().sum(dim=-1),
         quadratic=True,
+        group="effort",
+        aspect="effort",
+        concept="effort",
     ),
     Descriptor(
         "action_sq",
@@ -158,6 +196,9 @@ DESCRIPTORS = (
         "how far the policy pulls from the home pose",
         lambda row: _sum_of_squares(row["action"]),
         quadratic=True,
+        group="shaking",
+        aspect="effort",
+        concept="shaking",
     ),
     Descriptor(
         "action_rate_sq",
@@ -165,30 +206,49 @@ DESCRIPTORS = (
         "how much the policy's output jumps from step to step: shaking",
         lambda row: _sum_of_squares(row["action_rate"]),
         quadratic=True,
+        group="shaking",
+        aspect="effort",
+        concept="shaking",
     ),
     Descriptor(
         "contacts",
         "1",
         "number of feet on the ground",
         lambda row: row["foot_contact"].sum(dim=-1),
+        group="feet",
+        aspect="rhythm",
+        concept="feet down",
+        swings=True,
     ),
     Descriptor(
         "foot_height_mean",
         "m",
         "mean height of the four feet",
         lambda row: row["foot_height"].mean(dim=-1),
+        group="feet",
+        aspect="feet",
+        concept="foot height",
+        swings=True,
     ),
     Descriptor(
         "foot_height_max",
         "m",
         "height of the highest foot",
         lambda row: row["foot_height"].amax(dim=-1),
+        group="feet",
+        aspect="feet",
+        concept="foot height",
+        swings=True,
     ),
     Descriptor(
         "foot_speed_mean",
         "m/s",
         "mean horizontal speed of the four feet",
         lambda row: row["foot_speed"].mean(dim=-1),
+        group="feet",
+        aspect="feet",
+        concept="foot speed",
+        swings=True,
     ),
     Descriptor(
         "slip",
@@ -196,24 +256,40 @@ DESCRIPTORS = (
         "squared speed of the feet on the ground, summed",
         lambda row: (row["foot_contact"] * row["foot_speed"].square()).sum(dim=-1),
         quadratic=True,
+        group="feet",
+        aspect="feet",
+        concept="slip",
+        swings=True,
     ),
     Descriptor(
         "air_time_mean",
         "s",
         "mean time since lift-off of the four feet",
         lambda row: row["foot_air_time"].mean(dim=-1),
+        group="feet",
+        aspect="rhythm",
+        concept="air time",
+        swings=True,
     ),
     Descriptor(
         "air_time_max",
         "s",
         "time since lift-off of the foot longest in the air",
         lambda row: row["foot_air_time"].amax(dim=-1),
+        group="feet",
+        aspect="rhythm",
+        concept="air time",
+        swings=True,
     ),
     Descriptor(
         "lift_offs",
         "1",
         "how often feet leave the ground: short steps instead of long ones",
         _lift_offs,
+        group="feet",
+        aspect="rhythm",
+        concept="rate of steps",
+        swings=True,
     ),
 )
 

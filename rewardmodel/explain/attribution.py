@@ -18,54 +18,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.features import LEGS
 from rewardmodel.answers.clip_batch import ClipBatch
 from rewardmodel.descriptors.normaliser import fill_missing
-from rewardmodel.descriptors.per_leg import CONTACTS, ENDS, SINGLE, TOGETHER
+from rewardmodel.descriptors.table import columns_seen
 from rewardmodel.errors import RewardError
 from rewardmodel.models.model import RewardModel
 
 Method = Literal["auto", "exact", "gradients", "occlusion"]
-
-GROUPS = {
-    "tracking": (
-        "planar_error",
-        "planar_error_sq",
-        "yaw_rate_error",
-        "yaw_rate_error_sq",
-        "forward_speed",
-        "leftward_speed",
-        "yaw_rate",
-    ),
-    "steadiness": ("vertical_speed_sq", "roll_rate_sq", "pitch_rate_sq", "tilt_sq"),
-    "posture": ("height", "height_sq", "joint_offset_sq", "nose_down", "left_down"),
-    "effort": ("joint_speed_sq", "torque_sq", "power"),
-    "shaking": ("action_sq", "action_rate_sq"),
-    "feet": (
-        "contacts",
-        "clearance",
-        "foot_height_mean",
-        "foot_height_max",
-        "foot_speed_mean",
-        "slip",
-        "air_time_mean",
-        "air_time_max",
-        "lift_offs",
-        *(item.name for item in SINGLE if item.name.endswith(LEGS)),
-        *(item.name for item in ENDS),
-    ),
-    "stepping": (
-        *(
-            item.name
-            for item in (*CONTACTS, *TOGETHER)
-            if item.name not in ("clearance", "nose_down")
-        ),
-    ),
-}
-"""Habits that belong together; correlated descriptors share a reward by chance, their
-group does not."""
-OTHER = "other"
-"""Group of the descriptors named nowhere above."""
 
 _INTEGRATION_STEPS = 32
 
@@ -89,11 +48,6 @@ class Explanation:
     average: float
     """Reward of an average judged step."""
     method: str
-
-
-def group_of(name: str) -> str:
-    """The group of a descriptor."""
-    return next((g for g, names in GROUPS.items() if name in names), OTHER)
 
 
 def explain(
@@ -124,8 +78,9 @@ def explain(
             shares = torch.full_like(steps, torch.nan)
         case _:
             raise ValueError(f"no way to explain is called {chosen!r}")
-    groups = tuple(dict.fromkeys(map(group_of, model.names)))
-    members = [[group_of(n) == group for n in model.names] for group in groups]
+    of_each = [column.group for column in columns_seen(model.sight)]
+    groups = tuple(dict.fromkeys(of_each))
+    members = [[own == group for own in of_each] for group in groups]
     if chosen == "occlusion":
         by_group = torch.stack(
             [

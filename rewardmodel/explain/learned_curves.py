@@ -11,27 +11,26 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from rewardmodel.descriptors.row import Habit
+from rewardmodel.descriptors.stride_rate import STRIDE_RATE
 from rewardmodel.descriptors.table import columns_seen
 from rewardmodel.models.model import RewardModel
 
 _POINTS = 41
 _USUAL = 2.0
 """Deviations to either side that a straight line is told for."""
-_SIGNED = ("forward_speed",)
-"""Habits that can be negative; the others end at 0."""
 _LEAST = 0.1
 """Deviations of reward below which a curve says nothing."""
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """What one descriptor adds to the reward of a step, over what was judged, or is
-    usual where the model keeps no such range."""
+    """What one habit adds to the reward of a step, over what was judged, or is usual
+    where the model keeps no such range."""
 
-    name: str
-    unit: str
+    habit: Habit
     values: np.ndarray
-    """[K] of the descriptor, in its unit"""
+    """[K] of the habit, in its unit"""
     reward: np.ndarray
     """[K] in standard deviations of the reward, 0 in the mean"""
     spread: np.ndarray
@@ -54,11 +53,10 @@ def learned_curves(
         control_dt_s: Of the steps, for the unit of the stride rate.
         count: How many at most.
     """
-    names = list(model.names)
-    units = [column.unit for column in columns_seen(model.sight)]
+    habits: list[Habit] = [*columns_seen(model.sight)]
     centre, unit = model.normaliser.mean, model.normaliser.std
     place = torch.linspace(0, 1, _POINTS)[:, None]
-    signed = torch.tensor([name in _SIGNED for name in names])
+    signed = torch.tensor([habit.signed for habit in habits])
     least = torch.where(signed, -torch.inf, -centre / unit)
     low = least.clamp_min(-_USUAL).clamp_max(_USUAL)
     high = torch.full_like(low, _USUAL)
@@ -69,7 +67,7 @@ def learned_curves(
         return ()
     added, paid = found.added, agreed.added.mean(dim=0)
     if found.rate is not None:
-        names, units = [*names, "stride_rate"], [*units, "Hz"]
+        habits.append(STRIDE_RATE)
         rates = torch.stack(found.rate) / control_dt_s
         centre = torch.cat([centre, rates[:1]])
         unit = torch.cat([unit, rates[1:]])
@@ -81,7 +79,7 @@ def learned_curves(
         i for i in weights.argsort(descending=True)[:count] if weights[i] > _LEAST
     ]
     return tuple(
-        Curve(names[i], units[i], *(_plain(t[:, i]) for t in (shown, mean, spread)))
+        Curve(habits[i], *(_plain(t[:, i]) for t in (shown, mean, spread)))
         for i in map(int, chosen)
     )
 

@@ -30,7 +30,7 @@ class Unanswered:
     """[U, 2] group of the episode of either clip."""
 
     def without(self, fold: int) -> Unanswered:
-        """Those with no clip in a fold that is being held out."""
+        """The pairs with no clip in a fold that is being held out."""
         kept = (self.folds != fold).all(dim=1)
         return Unanswered(self.pairs.subset(kept), self.folds[kept])
 

@@ -155,8 +155,8 @@ def _pairs(
 def _raters(
     answers: Sequence[TableAnswer], foreseen: Prediction, temperature: float
 ) -> tuple[tuple[str, float], ...]:
-    """Of several raters, the share of preferences that is most likely random beside
-    what models foresaw of them; nobody of one."""
+    """Share of each rater's preferences that is most likely random, beside what models
+    foresaw of them; nothing of one rater alone."""
     names = sorted({answer.rater for answer in answers})
     if len(names) < 2:
         return ()

@@ -115,7 +115,8 @@ def expected_of_all(prepared: Prepared, cfg: FitCfg) -> Tensor:
 
 
 def _weighed(tried: Tried, precision: float, spread: float) -> Tried:
-    """With what is expected of the precision before any answer, up to a constant."""
+    """`tried` with what is expected of the precision before any answer, up to a
+    constant."""
     return {
         (share, other): height - 0.5 * (math.log(other / precision) / spread) ** 2
         for (share, other), height in tried.items()

@@ -19,12 +19,12 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 _TEMPERATURES = (0.05, 50.0)
 """Range looked at: from nearly certain to nearly no opinion."""
 _PRIOR_STD = 1.5
-"""Of log temperature around 0: a dozen answers that were all foreseen do not make the
-model infallible."""
+"""Deviation of log temperature around 0 before any answer: a dozen answers that were
+all foreseen do not make the model infallible."""
 _CHOSEN = 0.1
 """What an answer to a chosen question counts beside one drawn at random."""
 _ENOUGH_AT_RANDOM = 10
-"""With fewer drawn at random all answers count alike."""
+"""Answers drawn at random below which all answers count alike."""
 _ANSWERS_PER_BIN = 10
 _MAX_BINS = 10
 _REPETITIONS = 200

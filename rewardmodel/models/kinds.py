@@ -29,11 +29,11 @@ class Kind:
     """What a reward model is made of, and what it says of the answers."""
 
     sight: Sight
-    """What it sees."""
+    """What the model sees of a row."""
     make: Callable[[FitCfg, int], Scorer]
-    """Without any opinion, for so many descriptors: raw reward 0."""
+    """Makes one without any opinion, for so many descriptors: raw reward 0."""
     fit: Callable[[Prepared, FitCfg, torch.Generator], Scorer]
-    """Each member to its own bootstrap of the answers."""
+    """Fits each member to its own bootstrap of the answers."""
     pooled: bool = False
     """Whether its opinions are about all that was recorded, judged or not, and it finds
     by itself how often answers err."""

@@ -5,17 +5,16 @@ Shapes: S shapes, A = G S opinions, G habits, K nodes, C clips.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from data.answers.answer_records import ASPECTS
-from data.features import LEGS
 
-from .aspects import aspect_of
 from .occupancy import NODES
-from .ranges import HABITS
+from .ranges import HABITS, TABLE
 
 _CENTRES = torch.linspace(0, 1, 9)
 _WIDTHS = (0.12, 0.25)
@@ -23,56 +22,8 @@ _WIDTHS = (0.12, 0.25)
 _EDGES = (0.25, 0.5, 0.75)
 """Where on the range a habit starts to matter."""
 _PROBABLE = {"line": 0.4, "hinge": 0.2, "bump": 0.4}
-_CONCEPTS = (
-    ("stride_rate", "lift_offs"),
-    ("air_time_mean", "air_time_max", "air_time_front", "air_time_rear"),
-    ("contacts", "contacts_front", "contacts_rear"),
-    ("diagonal_support",),
-    ("side_support",),
-    ("end_support",),
-    (
-        "foot_height_mean",
-        "foot_height_max",
-        "clearance",
-        "foot_height_front",
-        "foot_height_rear",
-    ),
-    ("slip",),
-    ("height",),
-    ("left_down",),
-    ("nose_down",),
-    ("tilt_sq", "joint_offset_sq"),
-    ("vertical_speed_sq", "roll_rate_sq", "pitch_rate_sq"),
-    ("joint_speed_sq", "torque_sq", "power"),
-    ("action_sq", "action_rate_sq"),
-    tuple(
-        f"{name}_{leg}"
-        for name in ("contact", "foot_height", "air_time")
-        for leg in LEGS
-    ),
-)
-"""What people have a word for, of any one leg the last; each as probable as the others,
-and so is each of its habits. With curves, a square says what the habit itself does."""
-_TOLD_CONCEPTS = (
-    ("planar_error",),
-    ("yaw_rate_error",),
-    ("forward_speed", "leftward_speed", "yaw_rate"),
-    ("foot_speed_mean", *(f"foot_speed_{leg}" for leg in LEGS)),
-)
+_TOLD = ("planar error", "yaw rate error", "speed", "foot speed")
 """Concepts of what a command says: over a stride feet go as fast as the robot."""
-_SWINGING = (
-    "air_time",
-    "clearance",
-    "contact",
-    "foot_",
-    "lift_offs",
-    "slip",
-    "diagonal_support",
-    "side_support",
-    "end_support",
-)
-"""Beginnings of habits that go to and fro with every step: that a foot be neither high
-nor low is no wish, so that there are no bumps."""
 LEAST_DEVIATION = 0.05
 """Deviation of a curve over the clips below which they do not differ in the habit."""
 
@@ -100,7 +51,7 @@ _IS_BUMP = torch.arange(len(SHAPES)) >= len(SHAPES) - len(_WIDTHS) * len(_CENTRE
 
 
 ASPECT_OF_OPINION = torch.tensor(
-    [[aspect_of(name) == aspect for aspect in ASPECTS] for name in HABITS]
+    [[habit.aspect == aspect for aspect in ASPECTS] for habit in TABLE]
 ).repeat_interleave(len(SHAPES), dim=0)
 """[A, P] bool, of P aspects."""
 
@@ -153,11 +104,13 @@ def _mean_of_each(worth: Tensor, group: Tensor) -> Tensor:
 
 def _asked(told: bool) -> Tensor:
     """[A] relative probability of every opinion."""
-    of_habit = torch.zeros(len(HABITS))
-    for names in (*_CONCEPTS, *(_TOLD_CONCEPTS if told else ())):
-        for name in names:
-            of_habit[HABITS.index(name)] = 1 / len(names)
-    swings = torch.tensor([name.startswith(_SWINGING) for name in HABITS])
+    concepts = [
+        habit.concept if told or habit.concept not in _TOLD else None for habit in TABLE
+    ]
+    habits = Counter(concept for concept in concepts if concept is not None)
+    of_habit = torch.tensor([1 / habits[c] if c is not None else 0.0 for c in concepts])
+    # A wish that a foot be neither high nor low is none: no bumps of what swings.
+    swings = torch.tensor([habit.swings for habit in TABLE])
     shapes = SHAPE_PROBABLE.expand(len(HABITS), -1)
     shapes = shapes.masked_fill(swings[:, None] & _IS_BUMP, 0.0)
     return (of_habit[:, None] * shapes / shapes.sum(dim=1, keepdim=True)).flatten()

@@ -83,6 +83,6 @@ class Pool:
 
 
 def _judged(pairs: AnsweredPairs) -> RecordedClips:
-    """Both sides of all pairs."""
+    """The clips on both sides of all pairs."""
     _, told = pairs.commands.unique(dim=0, return_inverse=True)
     return RecordedClips(pairs.left.joined(pairs.right), torch.cat([told, told]))

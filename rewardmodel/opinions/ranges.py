@@ -8,11 +8,13 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from rewardmodel.descriptors.stride_rate import stride_rate
-from rewardmodel.descriptors.table import columns_seen, names_seen
+from rewardmodel.descriptors.row import Habit
+from rewardmodel.descriptors.stride_rate import STRIDE_RATE, stride_rate
+from rewardmodel.descriptors.table import columns_seen
 
-HABITS = (*names_seen("legs"), "stride_rate")
+TABLE: tuple[Habit, ...] = (*columns_seen("legs"), STRIDE_RATE)
 """What can matter to somebody: the descriptors, and the strides a second."""
+HABITS = tuple(habit.name for habit in TABLE)
 _RATES = (0.5, 1.75)
 """Range of the stride rate, in its median: a foot that chatters on the ground has many
 times the rate of a walk, and on a range up to there all walks are alike."""
@@ -22,7 +24,7 @@ _PLENTY = 8000
 """Steps from which on every second, third, ... is looked at."""
 _ROOT_FROM = 0.01
 """Added to a share of the range before its root is taken."""
-_QUADRATIC = torch.tensor([*(c.quadratic for c in columns_seen("legs")), False])
+_QUADRATIC = torch.tensor([habit.quadratic for habit in TABLE])
 
 
 class Ranges(nn.Module):
@@ -88,7 +90,7 @@ def laid_out(shares: Tensor) -> Tensor:
 
 
 def _root(shares: Tensor) -> Tensor:
-    """Of shares from 0 on; 1 stays 1, and it is no steeper at 0 than a gradient
-    bears."""
+    """Square root of shares from 0 on, no steeper at 0 than a gradient bears; 1 stays
+    1."""
     low, high = _ROOT_FROM**0.5, (1 + _ROOT_FROM) ** 0.5
     return ((shares + _ROOT_FROM).sqrt() - low) / (high - low)

@@ -23,21 +23,21 @@ SLOTS = 3
 ANOTHER = 0.4
 """Probability of each opinion beside the first."""
 LEAST_WEIGHT = 0.3
-"""Beside the largest possible, 1; weights are uniform in the logarithm."""
+"""Smallest weight beside the largest, 1; weights are uniform in the logarithm."""
 SHARPNESS = torch.tensor([2.0, 4.0, 8.0, 16.0, 32.0])
 """Logits by which a clip leads that is better by one deviation."""
 ERROR_SHARES = torch.tensor([0.02, 0.1, 0.2, 0.4, 0.7])
 """Shares of answers that are random."""
 ERROR_PROBABLE = torch.tensor([0.4, 0.3, 0.2, 0.07, 0.03])
 RATER_SHARES = torch.cat([ERROR_SHARES, torch.tensor([0.95])])
-"""Of one rater who errs as often as nobody else does. Who answers at random says now
-and then what would be meant."""
+"""Shares of random answers of a rater who errs as often as nobody else does. Who
+answers at random says now and then what would be meant."""
 _LEAST_VARIANCE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Hypotheses:
-    """N of them."""
+    """N wishes that may be meant, and how those who answer err."""
 
     opinion: Tensor
     """[N, J] index."""
@@ -52,7 +52,7 @@ class Hypotheses:
         return len(self.sharpness)
 
     def __getitem__(self, chosen: Tensor) -> Self:
-        """Those `chosen` (bool or indices)."""
+        """The hypotheses `chosen` (bool or indices)."""
         return replace(
             self,
             opinion=self.opinion[chosen],

@@ -82,7 +82,7 @@ class Prepared:
 
     @classmethod
     def of(cls, described: DescribedPairs, pool: Pool | None = None) -> Self:
-        """Nothing is made yet."""
+        """Answers of which nothing is made yet."""
         return cls(described, PreparedClips(described, pool))
 
     def __len__(self) -> int:

@@ -30,7 +30,7 @@ MOST_BY_CHANCE = 0.1
 """Probability that the answers are random, up to which they are believed to mean
 something: a style keeps its walk even if they do not."""
 ENOUGH_NEWEST = 10
-"""As `ENOUGH`, for the answers of the newest round alone, where the share itself must
+"""Answers of the newest round from which their share foreseen is a finding, if it does
 not exceed one half."""
 FAR_SHARE = 0.9
 """A policy of which more than this is far from every judged clip, or paid more than any
@@ -43,9 +43,9 @@ SPREAD_RATIO = 1.5
 """Ensemble spread, over that on the judged clips, that counts as doubt."""
 
 MUCH_DRIFT_NATS = 100.0
-"""This and what follows raise no alarm and are told. A policy this far a step from the
-one of the round before (KL divergence) is another policy: the retrainings of `make
-demo` come to 13 to 45."""
+"""Nats a step from the policy of the round before (KL divergence) from which on it is
+another policy: the retrainings of `make demo` come to 13 to 45. Like the figures below
+it raises no alarm and is told."""
 MUCH_POWER = 2.0
 """Mechanical power over that of the first policy, where that was trained."""
 MUCH_TRACKING_M_S = 0.1
@@ -59,7 +59,8 @@ class Reach:
     """Where a policy is, seen from the judged clips."""
 
     drift: Drift | None
-    """None where no episode is long enough to tell."""
+    """How far the motion is from what was judged; None where no episode is long
+    enough to tell."""
     spread: float
     """Mean ensemble spread on the policy's rows, in units of the reward."""
     spread_judged: float

@@ -78,13 +78,14 @@ class Foreseen:
     left_out: int = 0
     """Held-out answers besides, of raters who hardly look."""
     accuracy: Accuracy | None
-    """None where no held-out answer prefers a clip."""
+    """Share of held-out preferences foreseen; None where no held-out answer prefers a
+    clip."""
     opinion: Accuracy | None
-    """The same, each answer counted by the size of its lead; `answers` is how many of
-    one size would say as much (Kish 1965, "Survey Sampling")."""
+    """Share of them with each answer counted by the size of its lead; `answers` is how
+    many of one size would say as much (Kish 1965, "Survey Sampling")."""
     at_random: Accuracy | None
-    """Of the questions drawn at random: how often the reward is right about any pair,
-    not only about hard ones."""
+    """Accuracy on questions drawn at random: how often the reward is right about any
+    pair, not only about hard ones."""
     by_chance: float | None
     """Probability that the answers are random, see `probably_chance`; None unless it is
     a posterior with too low an accuracy."""

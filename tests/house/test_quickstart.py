@@ -24,10 +24,8 @@ INSTEAD = {
     "gaitpref loop --run runs/demo": f"gaitpref loop --run runs/demo {SMALL}",
     "gaitpref loop --run runs/level": f"gaitpref loop --run runs/level {SMALL}",
     " --labels 20": "",
-    "gaitpref loop --run runs/ours": (
-        "served gaitpref loop --port $PORT --run runs/ours"
-    ),
-    "gaitpref play": "served gaitpref play --port $PORT",
+    "gaitpref loop --run runs/ours": "served $PORT gaitpref loop --run runs/ours",
+    "gaitpref play": "served $PORT gaitpref play",
     "rounds/02": "rounds/01",
 }
 """What is typed in place of what the page says; nothing else differs."""
@@ -35,10 +33,11 @@ SAVED = re.compile(r"Save this as `(\w+\.py)`")
 PRELUDE = r"""
 set -em
 served() {
-  "$@" & server=$!
+  local port=$1; shift
+  "$@" --port "$port" & server=$!
   for _ in $(seq 600); do
-    if { exec 3<>"/dev/tcp/127.0.0.1/$PORT"; } 2>/dev/null; then
-      printf 'GET / HTTP/1.0\r\nHost: 127.0.0.1:%s\r\n\r\n' "$PORT" >&3
+    if { exec 3<>"/dev/tcp/127.0.0.1/$port"; } 2>/dev/null; then
+      printf 'GET / HTTP/1.0\r\nHost: 127.0.0.1:%s\r\n\r\n' "$port" >&3
       read -r status <&3 || status='no answer'
       exec 3<&-
       kill -INT -- "-$server"

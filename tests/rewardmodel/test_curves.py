@@ -391,11 +391,11 @@ def test_its_curves_say_what_is_best() -> None:
     """In metres, over what was judged; a Gaussian process has none to draw."""
     pairs = asked(best_height, 120, seed=0)
     model, _ = fit_reward(pairs, POSTERIOR, seed=0, measured=False)
-    found = {c.name: c for c in learned_curves(model, control_dt_s=0.02)}
+    found = {c.habit.name: c for c in learned_curves(model, control_dt_s=0.02)}
     first = next(iter(found.values()))
-    assert first.name in ("height", "height_sq")
+    assert first.habit.name in ("height", "height_sq")
     best = first.values[first.reward.argmax()]
-    best_m = best if first.name == "height" else math.sqrt(best)
+    best_m = best if first.habit.name == "height" else math.sqrt(best)
     assert best_m == pytest.approx(0.3, abs=0.05)
     gp, _ = fit_reward(pairs, FitCfg(kind="gp"), seed=0, measured=False)
     assert learned_curves(gp, control_dt_s=0.02) == ()

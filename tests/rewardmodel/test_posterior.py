@@ -14,10 +14,9 @@ from rewardmodel.acquisition.information import information
 from rewardmodel.errors import RewardError
 from rewardmodel.linear.noise_level import FEW_ERRORS
 from rewardmodel.models.kinds import prepare
-from rewardmodel.opinions.aspects import aspect_of
 from rewardmodel.opinions.occupancy import NODES, along, occupancy
 from rewardmodel.opinions.opinions import SHAPES, Opinions, habit_of
-from rewardmodel.opinions.ranges import HABITS
+from rewardmodel.opinions.ranges import HABITS, TABLE
 from rewardmodel.posterior.curve_scorer import PosteriorScorer
 from rewardmodel.posterior.fit_posterior import answers_seen, probably_chance
 from rewardmodel.posterior.hypotheses import Hypotheses, Prior, drawn
@@ -167,7 +166,7 @@ def test_what_answers_are_said_to_be_about_is_believed(why: str) -> None:
 
     def about(scorer: PosteriorScorer) -> float:
         found = habits_of(scorer)
-        return sum(found[name] for name in HABITS if aspect_of(name) == why)
+        return sum(found[habit.name] for habit in TABLE if habit.aspect == why)
 
     assert about(said) > about(silent) + 0.3
     mostly = tuple("feet" if row % 5 == 0 else "posture" for row in range(60))
@@ -202,7 +201,7 @@ def test_reasons_are_part_of_what_is_weighed_by_brute_force() -> None:
             prior.weight.double()
             * answers.difference[prior.opinion, index].abs().double()
         )
-        fits = torch.tensor([aspect_of(name) == why for name in HABITS])
+        fits = torch.tensor([habit.aspect == why for habit in TABLE])
         own = fits[habit_of(prior.opinion)]
         share = (amount * own).sum(1) / amount.sum(1).clamp_min(1e-12)
         log_weight += (0.75 * share + 0.25 / 5).log()

@@ -107,8 +107,8 @@ def clip_json(
 def curve_json(curve: Curve) -> dict[str, Any]:
     """A habit's curve as plain values."""
     return {
-        "name": curve.name,
-        "unit": curve.unit,
+        "name": curve.habit.name,
+        "unit": curve.habit.unit,
         "values": _rounded(curve.values),
         "reward": _rounded(curve.reward),
         "spread": _rounded(curve.spread),

@@ -44,7 +44,7 @@ class Serving:
     cert: Path | None = None
     """Certificate chain for TLS, PEM."""
     key: Path | None = None
-    """Its private key, PEM."""
+    """Private key of the certificate, PEM."""
     public_url: str | None = None
     """What people open where a reverse proxy stands before the page, as
     https://label.example.org/gait."""

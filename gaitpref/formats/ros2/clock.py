@@ -90,7 +90,7 @@ def _own_s(sample: Sample, bag_map: BagMap) -> float:
 def _believed(
     topic: str, indices: np.ndarray, own_s: np.ndarray, findings: Findings
 ) -> np.ndarray:
-    """Those of a topic's samples whose time is known; all where none has a stamp."""
+    """The samples of a topic whose time is known; all where none has a stamp."""
     times_s = own_s[indices]
     known = np.isfinite(times_s)
     if not known.any():
@@ -152,7 +152,7 @@ def _numbered(
 
 
 def _goes_back(ranks: np.ndarray, time_s: np.ndarray) -> Iterator[int]:
-    """Those of the `ranks` of a topic at which its clock starts anew."""
+    """The `ranks` of a topic at which its clock starts anew."""
     newest = -math.inf
     for rank in ranks.tolist():
         # A time that is not known, NaN, is neither earlier nor later.

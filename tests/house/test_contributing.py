@@ -1,0 +1,78 @@
+"""The two worked examples of the contributing page, done in a copy of the checkout."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+BLOCK = re.compile(r"^```(diff|python)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+PACKAGES = ("benchmarks", "data", "gaitpref", "policy", "rewardmodel", "tests")
+SMALL = """
+cfg = replace(
+    cfg, evaluation_episodes=4, record=replace(cfg.record, episodes=40, episode_s=2.0)
+)
+print("""
+"""What stands in place of the last `print(`: fewer and shorter episodes."""
+
+
+@pytest.fixture(scope="module")
+def changed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy with both diffs of the page applied."""
+    copy = tmp_path_factory.mktemp("checkout")
+    for package in PACKAGES:
+        left_out = shutil.ignore_patterns("__pycache__", "stored")
+        shutil.copytree(ROOT / package, copy / package, ignore=left_out)
+    for language, text in blocks():
+        if language == "diff":
+            assert text.count("\n+++ ") == 2
+            applied = ["git", "apply", "-"]
+            subprocess.run(applied, cwd=copy, input=text, text=True, check=True)
+    return copy
+
+
+def blocks() -> list[tuple[str, str]]:
+    found = BLOCK.findall((ROOT / "CONTRIBUTING.md").read_text())
+    assert [language for language, _ in found] == ["diff", "diff", "python"]
+    return found
+
+
+def run(copy: Path, *arguments: str) -> str:
+    """Python in the copy, which alone it imports from; what it printed."""
+    done = subprocess.run(
+        [sys.executable, *arguments],
+        cwd=copy,
+        env=os.environ | {"PYTHONPATH": str(copy)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout
+    return done.stdout
+
+
+def test_the_tests_in_the_examples_pass(changed: Path) -> None:
+    tests = (
+        "tests/rewardmodel/test_descriptors.py",
+        "tests/gaitpref/test_method_exploration.py",
+    )
+    told = run(changed, "-m", "pytest", "-q", *tests, "-k", "splay or steady or hand")
+    assert "3 passed" in told
+
+
+def test_a_loop_runs_with_the_descriptor_and_the_decision(changed: Path) -> None:
+    _, program = blocks()[-1]
+    head, asked, tail = program.rpartition("print(")
+    assert asked
+    told = run(changed, "-c", head + SMALL + tail)
+    assert "runs/steady/report/index.html" in told
+    fitted = changed / "runs/steady/rounds/00/reward/reward.json"
+    assert "splay_sq" in json.loads(fitted.read_text())["descriptors"]
+    assert "class: Steady" in (changed / "runs/steady/config.yaml").read_text()
