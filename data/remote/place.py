@@ -49,14 +49,15 @@ class Place:
         self.name = _SECRET.sub("***", url.rstrip("/"))
         """What errors call it; without passwords."""
         try:
-            import fsspec
+            from fsspec.core import url_to_fs
+            from fsspec.utils import get_protocol
         except ModuleNotFoundError:
             raise RemoteError(
                 "a data set behind a URL needs the package fsspec, which is not "
                 "installed: pip install -e '.[remote]' -c constraints.txt"
             ) from None
-        self._open: Callable[[str], tuple[Any, str]] = fsspec.url_to_fs
-        self._scheme = fsspec.utils.get_protocol(url)
+        self._open: Callable[[str], tuple[Any, str]] = url_to_fs
+        self._scheme = get_protocol(url)
         self._store()
 
     @property

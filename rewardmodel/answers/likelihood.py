@@ -56,7 +56,7 @@ class Errors:
             torch.cat([self.rater, others.rater]),
         )
 
-    def part(self, chosen: Tensor) -> Errors:
+    def part(self, chosen: Tensor | slice) -> Errors:
         """Those of the answers `chosen` [B] (bool or indices)."""
         return Errors(self.share[chosen], self.guess[:, chosen], self.rater[chosen])
 
