@@ -46,7 +46,7 @@ def run(command: options.Explain) -> int:
     if curves := learned_curves(model, control_dt_s=dt_s):
         picture = command.out / "habits.svg"
         save_picture(curves_picture(curves), picture)
-        say(f"{picture}  most of all {curves[0].name}")
+        say(f"{picture}  most of all {curves[0].habit.name}")
     data = {
         "descriptors": list(model.names),
         "clips": told,
