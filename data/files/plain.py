@@ -21,6 +21,10 @@ ADDED_LATER = {"added_later": True}
 """Metadata of a field that older files lack: its default is not written, so that what
 does not use it is the same file to the last byte, name and hash."""
 
+NONE_AS_BEFORE = {"added_later": True, "none_as_before": True}
+"""Metadata of a field added later whose None is what was there before it: it is not
+written where all is written either, so that an older run is the same run."""
+
 KIND_NONE = {"kind_none": True}
 """Metadata of a field whose None was settings of the kind `none` in older files."""
 ONE_OF = {"one_of": True}
@@ -49,7 +53,7 @@ def to_plain(record: Any, *, whole: bool = False) -> dict[str, Any]:
     return {
         field.name: _classed(field, getattr(record, field.name), whole)
         for field in fields(record)
-        if whole or not _left_out(field, getattr(record, field.name))
+        if not _left_out(field, getattr(record, field.name), whole)
     }
 
 
@@ -60,8 +64,10 @@ def _classed(field: Field[Any], value: Any, whole: bool) -> Any:
     return plain
 
 
-def _left_out(field: Field[Any], value: Any) -> bool:
-    if "added_later" not in field.metadata:
+def _left_out(field: Field[Any], value: Any, whole: bool) -> bool:
+    if "none_as_before" in field.metadata and value is None:
+        return True
+    if whole or "added_later" not in field.metadata:
         return False
     if field.default_factory is not MISSING:
         return value == field.default_factory()

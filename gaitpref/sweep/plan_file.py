@@ -1,13 +1,15 @@
-"""Reads what a sweep varies from a file of YAML or TOML.
+"""Reads what a sweep varies from a file of YAML or TOML, as
 
-criterion: [high_step, crouch]
-seed: [0, 1, 2]
-loop: {preset: quick, labels: 20}
-set:
-  method.weight: [1.0, 3.0]
-variants:
-  default: {}
-  unjudged: {method.accept: null}
+    criterion: [high_step, crouch]
+    seed: [0, 1, 2]
+    loop: {preset: quick, labels: 20}
+    set:
+      method.weight: [1.0, 3.0]
+    variants:
+      default: {}
+      unjudged: {method.accept: null}
+
+where `loop` holds for all, and a variant is several changes that go together.
 """
 
 from __future__ import annotations

@@ -49,6 +49,7 @@ def run_sweep(
     """
     places = SweepDir(root.absolute())
     contents = contents_of(cells)
+    pieces = {cell.name: _piece(cell, places, gpus) for cell in cells}
     with only_writer(places.root, console.print):
         _begin(places, cells)
         failures = _of_others(places, cells, contents)
@@ -59,7 +60,7 @@ def run_sweep(
             and not is_finished(places.run(cell.name), cell.cfg)
         ]
         _tell(len(cells), len(left), len(failures))
-        failures |= _run(places, left, executor, gpus)
+        failures |= _run(places, left, [pieces[cell.name] for cell in left], executor)
         done = [cell for cell in cells if cell.name not in failures]
         rows = tuple(read_row(cell, places.run(cell.name)) for cell in done)
     return SweepResult(rows=rows, failures=failures)
@@ -125,21 +126,24 @@ def _tell(count: int, left: int, failed: int) -> None:
     console.print(f"{count} loops{skipped}; {left} to run")
 
 
+def _piece(cell: SweepCell, places: SweepDir, gpus: float) -> Piece:
+    return Piece(
+        name=cell.name,
+        function=run_cell,
+        args=(places.run(cell.name), cell.cfg),
+        gpus=gpus,
+        log=places.log(cell.name),
+    )
+
+
 def _run(
-    places: SweepDir, cells: Sequence[SweepCell], executor: Executor, gpus: float
+    places: SweepDir,
+    cells: Sequence[SweepCell],
+    pieces: Sequence[Piece],
+    executor: Executor,
 ) -> dict[str, str]:
     """Run what is not finished; gives the failures."""
     of_name = {cell.name: cell for cell in cells}
-    pieces = [
-        Piece(
-            name=name,
-            function=run_cell,
-            args=(places.run(name), cell.cfg),
-            gpus=gpus,
-            log=places.log(name),
-        )
-        for name, cell in of_name.items()
-    ]
     failures: dict[str, str] = {}
     with (
         closing(executor.outcomes(pieces)) as outcomes,

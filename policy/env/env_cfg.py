@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
-from data.files.plain import ADDED_LATER
+from data.files.plain import ADDED_LATER, NONE_AS_BEFORE
 from policy.law.law import Law
 
 from .curriculum import CurriculumCfg
@@ -178,7 +178,7 @@ class EnvCfg:
     """Begin episodes lying, and end none by a fall."""
     curriculum: CurriculumCfg | None = field(default=None, metadata=ADDED_LATER)
     """Ask for more as commands are followed better; None asks for all at once."""
-    law: Law | None = field(default=None, metadata=ADDED_LATER)
+    law: Law | None = field(default=None, metadata=NONE_AS_BEFORE)
     """What the policy sees and what its actions ask for, where that is not this
     project's own: of a policy from elsewhere, or without the velocity of the base."""
 

@@ -104,6 +104,11 @@ class Ranks:
         """Whether it happened on one of them."""
         return self.means({"happened": float(happened)})["happened"] > 0.0
 
+    def meet(self) -> None:
+        """Go on when all have come here."""
+        # torch's own barrier would go over GPUs, which not every rank need have.
+        self.any(False)
+
     def gathered(self, content: bytes) -> list[Tensor]:
         """The bytes that every rank has, on the first one; nothing on the others."""
         size = torch.tensor([len(content)])

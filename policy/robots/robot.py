@@ -11,6 +11,7 @@ Shapes: nq positions and nv velocities of the model; legs and joints in the orde
 from __future__ import annotations
 
 import hashlib
+import re
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
@@ -125,7 +126,15 @@ def load_robot(xml: Path | None = None, *, physics_dt_s: float) -> Robot:
         raise _not_compiling(str(path), error) from None
     require_floating_base(spec, path)
     hints = read_hints(hints_path(path))
-    return _completed(spec, hints, str(path), path.stem, physics_dt_s)
+    return _completed(spec, hints, str(path), _name_of(spec, path), physics_dt_s)
+
+
+def _name_of(spec: mujoco.MjSpec, path: Path) -> str:
+    """What a robot is called: its file, or its model where the file is any scene."""
+    if path.stem.lower() != "scene":
+        return path.stem
+    words = [w for w in re.findall(r"[\w-]+", spec.modelname) if w.lower() != "scene"]
+    return "_".join(words) if words and words != ["MuJoCo", "Model"] else path.stem
 
 
 def load_robot_xml(text: str, *, name: str, physics_dt_s: float) -> Robot:

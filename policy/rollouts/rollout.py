@@ -76,7 +76,7 @@ def first_episodes(
     alive = torch.ones(env.num_envs, dtype=torch.bool)
     while alive.any():
         qpos, qvel = env.sim.raw_state()
-        obs = env.get_observations()["policy"]
+        obs, own = env.get_observations()["policy"], env.own_obs
         draws = None
         if noise is not None:
             draws = noise[:, None] * torch.randn(env.num_envs, 12, generator=rng)
@@ -86,7 +86,7 @@ def first_episodes(
         yield RolloutStep(
             qpos=qpos,
             qvel=qvel,
-            obs=env.own_obs,
+            obs=own,
             action=action,
             targets=extras["targets"],
             features=extras["features"],

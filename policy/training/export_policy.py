@@ -32,6 +32,8 @@ FORMAT_VERSION = 3
 STIFFEST = 3.5
 """N m/rad per kg: stiffer servos than those of quadrupeds that walk outside. A Go2 of
 15 kg runs 20 to 40, an ANYmal of 50 kg runs 80."""
+_UNBOUNDED_RAD = 1e6
+"""Bound of targets that have none: infinity is in no file of ours."""
 LEAST_DAMPING_S = 0.01
 """kd over kp, below which a joint hardly is damped."""
 
@@ -51,7 +53,7 @@ class _Deployed(nn.Module):
         self.offset: Tensor
         self.low: Tensor
         self.high: Tensor
-        bounds = law.target_clip_rad or ((-math.inf, math.inf),) * 12
+        bounds = law.target_clip_rad or ((-_UNBOUNDED_RAD, _UNBOUNDED_RAD),) * 12
         low, high = np.array(bounds).T
         self.register_buffer("order", torch.from_numpy(law.from_canonical))
         self.register_buffer("scale_rad", _float32(np.array(law.action_scale_rad)))

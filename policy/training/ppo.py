@@ -14,7 +14,7 @@ from rsl_rl.runners import OnPolicyRunner
 from tensordict import TensorDict
 
 from data.features import column
-from data.files.plain import ADDED_LATER, KIND_NONE
+from data.files.plain import ADDED_LATER, KIND_NONE, NONE_AS_BEFORE
 from policy.env.env import QuadrupedEnv
 from policy.extensions.bonus import ExplorationBonusCfg
 from policy.extensions.kl_penalty import KlPenaltyCfg
@@ -74,7 +74,7 @@ class PpoCfg:
     learning rate."""
     bonus: ExplorationBonusCfg | None = field(default=None, metadata=KIND_NONE)
     """A bonus for motion that is new."""
-    recipe: Recipe | None = field(default=None, metadata=ADDED_LATER)
+    recipe: Recipe | None = field(default=None, metadata=NONE_AS_BEFORE)
     """The network of a policy from elsewhere; None is an MLP of `hidden_sizes`."""
 
     def __post_init__(self) -> None:

@@ -338,6 +338,8 @@ class _Session:
             write_atomically(
                 self.out / SUMMARY_NAME, json.dumps(summary, indent=1).encode()
             )
+        # What comes next, on any rank, finds the files of this training.
+        ranks.meet()
         return TrainResult(
             finished=finished, steps=steps, policy=self.out / POLICY_NAME, stats=last
         )

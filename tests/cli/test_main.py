@@ -23,6 +23,7 @@ from policy.training.train import TrainCfg, train
 
 COMMANDS = {
     "loop": (["--run", "r"], options.Loop(run=Path("r"))),
+    "sweep": (["--out", "o"], options.Sweep(out=Path("o"))),
     "train": (
         ["--out", "o", "--reward", "task"],
         options.Train(out=Path("o"), reward="task"),

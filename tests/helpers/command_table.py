@@ -21,6 +21,7 @@ from policy.training.ppo import PpoCfg
 from policy.training.train import TrainCfg, train
 from tests.helpers.ros2_bag import Motion, write_bag
 from tests.helpers.small_loop import small_cfg
+from tests.helpers.small_sweep import small_plan
 
 _INPUTS = {
     "policy": "train/policy.pt",
@@ -34,6 +35,7 @@ _INPUTS = {
     "guidelines": "guidelines.md",
     "episode": "cut.mcap",
     "queries": "queries",
+    "plan": "plan.yaml",
 }
 _FIRST = "first.txt"
 """Holds the hash of an episode."""
@@ -87,6 +89,7 @@ class Typed:
 
 TABLE = (
     Typed("loop --run {out} --preset quick --robot {xml}"),
+    Typed("sweep --out {out} --plan {plan}"),
     Typed("train --out {out} --reward task --steps 96 --envs 4 --init {policy}"),
     Typed("train --out {out} --reward {reward} --steps 96 --envs 4"),
     Typed("record --policy {policy} --dataset {out} --episodes 2 --episode-s 1"),
@@ -157,6 +160,7 @@ def make_world(world: Path) -> None:
     )
     (world / "guidelines.md").write_text("Look.\n")
     (world / "go1.toml").write_text("")
+    small_plan(world)
     whole = next((world / "set" / "rollouts").glob("*/*.mcap"))
     (world / _FIRST).write_text(whole.stem)
     (world / "cut.mcap").write_bytes(whole.read_bytes()[:-500])

@@ -33,8 +33,9 @@ def run(command: options.Policy) -> int:
         say(f"tried      {line}")
     if not origin.accepted:
         say(
-            "It does not stand and walk at 0.5 m/s: something of its law is wrong. "
-            "--explain prints the law as a TOML to correct, which --law takes"
+            "It does not both stand and walk at 0.5 m/s as asked: it cannot, or "
+            "something of its law is wrong. --explain prints the law as a TOML to "
+            "correct, which --law takes"
         )
     say(f"the policy is {command.out / POLICY_NAME}")
     return 0

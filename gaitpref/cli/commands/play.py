@@ -21,6 +21,7 @@ from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg
 from policy.env.sim import BatchSim
 from policy.env.world import in_world
+from policy.law.driven import driven_by
 from policy.robots.robot import Robot, load_robot
 from policy.robots.shipped import WALK
 from policy.training.checkpoint import Policy, load_policy
@@ -79,12 +80,11 @@ def live_policy(path: Path, xml: Path | None) -> LivePolicy:
     """
     policy = load_policy(path)
     env = policy.info.env
-    robot = (
-        policy.robot()
-        if xml is None
-        else load_robot(xml, physics_dt_s=env.physics_dt_s)
-    )
-
+    robot = policy.robot()
+    if xml is not None:
+        robot = load_robot(xml, physics_dt_s=env.physics_dt_s)
+        if env.law is not None:
+            robot = driven_by(robot, env.law)
     robot = in_world(robot, env)
 
     def new_step() -> StepFn:

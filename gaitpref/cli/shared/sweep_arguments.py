@@ -71,13 +71,13 @@ def plan_of(command: Sweep) -> SweepPlan:
         fixed={
             name: value
             for path, value in told.fixed.items()
-            if (name := _usual_name(path)) not in {*given, *_typed(command.loop)}
+            if (name := _usual_name(path)) not in {*given, *_told_of(command.loop)}
         },
     )
 
 
-def _typed(loop: Looping) -> set[str]:
-    """Options that are not as they are where nothing is typed."""
+def _told_of(loop: Looping) -> set[str]:
+    """Options that the command line gives: those that are not the default."""
     records = ((loop, Looping()), (loop.erring, Erring()))
     return {
         field.name

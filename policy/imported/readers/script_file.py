@@ -53,7 +53,19 @@ _PASSED = frozenset(
 )
 """What leaves its first argument as it is."""
 _SILENT = frozenset({"prim::RaiseException", "aten::warn", "prim::Print"})
-_RECURRENT = ("aten::lstm", "aten::gru", "aten::rnn", "aten::copy_", "prim::SetAttr")
+_RECURRENT = frozenset(
+    {
+        "aten::lstm",
+        "aten::gru",
+        "aten::rnn_tanh",
+        "aten::rnn_relu",
+        "aten::lstm_cell",
+        "aten::gru_cell",
+        "aten::copy_",
+        "prim::SetAttr",
+        "prim::Loop",
+    }
+)
 
 
 def read_script(content: bytes) -> Found:
@@ -95,6 +107,22 @@ def _require_harmless(content: bytes) -> None:
         raise NetworkError(f"it is a damaged archive ({error})") from None
 
 
+def _refuse_by_name(block: Any) -> None:
+    """Say first what a network is that is not taken, wherever in it that shows.
+
+    Raises:
+        NetworkError: it is recurrent.
+    """
+    for node in block.nodes():
+        if node.kind() in _RECURRENT:
+            raise NetworkError(
+                f"the network is recurrent, or keeps what it saw ({node.kind()}), and "
+                "only feed-forward networks of proprioception can be brought in"
+            )
+        for inner in node.blocks():
+            _refuse_by_name(inner)
+
+
 class _Part:
     """A module inside the file, by its path."""
 
@@ -124,6 +152,7 @@ class _Translation:
             )
         self._values[inputs[0].debugName()] = _Part(module._c, "")
         self._values[inputs[1].debugName()] = _Value(INPUT)
+        _refuse_by_name(graph)
         self._walk(graph)
         self._output = self._values[next(iter(graph.outputs())).debugName()]
         if isinstance(self._output, list):
@@ -199,11 +228,6 @@ class _Translation:
             return self._attribute(given[0], node.s("name"))
         if kind in ("prim::ListConstruct", "prim::TupleConstruct"):
             return list(given)
-        if kind.startswith(_RECURRENT) and kind != "aten::copy":
-            raise NetworkError(
-                f"the network is recurrent, or keeps what it saw ({kind}), and only "
-                "feed-forward networks of proprioception can be brought in"
-            )
         if kind in _PASSED:
             return given[0]
         if kind in _KNOWN:

@@ -1,0 +1,153 @@
+"""Does it pay to take one round of a loop apart: recording, fits, evaluation.
+
+    python -m benchmarks.pieces --policy POLICY [--quick] [--json FILE]
+
+Each is done here, and as two pieces in two processes. What is counted is time of cores,
+so that a busy machine does not matter: two idle cores need at least half of what both
+processes took.
+"""
+
+from __future__ import annotations
+
+import resource
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import torch
+import tyro
+
+from data.datasets.dataset import Dataset
+from gaitpref.executor.pieces import Piece, in_order
+from gaitpref.executor.processes import Processes
+from gaitpref.method.method import STYLE
+from policy.rollouts.evaluate import rollout_features
+from policy.rollouts.record import RecordCfg, record
+from policy.training.checkpoint import load_policy
+from policy.training.train import TrainCfg, train
+from rewardmodel.answers.answered_pairs import load_pairs
+from rewardmodel.fitting.fit_reward import fit_reward
+
+from .harness import Figure, gaitpref, publish
+
+STAGES = ("recording", "fits", "evaluation")
+GOALS = {
+    f"{name}_two_processes_s": f"taken apart only if below {name}_here_s"
+    for name in STAGES
+}
+TRAINED_STEPS = 60_000
+"""A tenth of the training of a round."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Measure the stages of a round, whole and in two pieces."""
+
+    policy: Path
+    """A policy that walks."""
+    work: Path = Path("runs/benchmark-pieces")
+    """Directory of what is made on the way; emptied first."""
+    quick: bool = False
+    """A small version that shows that everything runs; its figures mean nothing."""
+    json: Path | None = None
+    """File for the figures."""
+
+
+def recorded(policy: Path, episodes: int, seed: int) -> int:
+    """Simulate episodes as a round does; gives how many."""
+    torch.set_num_threads(1)
+    return len(list(record(policy, RecordCfg(episodes=episodes), seed=seed, round=0)))
+
+
+def fitted(dataset: Path, fits: int, seed: int) -> int:
+    """Fit so many rewards to the answers of a data set; gives how many answers."""
+    torch.set_num_threads(1)
+    pairs = load_pairs([Dataset.open(dataset)])
+    for number in range(fits):
+        fit_reward(pairs, STYLE.reward, seed=seed + number, measured=False)
+    return len(pairs)
+
+
+def evaluated(path: Path, episodes: int, seed: int) -> int:
+    """Roll a policy out on the grid of commands; gives the steps."""
+    torch.set_num_threads(1)
+    policy = load_policy(path)
+    _, lengths = rollout_features(
+        policy, policy.robot(), policy.info.env, episodes=episodes, seed=seed
+    )
+    return int(lengths.sum())
+
+
+def cores_s(work: Callable[[], Any]) -> float:
+    """Time of cores that a call takes, in this process and in those it starts."""
+
+    def spent_s() -> float:
+        own, others = map(
+            resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+        )
+        return own.ru_utime + own.ru_stime + others.ru_utime + others.ru_stime
+
+    start_s = spent_s()
+    work()
+    return spent_s() - start_s
+
+
+def stage_figures(
+    name: str, function: Callable[[Path, int, int], int], path: Path, count: int
+) -> dict[str, Figure]:
+    """A stage of `count` episodes or fits: here, and halved in two processes."""
+    halves = [
+        Piece(name=f"{name} {n}", function=function, args=(path, count // 2, n))
+        for n in range(2)
+    ]
+    start_s = time.perf_counter()
+    in_processes_s = cores_s(lambda: in_order(Processes(workers=2), halves))
+    wall_s = time.perf_counter() - start_s
+    return {
+        f"{name}_here_s": cores_s(lambda: function(path, count, 0)),
+        f"{name}_two_processes_s": in_processes_s / 2,
+        f"{name}_two_processes_wall_s": wall_s,
+    }
+
+
+def dataset_of(options: Options) -> Path:
+    """Recorded and answered as the first rounds of a style."""
+    dataset = options.work / "dataset"
+    record = ("record", "--policy", options.policy, "--dataset", dataset)
+    gaitpref(*record, "--episodes", "40" if options.quick else "64")
+    gaitpref("pairs", "--dataset", dataset, "--count", "12" if options.quick else "30")
+    gaitpref("answer", "--dataset", dataset, "--criterion", "high_step")
+    return dataset
+
+
+def training_s(options: Options) -> float:
+    """Time of cores that the training of a round takes."""
+    policy = load_policy(options.policy)
+    steps = 3_072 if options.quick else TRAINED_STEPS
+    cfg = TrainCfg(steps=steps, env=policy.info.env, ppo=policy.info.ppo)
+    out = options.work / "train"
+    return 10 * cores_s(lambda: train(out, policy.robot(), cfg, init=options.policy))
+
+
+def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> None:
+    """Measure everything and publish it."""
+    torch.set_num_threads(1)
+    shutil.rmtree(options.work, ignore_errors=True)
+    episodes = 8 if options.quick else 64
+    # The fit to all answers, and one without each of five folds.
+    fits = 2 if options.quick else 6
+    figures = stage_figures("recording", recorded, options.policy, episodes)
+    figures |= stage_figures("fits", fitted, dataset_of(options), fits)
+    figures |= stage_figures("evaluation", evaluated, options.policy, episodes)
+    whole_s = training_s(options)
+    stages_s = sum(float(figures[f"{name}_here_s"] or 0.0) for name in STAGES)
+    figures["training_s"] = whole_s
+    figures["stages_share"] = stages_s / (stages_s + whole_s)
+    publish("pieces", figures, GOALS, options.json)
+
+
+if __name__ == "__main__":
+    tyro.cli(main, config=(tyro.conf.OmitArgPrefixes,))
