@@ -17,6 +17,7 @@ from gaitpref.console.progress import console
 from gaitpref.raters.criteria import Criterion
 from gaitpref.raters.criterion_scores import score_of_criterion
 from gaitpref.report.findings import findings_of_run
+from gaitpref.report.return_text import return_text
 from gaitpref.report.verdict import Verdict
 from policy.rollouts.evaluate import evaluate, rollout_features, summarise
 from policy.training.checkpoint import load_policy
@@ -95,9 +96,9 @@ def report_stage(
     )
     write_atomically(round.report, json.dumps(result, indent=1).encode())
     evaluation = result["evaluation"]
+    earned = return_text(evaluation["return_mean"], evaluation["return_ci95"])
     console.print(
-        f"round {round.number}: return {evaluation['return_mean']:.2f} "
-        f"± {evaluation['return_ci95']:.2f} under {cfg.criterion}, tracking error "
+        f"round {round.number}: return {earned} under {cfg.criterion}, tracking error "
         f"{evaluation['tracking_error_m_s']:.2f} m/s, "
         f"{evaluation['falls_per_minute']:.2f} falls/min"
     )

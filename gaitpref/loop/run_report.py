@@ -14,6 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from data.files.files import read_json, write_atomically
 from gaitpref.report.page_style import STYLE
 from gaitpref.report.pictures import BLUE, GREY, plain_axes, svg_of
+from gaitpref.report.return_text import return_text
 from gaitpref.report.trust_section import (
     alarm_section,
     approval_section,
@@ -112,7 +113,7 @@ def render(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
 
 
 def _interval(evaluation: dict[str, Any]) -> str:
-    return f"{evaluation['return_mean']:.2f} ± {evaluation['return_ci95']:.2f}"
+    return return_text(evaluation["return_mean"], evaluation["return_ci95"])
 
 
 def _curves(criterion: str, rounds: list[dict[str, Any]]) -> str:

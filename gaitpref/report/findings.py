@@ -28,6 +28,8 @@ from rewardmodel.trust.alarms import (
 from rewardmodel.trust.held_out_report import Accuracy
 from rewardmodel.trust.support import PIECE_STEPS, Drift
 
+from .return_text import return_text
+
 NO_ALARM = "no alarm: nothing says that the learned reward misleads"
 _OLDER = dict.fromkeys((field.name for field in fields(Drift)), 0)
 """What reports of earlier versions may lack of a drift."""
@@ -208,7 +210,8 @@ def _of_run(
     least = before["return_mean"] - before["return_ci95"]
     if criterion and after["return_mean"] + after["return_ci95"] < least:
         found.append(
-            f"the return under {criterion} fell from {before['return_mean']:.2f} to "
-            f"{after['return_mean']:.2f}"
+            f"the return under {criterion} fell from "
+            f"{return_text(before['return_mean'], before['return_ci95'])} to "
+            f"{return_text(after['return_mean'], after['return_ci95'])}"
         )
     return found

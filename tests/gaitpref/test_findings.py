@@ -22,6 +22,7 @@ from gaitpref.loop.run import run_loop
 from gaitpref.loop.run_report import read_rounds
 from gaitpref.raters.rater_cfg import RaterCfg
 from gaitpref.report.findings import NO_ALARM, findings_of_run
+from gaitpref.report.return_text import return_text
 from gaitpref.report.trust_section import alarm_section
 from policy.training.checkpoint import load_policy
 from rewardmodel import FitCfg, fit_reward, load_reward
@@ -184,7 +185,7 @@ def test_the_page_of_a_run_that_went_far_says_so(finished: Path) -> None:
         (("evaluation",), "power_w", 220.0, "power rose from 65 to 220 W, 3.4 times"),
         (("evaluation",), "tracking_error_m_s", 0.2, "error rose from 0.05 to 0.20"),
         (("evaluation",), "falls_per_minute", 3.0, "falls rose from 0.0 to 3.0"),
-        (("evaluation",), "return_mean", 1.0, "under task fell from 3.00 to 1.00"),
+        (("evaluation",), "return_mean", 1.0, "fell from 3.00 ± 0.10 to 1.00 ± 0.10"),
         ((), "approval", {"approved": False, "for_new": 1, "for_old": 4}, "preferred"),
     ],
 )
@@ -259,3 +260,18 @@ def test_people_are_not_told_of_a_criterion_they_do_not_follow(finished: Path) -
     rounds = read_rounds(finished)
     assert findings_of_run(rounds, criterion="task").against
     assert findings_of_run(rounds, criterion=None).sentence == NO_ALARM
+
+
+@pytest.mark.parametrize(
+    ("mean", "ci95", "told"),
+    [
+        (5.5812, 0.0312, "5.58 ± 0.03"),
+        (-0.00417, 0.00032, "-0.0042 ± 0.0003"),
+        (118.2, 4.04, "118.20 ± 4.04"),
+        (0.0, 0.0, "0.00 ± 0.00"),
+    ],
+)
+def test_small_scores_are_told_to_the_digits_of_their_interval(
+    mean: float, ci95: float, told: str
+) -> None:
+    assert return_text(mean, ci95) == told

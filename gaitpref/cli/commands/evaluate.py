@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 
 from gaitpref.cli.options import options
 from gaitpref.raters.criterion_scores import criterion_context
+from gaitpref.report.return_text import return_text
 from gaitpref.training.total_reward import load_score
 from policy.rollouts.evaluate import evaluate
 from policy.training.checkpoint import load_policy
@@ -25,10 +26,8 @@ def run(command: options.Evaluate) -> int:
     if command.json:
         print(json.dumps(asdict(result)))
         return 0
-    print(
-        f"return          {result.return_mean:.2f} ± {result.return_ci95:.2f} "
-        f"under {command.reward}"
-    )
+    earned = return_text(result.return_mean, result.return_ci95)
+    print(f"return          {earned} under {command.reward}")
     print(f"tracking error  {result.tracking_error_m_s:.3f} m/s")
     print(f"falls           {result.falls} ({result.falls_per_minute:.2f} a minute)")
     print(
