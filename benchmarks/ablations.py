@@ -89,7 +89,6 @@ LEFT_OUT = {
 KEPT_FOR = {
     "unjudged": "a run says whether it worked",
     "no-limit": "commands are followed",
-    "weight-1": "some number it must be",
 }
 """Why a decision stays whose rows alone would not keep it."""
 SEEDS = 3
