@@ -7,6 +7,7 @@ GaitprefError            what went wrong lies in the user's input or files
 │   ├── TruncatedEpisode     the writer died before closing the file
 │   └── CorruptEpisode       its bytes are not what was written
 ├── DatasetError         a data set directory or its manifest cannot be used
+ ├── RemoteError          what is behind a URL cannot be used
 ├── AnswerError          the answer store cannot be used
 │   └── AnswersUnreachable   no server of answers is there
 └── RankLost             a process that trained along is gone
@@ -42,6 +43,10 @@ class CorruptEpisode(EpisodeError):
 
 class DatasetError(GaitprefError):
     """A data set directory or its manifest cannot be used."""
+
+
+class RemoteError(GaitprefError):
+    """What is behind a URL cannot be read or written."""
 
 
 class AnswerError(GaitprefError):

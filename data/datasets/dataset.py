@@ -26,7 +26,13 @@ from data.episodes.mcap_records import tail_start
 from data.episodes.writer import encode_episode
 from data.errors import CorruptEpisode, DatasetError
 from data.features import FEATURE_DIM
-from data.files.files import fsync_directory, read_file, sha256_bytes, write_atomically
+from data.files.files import (
+    fsync_directory,
+    read_file,
+    sha256_bytes,
+    sha256_file,
+    write_atomically,
+)
 from data.files.limits import EPISODE_BYTES
 
 from .episode_window import read_feature_window
@@ -165,6 +171,30 @@ class Dataset:
             added.append(entry)
         self._list(added)
         return added
+
+    def put(self, entry: EpisodeEntry, content: bytes) -> None:
+        """Write the file of an episode that `add_stored` will list; from any thread.
+
+        Raises:
+            DatasetError: the disk is full or not writable.
+        """
+        path = self.path_of(entry)
+        with writable(self.root):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(path, content, sync_name=False)
+
+    def has_stored(self, entry: EpisodeEntry) -> bool:
+        """Whether the whole file of an episode lies in its place, listed or not."""
+        path = self.path_of(entry)
+        return path.is_file() and sha256_file(path) == entry.sha256
+
+    def add_stored(self, entries: Iterable[EpisodeEntry]) -> None:
+        """List episodes whose files were put in their places.
+
+        Raises:
+            DatasetError: as for `add_episodes`.
+        """
+        self._list(entries)
 
     def adopt(self, paths: Iterable[Path]) -> list[EpisodeEntry]:
         """List files that lie in their place already, as after a crash.

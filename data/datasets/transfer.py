@@ -7,15 +7,14 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-from data.answers.answer_records import Answer, Pair, RaterKind
-from data.answers.fields import require_sound
-from data.answers.store import AnswerStore
+from data.answers.answer_records import Answer, Pair
 from data.errors import DatasetError
 
 from .dataset import Dataset
+from .merged_rows import add_rows, rows_of
 
 
 @dataclass(frozen=True)
@@ -57,30 +56,18 @@ def transfer(
     hashes = {e.sha256 for e in source.entries()} if episodes is None else set(episodes)
     before = {entry.sha256 for entry in target.entries()}
     with source.answers_copy() as store:
-        raters, pairs, answered = store.rater_rows(), store.pairs(), store.all_answers()
-    require_sound(str(source.root), raters, pairs, (answer for _, answer in answered))
-    here = {p.pair_id for p in pairs if {p.a.rollout, p.b.rollout} <= hashes}
-    chosen = [(p, a) for p, a in answered if p.pair_id in here and wanted(p, a)]
-    chosen = _with_corrected(chosen, answered)
-    used = {pair.pair_id for pair, _ in chosen} | (here if keep_open_pairs else set())
+        rows = rows_of(store, str(source.root))
     target.add_from(source, sorted(hashes - before))
     with target.answers() as store:
-        names = _names(store, raters, answered)
-        num_pairs = store.add_pairs(pair for pair in pairs if pair.pair_id in used)
-        raters_used = {answer.rater_id for _, answer in chosen}
-        for rater_id, kind, info in raters:
-            if rater_id in raters_used:
-                store.add_rater(names[rater_id], kind, info, copied=True)
-        num_answers = sum(
-            _add(store, replace(answer, rater_id=names[answer.rater_id]))
-            for _, answer in chosen
+        added = add_rows(
+            store, rows, hashes, wanted=wanted, keep_open_pairs=keep_open_pairs
         )
     return Transferred(
         episodes=len(hashes - before),
-        pairs=num_pairs,
-        answers=num_answers,
-        left_out=len(answered) - len(chosen),
-        renamed={k: v for k, v in names.items() if k != v and k in raters_used},
+        pairs=added.pairs,
+        answers=added.answers,
+        left_out=added.left_out,
+        renamed=added.renamed,
     )
 
 
@@ -129,51 +116,3 @@ def part_of(sha256: str, shares: Mapping[str, float], seed: int) -> str:
         if position < 0:
             return name
     return list(shares)[-1]
-
-
-def _with_corrected(
-    chosen: list[tuple[Pair, Answer]], answered: list[tuple[Pair, Answer]]
-) -> list[tuple[Pair, Answer]]:
-    """Add what the chosen answers correct, in the order of all answers."""
-    earlier = {answer.answer_id: answer.supersedes for _, answer in answered}
-    wanted: set[str] = set()
-    for _, answer in chosen:
-        current: str | None = answer.answer_id
-        while current is not None and current not in wanted:
-            wanted.add(current)
-            current = earlier[current]
-    return [(p, a) for p, a in answered if a.answer_id in wanted]
-
-
-def _names(
-    store: AnswerStore,
-    raters: list[tuple[str, RaterKind, dict]],
-    answered: list[tuple[Pair, Answer]],
-) -> dict[str, str]:
-    """What each rater of the source is called in the target."""
-    rater_of = {answer.answer_id: answer.rater_id for _, answer in store.all_answers()}
-    names = {
-        answer.rater_id: rater_of[answer.answer_id]
-        for _, answer in answered
-        if answer.answer_id in rater_of
-    }
-    taken = store.raters()
-    for rater_id, kind, _ in raters:
-        name = rater_id
-        number = 2
-        # A scripted rater is a function: equal names are equal raters.
-        while rater_id not in names and name in taken:
-            if kind != "human" and taken[name] == kind:
-                break
-            name, number = f"{rater_id}~{number}", number + 1
-        names.setdefault(rater_id, name)
-        taken[names[rater_id]] = kind
-    return names
-
-
-def _add(store: AnswerStore, answer: Answer) -> bool:
-    """Add an answer unless it is known; a scripted rater repeats itself later."""
-    known = store.find_answer(answer.answer_id)
-    if known is not None and replace(known, created_utc=answer.created_utc) == answer:
-        return False
-    return store.add_answer(answer, copied=True)

@@ -46,7 +46,8 @@ def render(places: SweepDir, result: SweepResult) -> str:
         f"seeds give for normal; one seed has none. The return is that of the last "
         f"policy under the criterion, gained what it is above that of the policy the "
         f"run started from, and both are of a fixed grid of commands, without "
-        f"exploration noise. Ended better: runs that say so of themselves, by answers "
+        f"exploration noise. Off by: its tracking error, the distance between velocity "
+        f"and command. Better: runs that say so of how they ended, by answers "
         f"that were kept for it, of those that say anything.</p>"
         f"<h2>Loops</h2>{_links(places, result)}</html>\n"
     )

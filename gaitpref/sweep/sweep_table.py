@@ -20,7 +20,7 @@ from .sweep_plan import SEED, value_text
 FIGURES = {
     "final_return": "return",
     "gained": "gained",
-    "tracking_error_m_s": "tracking error, m/s",
+    "tracking_error_m_s": "off by, m/s",
 }
 """What means are made of, and what they are called."""
 
@@ -76,8 +76,9 @@ def means(rows: Sequence[SweepRow]) -> list[SweepMean]:
 
 def heads(groups: Sequence[SweepMean]) -> list[str]:
     """The columns of `cells_of`."""
-    varied = list(groups[0].settings) if groups else []
-    return [*varied, "seeds", *FIGURES.values(), "ended better", "answers"]
+    varied = groups[0].settings if groups else ()
+    short = (name.rpartition(".")[2] for name in varied)
+    return [*short, "seeds", *FIGURES.values(), "better", "answers"]
 
 
 def cells_of(group: SweepMean) -> list[str]:

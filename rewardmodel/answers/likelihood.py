@@ -56,8 +56,8 @@ class Errors:
             torch.cat([self.rater, others.rater]),
         )
 
-    def part(self, chosen: Tensor) -> Errors:
-        """Errors of the answers `chosen` [B] (bool or indices)."""
+    def part(self, chosen: Tensor | slice) -> Errors:
+        """Those of the answers `chosen` [B] (bool or indices)."""
         return Errors(self.share[chosen], self.guess[:, chosen], self.rater[chosen])
 
 

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -158,13 +158,13 @@ def sweeping(words: Sequence[str]) -> Iterator[subprocess.Popen[bytes]]:
 
 def children(parent: int) -> list[int]:
     """Processes of loops that a sweep has started."""
-    found = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
-    spawned = [
-        int(pid)
-        for pid in found
-        if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()
-    ]
-    return sorted(spawned)
+    found = []
+    for pid in Path(f"/proc/{parent}/task/{parent}/children").read_text().split():
+        # One may end while it is looked at.
+        with suppress(FileNotFoundError, ProcessLookupError):
+            if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes():
+                found.append(int(pid))
+    return found
 
 
 def wait_for(reached: Callable[[], bool]) -> None:

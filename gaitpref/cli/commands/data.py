@@ -24,9 +24,12 @@ from data.episodes.clips import Clip
 from data.errors import DatasetError
 from data.files.files import write_atomically
 from data.files.shown import shown
+from data.remote.place import Place
+from data.remote.sharing import pull, push
 from gaitpref.cli.options import data_options as options
 from gaitpref.cli.shared.dataset_argument import address, open_dataset
 from gaitpref.console.extras import require
+from gaitpref.console.progress import counting_bar
 from gaitpref.console.terminal import PlainConsole, say
 
 from .exchange import export, import_into
@@ -63,6 +66,8 @@ def run(action: options.Action) -> int:
             _imported(action, import_into(action))
         case options.Export():
             _say(action.json, asdict(export(action)))
+        case options.Push() | options.Pull():
+            _share(action)
     return 0
 
 
@@ -172,6 +177,31 @@ def _transfer(action: options.Merge | options.Split | options.Subset) -> None:
             f"{part.answers:,} answers were new, {part.left_out:,} answers stayed "
             f"behind{renamed}"
         )
+
+
+def _share(action: options.Push | options.Pull) -> None:
+    place, answers = Place(action.url), address(action.answers)
+    sends = isinstance(action, options.Push)
+    with counting_bar("sending" if sends else "taking", 0) as bar:
+
+        def tell(done: int, of: int) -> None:
+            bar.update(bar.task_ids[0], completed=done, total=of)
+
+        if sends:
+            dataset = Dataset.open(action.dataset, answers=answers)
+            found = push(dataset, place, tell=tell)
+        else:
+            found = pull(place, action.dataset, answers=answers, tell=tell)
+    if action.json:
+        print(json.dumps(asdict(found)))
+        return
+    renamed = "".join(f"; {old} is now {new}" for old, new in found.renamed.items())
+    say(
+        f"{action.dataset} {'to' if sends else 'from'} {place.name}: "
+        f"{found.files:,} files of {found.bytes:,} bytes went, "
+        f"{found.episodes:,} episodes, {found.pairs:,} pairs and {found.answers:,} "
+        f"answers were new, {found.left_out:,} answers stayed behind{renamed}"
+    )
 
 
 def _shares(parts: tuple[str, ...]) -> dict[str, float]:

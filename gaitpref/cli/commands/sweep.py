@@ -48,7 +48,7 @@ def _show_plan(
     if as_object:
         say(json.dumps({"cells": states}, indent=1))
         return
-    table = Table("loop", "so far", box=box.SIMPLE)
+    table = Table("loop", "so far", box=box.SIMPLE_HEAD)
     for name, state in states.items():
         table.add_row(name, state)
     out = PlainConsole()
@@ -61,7 +61,10 @@ def _show(result: SweepResult) -> None:
     groups = means(result.rows)
     if not groups:
         return
-    table = Table(*heads(groups), box=box.SIMPLE)
+    table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False)
+    for place, name in enumerate(heads(groups)):
+        # Where it is too narrow, figures break before their interval.
+        table.add_column(name, no_wrap=place < len(groups[0].settings))
     for group in groups:
         table.add_row(*cells_of(group))
     PlainConsole().print(table)

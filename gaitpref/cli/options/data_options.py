@@ -189,6 +189,38 @@ class Export(_ReportingAnswers):
     """Directory to make."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class _OnUrl:
+    dataset: tyro.conf.Positional[Path]
+    """Data set directory."""
+    url: tyro.conf.Positional[str]
+    """A directory, s3://BUCKET/PATH, gs://BUCKET/PATH, sftp://USER@HOST/PATH,
+    hf://datasets/USER/NAME, or what else fsspec speaks."""
+    answers: str | None = None
+    """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
+    file by default."""
+    json: bool = False
+    """Print one JSON object and nothing else."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Push(_OnUrl):
+    """Send what a place lacks of a data set; needs the extra `remote`.
+
+    Every file is sent once and compared on arrival, answers are merged with those that
+    are there. Killed anywhere, the same command goes on.
+    """
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pull(_OnUrl):
+    """Take what a data set lacks from a place; needs the extra `remote`.
+
+    The data set is made if it is missing. Every file is compared with its name, answers
+    are merged with those that are here. Killed anywhere, the same command goes on.
+    """
+
+
 Action = (
     Annotated[Info, tyro.conf.subcommand("info")]
     | Annotated[Verify, tyro.conf.subcommand("verify")]
@@ -203,6 +235,8 @@ Action = (
     | Annotated[View, tyro.conf.subcommand("view")]
     | Annotated[Import, tyro.conf.subcommand("import")]
     | Annotated[Export, tyro.conf.subcommand("export")]
+    | Annotated[Push, tyro.conf.subcommand("push")]
+    | Annotated[Pull, tyro.conf.subcommand("pull")]
 )
 
 

@@ -1,0 +1,1 @@
+"""Data sets where many machines reach them: pushed, and pulled."""
