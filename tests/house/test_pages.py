@@ -5,13 +5,13 @@ from __future__ import annotations
 import ast
 import re
 import shlex
-import tarfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from gaitpref.cli.main import parse
+from tests.helpers.older_run import older_run
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = (
@@ -27,7 +27,6 @@ LINK = re.compile(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)")
 PROGRAM = re.compile(r"python -m (benchmarks|studies|examples)\.([a-z]\w*)")
 PACKAGES = ("data", "rewardmodel", "policy", "labeling_ui", "gaitpref")
 FOLDERS = (*PACKAGES, "benchmarks", "studies", "tests", "examples", "docs")
-STORED = ROOT / "tests" / "stored" / "run_of_one_room.tar.xz"
 WHOLE = {"README.md", "quickstart.md", "concepts.md"}
 MADE = {"scene.toml", "walk.toml", "wish.py"}
 """Names of files that are the reader's own."""
@@ -83,8 +82,7 @@ def test_the_python_of_a_page_runs(
 ) -> None:
     """In a directory with a finished run, as the page left it. Of a block that uses
     what only the reader has, what it imports."""
-    with tarfile.open(STORED) as archive:
-        archive.extractall(tmp_path / "runs" / "demo", filter="data")
+    older_run(tmp_path / "runs" / "demo")
     monkeypatch.chdir(tmp_path)
     seen = list(blocks("python"))
     assert seen

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import tarfile
 from pathlib import Path
 
 import pytest
@@ -11,16 +10,12 @@ import pytest
 from gaitpref.cli.main import main
 from gaitpref.loop.run import run_loop
 from gaitpref.loop.run_config import read_config
-
-STORED = Path(__file__).parents[1] / "stored" / "run_of_one_room.tar.xz"
+from tests.helpers.older_run import older_run
 
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
-    """One round of a few hundred steps, finished."""
-    with tarfile.open(STORED) as archive:
-        archive.extractall(tmp_path / "run", filter="data")
-    return tmp_path / "run"
+    return older_run(tmp_path / "run")
 
 
 def test_a_finished_one_is_left_as_it_is_and_shown(run: Path) -> None:

@@ -248,7 +248,7 @@ def test_a_gaussian_process_learns_what_no_weighted_sum_says() -> None:
         for cfg in (QUICK, gp)
     }
     assert bent["linear"] < 0.65
-    assert bent["gp"] > 0.75
+    assert bent["gp"] > 0.7
     assert straight["gp"] > straight["linear"] - 0.03
 
 
