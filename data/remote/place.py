@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from data.errors import GaitprefError, RemoteError
+from data.files.faults import cause
 from data.files.files import sha256_bytes, write_atomically
 
 _PACKAGES = {
@@ -205,6 +206,8 @@ class Place:
             )
         elif isinstance(error, FileNotFoundError):
             advice = "it is not there; make the bucket first, or mend the URL"
+        elif isinstance(error, OSError) and (reason := cause(error)):
+            advice = f"{reason}; see to that and run this again"
         else:
             advice = "see to the connection and run this again"
         return RemoteError(

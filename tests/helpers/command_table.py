@@ -36,6 +36,8 @@ _INPUTS = {
     "episode": "cut.mcap",
     "queries": "queries",
     "plan": "plan.yaml",
+    "theirs": "theirs/policy.onnx",
+    "place": "place",
 }
 _FIRST = "first.txt"
 """Holds the hash of an episode."""
@@ -45,6 +47,7 @@ _PARTS = {
     "run": ("run/config.yaml", "run/rounds/00/report.json"),
     "queries": ("queries/episodes.json",),
     "xml": ("go1.toml",),
+    "theirs": ("theirs/policy.json",),
 }
 """Files in, or beside, an input that is read with it."""
 
@@ -112,6 +115,7 @@ TABLE = (
     ),
     Typed("play --policy {policy} --port 0"),
     Typed("export --policy {policy} --out {out}"),
+    Typed("policy import {theirs} --out {out}"),
     Typed("robot inspect {xml}"),
     Typed("data info --dataset {dataset}"),
     Typed("data verify --dataset {dataset}"),
@@ -122,6 +126,8 @@ TABLE = (
     Typed("data subset --dataset {dataset} --out {out}"),
     Typed("data pack --dataset {dataset} --out {out}"),
     Typed("data unpack --dataset {out} --archive {archive}"),
+    Typed("data push {dataset} {out}"),
+    Typed("data pull {out} {place}"),
     Typed("data card --dataset {dataset} --out {out}"),
     Typed("data labels --dataset {dataset}"),
     Typed("data labels --dataset {dataset} --format parquet --out {out}"),
@@ -148,6 +154,8 @@ def make_world(world: Path) -> None:
         "raters --dataset {dataset} add ada",
         "data pack --dataset {dataset} --out {archive}",
         "data export --format uni-rlhf --dataset {dataset} --out {queries}",
+        "data push {dataset} {place}",
+        "export --policy {policy} --out {out}/theirs",
     ):
         if code := main(Typed(line).args(world, world)):
             raise RuntimeError(f"{line} ended with {code}")
