@@ -33,9 +33,9 @@ def server(**environment: str) -> Iterator[Mapping[str, str]]:
         if importlib.util.find_spec(name) is None
     ]
     if missing and os.environ.get(REQUIRED):
-        pytest.fail(f"{REQUIRED} is set, but {missing} are not installed (`s3_server`)")
+        pytest.fail(f"{REQUIRED} is set, but {missing} are not installed (`s3-server`)")
     if missing:
-        pytest.skip(f"{', '.join(missing)} not installed (extra `s3_server`)")
+        pytest.skip(f"{', '.join(missing)} not installed (extra `s3-server`)")
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
