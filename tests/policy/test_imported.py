@@ -6,14 +6,12 @@ layout says: another order of joints, scales, frames.
 
 from __future__ import annotations
 
-import json
 import pickle
 import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import torch
 import yaml
@@ -28,8 +26,8 @@ from policy.imported.bring import bring, understand
 from policy.imported.given_back import export_like
 from policy.imported.meaning.draft import BY_TYPE, LEFT_FIRST
 from policy.imported.meaning.own_words import of_own
-from policy.law.encoder import OWN_STARTS, Encoder
-from policy.law.law import OF_JOINTS, WIDTHS, Law, LawError, Term
+from policy.law.encoder import Encoder
+from policy.law.law import WIDTHS, LawError, Term
 from policy.law.own_law import OWN_TERMS
 from policy.networks.recipe import NetworkError
 from policy.robots.robot import load_robot
@@ -37,12 +35,17 @@ from policy.training.checkpoint import Policy, load_policy
 from policy.training.ppo import PpoCfg
 from policy.training.setup import setting_of
 from policy.training.train import TrainCfg, train
+from tests.helpers.foreign_layouts import (
+    TERMS,
+    checkpoint_of,
+    in_their_order,
+    law_in,
+    toml_of,
+    vectors_of,
+)
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
 DT_S = EnvCfg().physics_dt_s
-TERMS = ("base_lin_vel", "base_ang_vel", "projected_gravity", "command")
-TERMS += ("joint_pos", "joint_vel", "last_action")
-SCALES = {"base_ang_vel": 0.25, "joint_vel": 0.05}
 
 
 @pytest.fixture(scope="module")
@@ -52,104 +55,6 @@ def ours(tmp_path_factory: pytest.TempPathFactory) -> Policy:
     cfg = TrainCfg(steps=2 * ppo.steps_per_iteration, env=EnvCfg(), ppo=ppo)
     robot = load_robot(physics_dt_s=DT_S)
     return load_policy(train(tmp_path_factory.mktemp("ours"), robot, cfg).policy)
-
-
-def _columns(order: tuple[str, ...]) -> np.ndarray:
-    """[48] where the numbers of a foreign observation are in our own."""
-    law = _law(order)
-    return np.concatenate(
-        [
-            OWN_STARTS[name]
-            + (law.from_canonical if name in OF_JOINTS else np.arange(WIDTHS[name]))
-            for name in TERMS
-        ]
-    )
-
-
-def _law(order: tuple[str, ...], **other: Any) -> Law:
-    zeros = (0.0,) * 12
-    values: dict[str, Any] = {
-        "terms": tuple(Term(name=name) for name in TERMS),
-        "joints": order,
-        "default_joint_pos_rad": zeros,
-        "action_scale_rad": (0.3,) * 12,
-        "action_offset_rad": zeros,
-        "kp_nm_per_rad": (1.0,) * 12,
-        "kd_nm_s_per_rad": zeros,
-    }
-    return Law(**values | other)
-
-
-def _in_their_order(
-    policy: Policy, order: tuple[str, ...], *, scaled: bool
-) -> tuple[list[tuple[Tensor, Tensor]], Tensor, Tensor]:
-    """Layers, mean and deviation that see TERMS in `order`.
-
-    Where observations are `scaled`, the normaliser is in the first layer."""
-    state = {k: v.clone() for k, v in policy._actor.state_dict().items()}
-    columns = torch.from_numpy(_columns(order))
-    rows = torch.from_numpy(_law(order).from_canonical)
-    layers = [(state[f"mlp.{n}.weight"], state[f"mlp.{n}.bias"]) for n in (0, 2, 4)]
-    mean = state["obs_normalizer._mean"][:, columns]
-    std = state["obs_normalizer._std"][:, columns]
-    first = layers[0][0][:, columns]
-    if scaled:
-        scale = torch.cat([torch.full((WIDTHS[n],), SCALES.get(n, 1.0)) for n in TERMS])
-        folded = first / (std + 0.01)
-        layers[0] = (folded / scale, layers[0][1] - folded @ mean[0])
-    else:
-        layers[0] = (first, layers[0][1])
-    layers[2] = (layers[2][0][rows], layers[2][1][rows])
-    return layers, mean, std
-
-
-def _checkpoint(policy: Policy, layout: str, order: tuple[str, ...]) -> dict[str, Any]:
-    """The file that a version of rsl_rl writes."""
-    layers, mean, std = _in_their_order(policy, order, scaled=layout == "1")
-    prefix = "actor" if layout in ("1", "2.3", "3") else "mlp"
-    states: dict[str, Any] = {}
-    for number, (weight, bias) in zip((0, 2, 4), layers, strict=True):
-        states |= {f"{prefix}.{number}.weight": weight, f"{prefix}.{number}.bias": bias}
-    norm = {"_mean": mean, "_std": std, "_var": std**2, "count": torch.tensor(5)}
-    noise = policy.std[torch.from_numpy(_law(order).from_canonical)]
-    names = {"1": "std", "2.3": "log_std", "3": "std", "4": "log_std"}
-    name = names.get(layout, "distribution.std_param")
-    states[name] = noise.log() if name == "log_std" else noise
-    rest = {"iter": 7, "infos": None, "optimizer_state_dict": {}}
-    if layout == "3":
-        states |= {f"actor_obs_normalizer.{k}": v for k, v in norm.items()}
-    if layout in ("4", "5"):
-        states |= {f"obs_normalizer.{k}": v for k, v in norm.items()}
-        return {"actor_state_dict": states, "critic_state_dict": {}, **rest}
-    if layout == "2.3":
-        rest["obs_norm_state_dict"] = norm
-    return {"model_state_dict": states, **rest}
-
-
-def _vectors(policy: Policy, order: tuple[str, ...]) -> dict[str, list[float]]:
-    """What a law says of the joints, in `order`."""
-    robot, idx = policy.robot(), _law(order).from_canonical
-    return {
-        "pose": robot.home_joint_pos[idx].tolist(),
-        "kp": robot.kp[idx].tolist(),
-        "kd": robot.kd[idx].tolist(),
-    }
-
-
-def _toml(policy: Policy, order: tuple[str, ...], *, scaled: bool) -> str:
-    told = _vectors(policy, order)
-    lines = [
-        f"joints = {json.dumps([f'{name}_joint' for name in order])}",
-        f"default_joint_pos_rad = {told['pose']}",
-        f"kp_nm_per_rad = {told['kp']}",
-        f"kd_nm_s_per_rad = {told['kd']}",
-        "action_scale_rad = 0.3",
-        "action_limit = 3",
-    ]
-    for name in TERMS:
-        scale = SCALES.get(name, 1.0) if scaled else 1.0
-        lines += ["[[terms]]", f'name = "{name}"', f"scale = {scale}"]
-    return "\n".join(lines)
 
 
 def _same_actions(ours: Policy, theirs: Policy, tolerance: float = 1e-5) -> None:
@@ -168,9 +73,9 @@ def test_a_checkpoint_of_every_rsl_rl_gives_the_same_actions(
     """With joints in another order, and scales where there is no normaliser; what goes
     out again in its layout is the same file with other weights."""
     scaled = layout == "1"
-    torch.save(_checkpoint(ours, layout, BY_TYPE), tmp_path / "model_1.pt")
-    torch.save(_checkpoint(ours, layout, BY_TYPE), tmp_path / "model_12.pt")
-    (tmp_path / "law.toml").write_text(_toml(ours, BY_TYPE, scaled=scaled))
+    torch.save(checkpoint_of(ours, layout, BY_TYPE), tmp_path / "model_1.pt")
+    torch.save(checkpoint_of(ours, layout, BY_TYPE), tmp_path / "model_12.pt")
+    (tmp_path / "law.toml").write_text(toml_of(ours, BY_TYPE, scaled=scaled))
     known = understand(tmp_path, law=tmp_path / "law.toml")
     assert known.file.name == "model_12.pt"
     policy = bring(known, None, tmp_path / "in")
@@ -233,7 +138,7 @@ def _onnx(module: nn.Module, path: Path, metadata: dict[str, str]) -> None:
 
 
 def _deploy(policy: Policy, order: tuple[str, ...]) -> dict[str, Any]:
-    robot, told = policy.robot(), _vectors(policy, order)
+    robot, told = policy.robot(), vectors_of(policy, order)
     names = {"command": "velocity_commands", "joint_pos": "joint_pos_rel"}
     names["joint_vel"] = "joint_vel_rel"
     observed = {
@@ -241,7 +146,7 @@ def _deploy(policy: Policy, order: tuple[str, ...]) -> dict[str, Any]:
         for n in TERMS
     }
     return {
-        "joint_ids_map": _law(order).from_canonical.tolist(),
+        "joint_ids_map": law_in(order).from_canonical.tolist(),
         "step_dt": 0.02,
         "stiffness": robot.kp.tolist(),
         "damping": robot.kd.tolist(),
@@ -254,7 +159,7 @@ def _deploy(policy: Policy, order: tuple[str, ...]) -> dict[str, Any]:
 
 
 def _descriptors(policy: Policy, order: tuple[str, ...]) -> dict[str, Any]:
-    told, names = _vectors(policy, order), [f"{joint}_joint" for joint in order]
+    told, names = vectors_of(policy, order), [f"{joint}_joint" for joint in order]
     return {
         "actions": [{"joint_names": names, "scale": 0.3, "offset": told["pose"]}],
         "articulations": {
@@ -276,7 +181,7 @@ def _descriptors(policy: Policy, order: tuple[str, ...]) -> dict[str, Any]:
 
 
 def _env_yaml(policy: Policy) -> str:
-    told = _vectors(policy, BY_TYPE)
+    told = vectors_of(policy, BY_TYPE)
     pose = {f"{n}_joint": a for n, a in zip(BY_TYPE, told["pose"], strict=True)}
     observed = {
         n: {"func": f"isaaclab.envs.mdp.observations:{n}", "clip": None, "scale": None}
@@ -313,8 +218,8 @@ def _env_yaml(policy: Policy) -> str:
 
 
 def _rl_sar(policy: Policy, order: tuple[str, ...]) -> tuple[Any, Any]:
-    told, law = _vectors(policy, order), _law(order)
-    names = [f"{joint}_joint" for joint in _law(LEFT_FIRST).joints]
+    told, law = vectors_of(policy, order), law_in(order)
+    names = [f"{joint}_joint" for joint in law_in(LEFT_FIRST).joints]
     mapping = [LEFT_FIRST.index(joint) for joint in law.joints]
     theirs = ["lin_vel", "ang_vel", "gravity_vec", "commands"]
     theirs += ["dof_pos", "dof_vel", "actions"]
@@ -343,12 +248,12 @@ def test_an_exported_policy_is_understood_by_what_lies_beside_it(
     """ONNX or TorchScript, and each file that says what its numbers mean; nothing in
     these is run. What goes out again gives the same actions."""
     monkeypatch.chdir(tmp_path)
-    module = _Exported(*_in_their_order(ours, BY_TYPE, scaled=False))
+    module = _Exported(*in_their_order(ours, BY_TYPE, scaled=False))
     run = tmp_path / "run"
     (run / "params").mkdir(parents=True)
     file = run / "exported" / "policy.onnx"
     if meaning == "metadata":
-        told = _vectors(ours, BY_TYPE)
+        told = vectors_of(ours, BY_TYPE)
         csv = {
             "joint_names": ",".join(f"{name}_joint" for name in BY_TYPE),
             "joint_stiffness": ",".join(f"{v:.9g}" for v in told["kp"]),
@@ -380,7 +285,7 @@ def test_an_exported_policy_is_understood_by_what_lies_beside_it(
     law = None
     if meaning == "toml":
         law = tmp_path / "law.toml"
-        law.write_text(_toml(ours, BY_TYPE, scaled=False))
+        law.write_text(toml_of(ours, BY_TYPE, scaled=False))
     known = understand(run, law=law)
     assert not (tmp_path / "harmed").exists()
     policy = bring(known, None, tmp_path / "in")
@@ -393,7 +298,7 @@ def test_an_exported_policy_is_understood_by_what_lies_beside_it(
 
 
 def _like(folder: Path, ours: Policy) -> Path:
-    (folder / "like.toml").write_text(_toml(ours, BY_TYPE, scaled=False))
+    (folder / "like.toml").write_text(toml_of(ours, BY_TYPE, scaled=False))
     return folder / "like.toml"
 
 
@@ -448,7 +353,7 @@ def test_a_history_is_in_the_order_of_the_law(
     scaled and clipped as the law says."""
     terms = (Term(name="command", frames=3), Term(name="base_ang_vel", frames=3))
     terms = (replace(terms[0], clip=(-2.5, 2.5)), replace(terms[1], scale=(10.0,)))
-    law = _law(LEFT_FIRST, terms=terms, by_term=by_term, newest_first=newest_first)
+    law = law_in(LEFT_FIRST, terms=terms, by_term=by_term, newest_first=newest_first)
     encoder, seen = Encoder(law, 2), torch.zeros(2, 18)
     for step in range(4):
         own = torch.zeros(2, 48)
@@ -475,8 +380,8 @@ def test_a_policy_of_others_is_trained_on_with_a_new_critic(
     ours: Policy, tmp_path: Path
 ) -> None:
     """It keeps its observation; the critic looks on first, and the actor moves then."""
-    torch.save(_checkpoint(ours, "5", BY_TYPE), tmp_path / "model_1.pt")
-    (tmp_path / "law.toml").write_text(_toml(ours, BY_TYPE, scaled=False))
+    torch.save(checkpoint_of(ours, "5", BY_TYPE), tmp_path / "model_1.pt")
+    (tmp_path / "law.toml").write_text(toml_of(ours, BY_TYPE, scaled=False))
     known = understand(tmp_path / "model_1.pt", law=tmp_path / "law.toml")
     bring(known, None, tmp_path / "in")
     init = tmp_path / "in" / "policy.pt"
@@ -525,7 +430,7 @@ def test_what_cannot_be_brought_is_named_in_one_line(
 ) -> None:
     """Nothing is built of it, and nothing in it runs."""
     file = tmp_path / "model_1.pt"
-    payload = _checkpoint(ours, "1", LEFT_FIRST)
+    payload = checkpoint_of(ours, "1", LEFT_FIRST)
     states = payload["model_state_dict"]
     match content:
         case "heights":

@@ -1,0 +1,188 @@
+"""What README and how-tos say to type is typed, in a reader's directory, made small."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import re
+import shlex
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+from gaitpref.cli.main import main
+from tests.helpers.readers_world import ROOT, make_readers_world
+
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs" / "how-to").glob("*.md")))
+BLOCK = re.compile(r"^ *```(\w*)\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
+LINE = re.compile(r"^(?:gaitpref|python|make|pip|torchrun|ray|createdb|export)\b")
+INSTEAD = {
+    "rounds/02/": "rounds/01/",
+    "demo/rounds/01/reward": "demo/rounds/00/reward",
+    "group:ann": "group:simulated:crouch",
+    "--part train=0.8 --part test=0.2": "--part train=0.6 --part test=0.4",
+    "runs/logs --count 50": "runs/logs --count 2",
+    "--law law.toml": "--law filled.toml",
+    "postgresql://ann@db.example.org/gaits": "$POSTGRES",
+    "s3://lab/gaits": "lab",
+    "HASH": "$HASH",
+    "--steps 2000000": "--steps 256",
+    "--labels 60": "",
+}
+"""What is typed in place of what the page says; nothing else differs but `SMALL`."""
+SMALL = {
+    "loop": "--rounds 1 --labels 8 --steps 96",
+    "train": "--steps 96 --envs 4",
+    "evaluate": "--episodes 4",
+    "sweep": "--dry-run",
+}
+"""What is typed behind a command so that it is short."""
+ELSEWHERE = {
+    "make demo": "benchmarks: minutes",
+    "make test": "this is it",
+    "python3 -m venv": "test_quickstart installs the package",
+    ".venv/bin/pip": "test_quickstart installs the package",
+    "pip install": "what CI does first",
+    "createdb": "tests/helpers/postgres.py makes the data base",
+    "torchrun": "tests/policy/test_ranks.py starts ranks",
+    "ray start": "tests/policy/test_actors.py starts Ray",
+    "gaitpref train --out runs/walk --reward task --actors": "tests/policy/test_actors",
+}
+"""Lines that are not typed here, and where what they do is tried."""
+SERVERS = ("label", "play")
+
+
+def lines(page: Path) -> list[str]:
+    """Each line a reader types."""
+    found = BLOCK.findall(page.read_text())
+    text = "".join(text for language, text in found if language in ("", "sh", "bash"))
+    found = re.sub(r"\\\n *", "", text).splitlines()
+    return [line.strip() for line in found if LINE.match(line.strip())]
+
+
+def test_no_line_is_passed_over() -> None:
+    """Each line that begins like a command is typed, or named with a reason."""
+    typed = [line for page in PAGES for line in lines(page)]
+    assert len(typed) > 60
+    assert [name for name in ELSEWHERE if not any(t.startswith(name) for t in typed)]
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("reader") / "world"
+    made.mkdir()
+    make_readers_world(made)
+    return made
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_the_commands_of_a_page_run(
+    page: Path,
+    world: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    request: pytest.FixtureRequest,
+) -> None:
+    here = tmp_path / "here"
+    shutil.copytree(world, here, symlinks=True)
+    monkeypatch.chdir(here)
+    monkeypatch.syspath_prepend(str(here))
+    monkeypatch.setenv("HASH", next(here.glob("runs/demo/dataset/rollouts/*/*")).stem)
+    if "postgresql://" in page.read_text():
+        monkeypatch.setenv("POSTGRES", request.getfixturevalue("postgres_answers"))
+    for line in lines(page):
+        if not any(line.startswith(name) for name in ELSEWHERE):
+            _type(line, monkeypatch)
+
+
+def _type(line: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    for old, new in INSTEAD.items():
+        line = line.replace(old, new)
+    words = shlex.split(re.sub(r"[][]", "", os.path.expandvars(line)), comments=True)
+    if words[0] == "export":
+        monkeypatch.setenv(*words[1].split("=", 1))
+        return
+    if words[0] == "python":
+        subprocess.run([sys.executable, *words[1:]], check=True, env=_environment())
+        return
+    words, to = (words[:-2], words[-1]) if words[-2] == ">" else (words, "")
+    args = words[1:] + SMALL.get(words[1], "").split()
+    if words[1] in SERVERS or "human" in words:
+        if words[1] == "loop" and "--no-auth" not in words:
+            _let_in(args)
+        _serve(args)
+        if words[1] == "label":
+            _answer(args)
+    elif to:
+        with Path(to).open("w") as file:
+            command = [sys.executable, "-m", "gaitpref", *args]
+            subprocess.run(command, check=True, env=_environment(), stdout=file)
+    else:
+        assert main(args) == 0, f"{line} ended badly"
+
+
+def _let_in(loop: list[str]) -> None:
+    """A new loop asks for a rater, who is added."""
+    assert main(loop) == 2
+    dataset = f"{loop[loop.index('--run') + 1]}/dataset"
+    assert main(["raters", "--dataset", dataset, "add", "ann"]) == 0
+
+
+def _answer(label: list[str]) -> None:
+    """Answer what the page asked."""
+    told = [
+        word
+        for name, value in itertools.pairwise(label)
+        if name in ("--dataset", "--answers")
+        for word in (name, value)
+    ]
+    assert main(["answer", "--criterion", "crouch", *told]) == 0
+
+
+def _serve(args: list[str]) -> None:
+    """Start the server, see that it gives its page, and stop it by Ctrl-C."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    command = [sys.executable, "-m", "gaitpref", *args, "--port", str(port)]
+    server = subprocess.Popen(command, env=_environment(), start_new_session=True)
+    try:
+        scheme = "https" if "--cert" in args else "http"
+        _wait_for(f"{scheme}://127.0.0.1:{port}/", server)
+        os.killpg(server.pid, signal.SIGINT)
+        assert server.wait(60) in (0, 130)
+    finally:
+        if server.poll() is None:
+            os.killpg(server.pid, signal.SIGKILL)
+            server.wait()
+
+
+def _wait_for(url: str, server: subprocess.Popen[bytes]) -> None:
+    import ssl
+
+    context = ssl.create_default_context()
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    deadline = time.monotonic() + 180
+    while time.monotonic() < deadline:
+        assert server.poll() is None, f"{server.args} ended before it gave its page"
+        try:
+            urllib.request.urlopen(url, timeout=10, context=context)
+            return
+        except urllib.error.HTTPError:
+            return  # A page that asks who it is, or for the host it is known by.
+        except OSError:
+            time.sleep(0.2)
+    raise AssertionError(f"{server.args} gave no page")
+
+
+def _environment() -> dict[str, str]:
+    return os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{os.getcwd()}"}
