@@ -116,6 +116,7 @@ _HOMES: dict[type, tuple[str, str]] = {
     options.Evaluate: ("evaluate", "train"),
     options.Explain: ("explain", "train"),
     options.Export: ("export", "train,onnx"),
+    options.Film: ("film", "train"),
     options.Fit: ("fit", "fit"),
     options.Label: ("label", "label"),
     options.Loop: ("loop", "train"),

@@ -11,7 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from data.errors import GaitprefError
 from data.files.files import read_json, write_atomically
+from gaitpref.report.film_section import film_section
 from gaitpref.report.page_style import STYLE
 from gaitpref.report.pictures import BLUE, GREY, plain_axes, svg_of
 from gaitpref.report.return_text import return_text
@@ -24,9 +26,11 @@ from gaitpref.report.trust_section import (
     trust_cells,
     verdict_section,
 )
+from policy.training.checkpoint import load_policy
 
 from .loop_cfg import LoopCfg, RunError
 from .run_config import read_config
+from .run_dir import Round
 
 PAGE_NAME = Path("report") / "index.html"
 """The page, from the directory of the run."""
@@ -93,7 +97,7 @@ def render(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
         f'<meta name="viewport" content="width=device-width"><title>{title}</title>'
         f"<style>{STYLE}</style><h1>{title}</h1>"
         f'<p class="lead">{settings}; {done}.</p>{verdict_section(run, rounds)}'
-        f"<p>{measured}</p>"
+        f"<p>{measured}</p>{_before_and_after(run, cfg, rounds)}"
         f"{decided_section(rounds)}{standstill_section(rounds)}"
         f"{approval_section(rounds)}"
         f"{alarm_section(rounds, cfg.wish)}"
@@ -110,6 +114,17 @@ def render(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
         f"learned reward in all the policy was trained on at the end, the spread that "
         f"of its ensemble, in deviations of the reward.</p></html>\n"
     )
+
+
+def _before_and_after(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
+    """The first policy beside the one that stays; nothing before the run is over."""
+    if len(rounds) <= cfg.rounds:
+        return ""
+    first, last = (Round(run, r["round"]).policy for r in (rounds[0], rounds[-1]))
+    try:
+        return film_section(run, load_policy(first).sha256, load_policy(last).sha256)
+    except GaitprefError as error:
+        return f"<p>No film is shown: {html.escape(str(error))}</p>"
 
 
 def _interval(evaluation: dict[str, Any]) -> str:

@@ -16,5 +16,6 @@ th:first-child, td:first-child { text-align: left; }
                  border-radius: 8px; padding: .4rem; }
 .curves svg { width: 100%; height: auto; display: block; }
 .curves figcaption { color: #333; font-size: .9rem; text-align: center; }
+.film img, .film svg { max-width: 100%; border-radius: 8px; } .film { margin: 1rem 0; }
 code, pre { font-size: .9rem; } pre { overflow-x: auto; }
 """

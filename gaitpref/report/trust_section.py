@@ -14,6 +14,7 @@ from rewardmodel.explain.attribution import explain
 from rewardmodel.explain.learned_curves import Curve, learned_curves
 from rewardmodel.models.storage import load_reward
 
+from .film_section import film_of_clip
 from .findings import NO_ALARM, findings_of_run
 from .pictures import svg_of
 from .ranked_clips import extremes
@@ -144,7 +145,8 @@ def clips_section(run: Path, rounds: list[dict[str, Any]]) -> str:
         )
         title = name.replace("-", " ")
         figures.append(
-            f"<figure>{svg_of(picture.axes[0])}<figcaption>{title}</figcaption></figure>"
+            f"<figure>{film_of_clip(dataset, shown.clip)}{svg_of(picture.axes[0])}"
+            f"<figcaption>{title}</figcaption></figure>"
         )
     learned = ""
     if curves := learned_curves(model, control_dt_s=dt_s):

@@ -114,6 +114,7 @@ TABLE = (
         writes_set=True,
     ),
     Typed("play --policy {policy} --port 0"),
+    Typed("film --policy {policy} --out {out}.gif --duration-s 1 --fps 2"),
     Typed("export --policy {policy} --out {out}"),
     Typed("policy import {theirs} --out {out}"),
     Typed("robot inspect {xml}"),

@@ -15,6 +15,7 @@ from .bounds import AtLeast, Count, Seed
 from .data_options import Data as Data
 from .policy_options import Evaluate as Evaluate
 from .policy_options import Export as Export
+from .policy_options import Film as Film
 from .policy_options import Play as Play
 from .policy_options import Policy as Policy
 from .policy_options import Record as Record
@@ -157,6 +158,7 @@ Command = (
     | Annotated[Raters, tyro.conf.subcommand("raters")]
     | Annotated[Label, tyro.conf.subcommand("label")]
     | Annotated[Play, tyro.conf.subcommand("play")]
+    | Annotated[Film, tyro.conf.subcommand("film")]
     | Annotated[Export, tyro.conf.subcommand("export")]
     | Annotated[Policy, tyro.conf.subcommand("policy")]
     | Annotated[Robot, tyro.conf.subcommand("robot")]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import tyro
 
-from .bounds import Count, CountOrZero, Seed
+from .bounds import AtLeast, Count, CountOrZero, Seed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,6 +159,42 @@ class Play:
     """TCP port on this machine; 0 takes a free one."""
     robot: Path | None = None
     """MJCF of the robot; the one the policy was trained on by default."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Film:
+    """Film a policy, two of them side by side, or clips of a data set.
+
+    `gaitpref film --out walk.mp4` shows the walk that ships.
+    """
+
+    out: Path
+    """Film to write: .mp4 (extra `film`), .gif or .webp."""
+    policy: Path | None = None
+    """Policy file; by default the walk that ships."""
+    against: Path | None = None
+    """Policy file shown beside it, on the same command from an equal start."""
+    command: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    """Of policies: forward m/s, left m/s, yaw rad/s; the nearest of the commands that
+    are recorded is shown."""
+    duration_s: Annotated[float, AtLeast(1)] = 10.0
+    """Of policies: how long they walk."""
+    dataset: Path | None = None
+    """Data set that `--clip` or `--pair` is of."""
+    clip: str | None = None
+    """Clip as EPISODE:START+STEPS, or the hash of an episode or its beginning."""
+    pair: str | None = None
+    """Pair of clips by its name or the beginning of it: A left, B right."""
+    speed: float = 1.0
+    """1 is as fast as it was; 0.25 is slow motion."""
+    fps: float = 25.0
+    """Pictures a second."""
+    width_px: Count = 480
+    """Width of the picture of one robot."""
+    height_px: Count = 360
+    """Height of the picture."""
+    seed: Seed = 0
+    """Of policies: where they start."""
 
 
 @dataclass(frozen=True, kw_only=True)

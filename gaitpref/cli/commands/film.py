@@ -1,0 +1,69 @@
+"""`gaitpref film`: a clip, a pair or policies as MP4, GIF or WebP."""
+
+from __future__ import annotations
+
+from data.datasets.dataset import Dataset
+from data.errors import GaitprefError
+from gaitpref.cli.commands.explain import find_clip
+from gaitpref.cli.options import options
+from gaitpref.console.progress import counting_bar
+from gaitpref.console.terminal import say
+from gaitpref.film.camera import CameraCfg
+from gaitpref.film.reel import FilmCfg, film, frame_count, require_kind, write_film
+from gaitpref.film.shot import Shot
+from gaitpref.film.sources import (
+    find_pair,
+    shot_of_clip,
+    shot_of_policy,
+    shots_of_pair,
+)
+from policy.robots.shipped import WALK
+
+
+def run(command: options.Film) -> int:
+    """Run the command; gives the exit code."""
+    require_kind(command.out)
+    shots = _shots(command)
+    cfg = FilmCfg(
+        camera=CameraCfg(width_px=command.width_px, height_px=command.height_px),
+        fps=command.fps,
+        speed=command.speed,
+    )
+    count = frame_count(shots, cfg)
+    with counting_bar("frames", count) as bar:
+        frames = film(shots, cfg, lambda: bar.advance(bar.task_ids[0]))
+        write_film(frames, command.out, cfg.fps)
+    size_kb = command.out.stat().st_size / 1e3
+    say(f"{command.out}, {count / cfg.fps:.1f} s, {size_kb:,.0f} kB")
+    return 0
+
+
+def _shots(command: options.Film) -> list[Shot]:
+    """What is asked for.
+
+    Raises:
+        GaitprefError: it is not one thing.
+    """
+    if command.dataset is None:
+        if command.clip or command.pair:
+            raise GaitprefError("--clip and --pair are of a --dataset; none is given")
+        paths = [command.policy or WALK]
+        paths += [command.against] if command.against else []
+        return [
+            shot_of_policy(
+                path,
+                command.command,
+                duration_s=command.duration_s,
+                seed=command.seed,
+            )
+            for path in paths
+        ]
+    if command.policy or command.against or bool(command.clip) == bool(command.pair):
+        raise GaitprefError(
+            "of a --dataset either --clip or --pair is filmed, and no --policy"
+        )
+    dataset = Dataset.open(command.dataset)
+    if command.pair:
+        return list(shots_of_pair(dataset, find_pair(dataset, command.pair)))
+    assert command.clip
+    return [shot_of_clip(dataset, find_clip(dataset, command.clip))]

@@ -1,0 +1,1 @@
+"""Pictures that move: clips, pairs and policies as films."""

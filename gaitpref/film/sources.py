@@ -1,0 +1,98 @@
+"""What can be filmed: a clip, both clips of a pair, policies told the same."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from data.answers.answer_records import Pair
+from data.datasets.dataset import Dataset
+from data.episodes.clips import Clip
+from data.episodes.episode import Episode
+from data.errors import GaitprefError
+from policy.rollouts.record import Command, RecordCfg, record
+from policy.training.checkpoint import load_policy
+
+from .shot import Shot, shot_of
+
+_EPISODES = 5
+"""One of every command that is recorded."""
+
+
+def shot_of_clip(dataset: Dataset, clip: Clip, caption: str = "") -> Shot:
+    """The clip of a data set."""
+    return shot_of(dataset.read(clip.rollout), clip, caption=caption)
+
+
+def shots_of_pair(dataset: Dataset, pair: Pair) -> tuple[Shot, Shot]:
+    """Both clips of a pair, A and B."""
+    a, b = ((pair.a, "A"), (pair.b, "B"))
+    return shot_of_clip(dataset, *a), shot_of_clip(dataset, *b)
+
+
+def find_pair(dataset: Dataset, name: str) -> Pair:
+    """The pair whose name begins with `name`.
+
+    Raises:
+        GaitprefError: there is none, or more than one.
+    """
+    with dataset.answers() as store:
+        found = [pair for pair in store.pairs() if pair.pair_id.startswith(name)]
+    if len(found) != 1:
+        raise GaitprefError(
+            f"{len(found)} pairs of {dataset.root} begin with {name!r}; `gaitpref data "
+            f"labels --dataset {dataset.root}` names those that were answered"
+        )
+    return found[0]
+
+
+def shot_of_policy(
+    path: Path, command: Command, *, duration_s: float, seed: int = 0
+) -> Shot:
+    """What a policy does without exploration noise, under the recorded command that is
+    nearest to `command`; equal seeds begin alike.
+
+    Raises:
+        GaitprefError: the file holds no policy.
+    """
+    policy = load_policy(path)
+    cfg = RecordCfg(episodes=_EPISODES, episode_s=duration_s, noisy_share=0.0)
+    episodes = list(record(path, cfg, seed=seed, policies=[policy]))
+    episode = min(episodes, key=lambda each: _apart(each, command))
+    told = ", ".join(f"{number:g}" for number in episode.meta.command)
+    name = "/".join(path.parts[-3:-1])
+    return shot_of(episode, caption=f"{name}  {policy.info.steps:,} steps  ({told})")
+
+
+def _apart(episode: Episode, command: Command) -> float:
+    return float(np.abs(np.subtract(episode.meta.command, command)).sum())
+
+
+def before_and_after(
+    dataset: Dataset, first: str, last: str, *, most_s: float
+) -> tuple[Shot, Shot] | None:
+    """Two policies, by their SHA-256, from equal starts under the same command, the
+    fastest one straight ahead; None where the data set does not show both so."""
+    recorded = [
+        {
+            (e.meta.env_index, e.meta.command): e
+            for e in dataset.entries()
+            if e.meta.policy_sha256 == sha256 and e.meta.round == _last_round(dataset)
+        }
+        for sha256 in (first, last)
+    ]
+    both = [key for key in recorded[0] if key in recorded[1]]
+    if first == last or not both:
+        return None
+    key = max(both, key=lambda k: (k[1][0] - abs(k[1][1]) - abs(k[1][2]), -k[0]))
+    shots = []
+    for entries, caption in zip(recorded, ("before", "after"), strict=True):
+        entry = entries[key]
+        steps = min(entry.num_steps, round(most_s / entry.meta.control_dt_s))
+        shots.append(shot_of_clip(dataset, Clip(entry.sha256, 0, steps), caption))
+    return shots[0], shots[1]
+
+
+def _last_round(dataset: Dataset) -> int:
+    return max(entry.meta.round for entry in dataset.entries())

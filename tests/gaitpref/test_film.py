@@ -1,0 +1,174 @@
+"""Clips, pairs and policies as films, and the robot on the page of a run."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from data.datasets.dataset import Dataset
+from gaitpref.cli.main import main
+from gaitpref.film import camera, reel
+from gaitpref.film.camera import CameraCfg, NoRenderer, frames_of
+from gaitpref.film.reel import FilmCfg, film, webp_of, write_film
+from gaitpref.film.shot import Shot, shot_of
+from gaitpref.film.sources import before_and_after
+from gaitpref.film.stick_figure import leg_lines, stick_figures
+from gaitpref.loop.run_report import write_report
+from tests.helpers.older_run import older_run
+
+SMALL = FilmCfg(camera=CameraCfg(width_px=96, height_px=72), fps=10)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return older_run(tmp_path_factory.mktemp("older") / "run")
+
+
+@pytest.fixture(scope="module")
+def shot(run: Path) -> Shot:
+    dataset = Dataset.open(run / "dataset")
+    longest = max(dataset.entries(), key=lambda entry: entry.num_steps)
+    return shot_of(dataset.read(longest.sha256))
+
+
+@pytest.fixture(scope="module")
+def drawn(shot: Shot) -> list[np.ndarray]:
+    """Frames, where this machine draws any."""
+    try:
+        return list(film((shot,), SMALL))
+    except NoRenderer as why:
+        pytest.skip(str(why))
+
+
+def test_a_film_lasts_as_long_as_its_motion(
+    shot: Shot, drawn: list[np.ndarray]
+) -> None:
+    assert len(drawn) == round(shot.duration_s * SMALL.fps)
+    assert {frame.shape for frame in drawn} == {(72, 96, 3)}
+
+
+def test_the_robot_is_in_the_middle_and_moves(drawn: list[np.ndarray]) -> None:
+    """The sky and the corners hold no robot; the middle is darker and changes."""
+    first, last = drawn[0].astype(int), drawn[-1].astype(int)
+    middle = (slice(24, 60), slice(24, 72))
+    assert first[middle].min() < 60 < first[:12].min()
+    assert np.abs(last - first)[middle].max() > 60
+
+
+def test_two_shots_stand_side_by_side_under_their_names(
+    shot: Shot, drawn: list[np.ndarray]
+) -> None:
+    short = Shot(mjcf=shot.mjcf, qpos=shot.qpos[:10], dt_s=shot.dt_s, caption="short")
+    both = list(film((shot, short), SMALL))
+    assert len(both) == len(drawn)
+    assert (both[3][:, :96] == drawn[3]).all()
+    assert (both[3][:12, 96:] == 255).any()
+    # What is over stays where it ended.
+    assert (both[-1][:, 96:] == both[-2][:, 96:]).all()
+
+
+@pytest.mark.parametrize("suffix", [".gif", ".webp"])
+def test_a_film_is_a_file_of_as_many_pictures(
+    tmp_path: Path, drawn: list[np.ndarray], suffix: str
+) -> None:
+    path = tmp_path / "new" / f"film{suffix}"
+    write_film(iter(drawn), path, SMALL.fps)
+    with Image.open(path) as picture:
+        # Equal pictures that follow one another are one that stays longer.
+        assert 1 < getattr(picture, "n_frames", 1) <= len(drawn)
+        assert picture.size == (96, 72)
+    assert [p.name for p in path.parent.iterdir()] == [path.name]
+
+
+def test_mp4_is_what_it_says(tmp_path: Path, drawn: list[np.ndarray]) -> None:
+    pytest.importorskip("imageio_ffmpeg")
+    path = tmp_path / "film.mp4"
+    write_film(iter(drawn), path, SMALL.fps)
+    assert path.read_bytes()[4:8] == b"ftyp"
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def test_an_interrupted_film_leaves_nothing(
+    tmp_path: Path, drawn: list[np.ndarray]
+) -> None:
+    pytest.importorskip("imageio_ffmpeg")
+
+    def frames():
+        yield from drawn[:2]
+        raise KeyboardInterrupt
+
+    for suffix in reel.KINDS:
+        with pytest.raises(KeyboardInterrupt):
+            write_film(frames(), tmp_path / f"film{suffix}", SMALL.fps)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_policy_is_filmed_from_the_command_line(
+    run: Path, tmp_path: Path, drawn: list[np.ndarray]
+) -> None:
+    policy, out = run / "rounds" / "00" / "policy" / "policy.pt", tmp_path / "walk.webp"
+    small = ["--duration-s", "1", "--width-px", "64", "--height-px", "48", "--fps", "5"]
+    assert main(["film", "--policy", str(policy), "--out", str(out), *small]) == 0
+    with Image.open(out) as picture:
+        assert picture.size == (64, 48)
+
+
+def test_what_cannot_be_filmed_is_said(
+    run: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    dataset = str(run / "dataset")
+    for line, said in (
+        ("--out a.avi", "must end in .mp4, .gif, .webp"),
+        ("--out a.gif --clip ab", "none is given"),
+        (f"--out a.gif --dataset {dataset}", "either --clip or --pair"),
+        (f"--out a.gif --dataset {dataset} --pair zz", "0 pairs"),
+    ):
+        assert main(["film", *line.split()]) == 2
+        assert said in capsys.readouterr().err
+
+
+def test_the_page_of_a_run_shows_before_and_after(
+    run: Path, drawn: list[np.ndarray]
+) -> None:
+    text = write_report(run).read_text()
+    assert "No film is shown" not in text
+    pictures = re.findall(r'src="data:image/webp;base64,([^"]+)"', text)
+    assert pictures
+    assert len(text) < 5_000_000
+
+
+def test_who_was_not_shown_alike_is_not_compared(run: Path) -> None:
+    dataset = Dataset.open(run / "dataset")
+    one = dataset.entries()[-1].meta.policy_sha256
+    assert before_and_after(dataset, one, one, most_s=1) is None
+    assert before_and_after(dataset, one, "no policy", most_s=1) is None
+
+
+def test_legs_are_drawn_as_lines_where_nothing_draws_shapes(
+    shot: Shot, run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def nothing(*_: object) -> None:
+        raise ImportError("no EGL")
+
+    monkeypatch.setattr(camera, "_context", nothing)
+    with pytest.raises(NoRenderer, match=r"no EGL.*install EGL"):
+        next(frames_of(shot.mjcf, shot.qpos[:1]))
+    assert "<polyline" in write_report(run).read_text()
+    figure = stick_figures((shot,))
+    assert figure.count("<animate") == 5
+    lines = leg_lines(shot.mjcf, shot.qpos[:1])[0]
+    # Front legs are ahead of hind legs, feet below knees below hips.
+    assert lines[:2, 0, 0].min() > lines[2:, 0, 0].max()
+    assert (np.diff(lines[:, :, 1], axis=1) < 0).all()
+
+
+def test_a_film_of_nothing_is_refused(shot: Shot) -> None:
+    with pytest.raises(ValueError, match="S > 0"):
+        Shot(mjcf=shot.mjcf, qpos=shot.qpos[:0], dt_s=0.02)
+    with pytest.raises(ValueError, match="16 to 4096"):
+        CameraCfg(width_px=5000)
+    assert webp_of(iter([np.zeros((16, 16, 3), np.uint8)]), 10)
