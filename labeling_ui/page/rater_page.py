@@ -10,7 +10,7 @@ import queue
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import viser
@@ -33,6 +33,7 @@ from .dialogs import Dialog, bad_clip_dialog, guidelines_dialog
 from .loop_status import LoopStatus
 from .page_access import Act, Desk, Look, Showing
 from .playback import Playback
+from .remarks import Remarks, remarks_of
 from .shortcuts import ASPECT_OF_LABEL, CONFIDENCE_OF, CONFIDENCES, Name
 from .store_thread import Worker
 from .theme import set_theme
@@ -97,8 +98,7 @@ class Page:
         self._drawn_at: float | None = None
         self._shown_at = time.monotonic()
         self._note_at = -NOTE_RECENT_S
-        self._note = ""
-        self._why: Aspect | None = None
+        self._remarks = Remarks()
         self._late: tuple[float, Verdict] | None = None
         self._refresh_in_s = REFRESH_S
         self._status: LoopStatus | None = None
@@ -163,7 +163,9 @@ class Page:
             case "hotkey_verdict":
                 if self._modal is None:
                     self._verdict(value)
-            case "bad_reason":
+                elif reason := self._modal.reason(value):
+                    self.post("bad_reason", reason)
+            case "bad_reason" if self._modal is not None:
                 self._close_dialog()
                 self._judge("bad", value)
             case "why_label" if value in ASPECT_OF_LABEL:
@@ -171,7 +173,10 @@ class Page:
             case "why":
                 self._say_why(value)
             case "note":
-                self._note, self._note_at = value, time.monotonic()
+                self._remarks = replace(self._remarks, note=value)
+                self._note_at = time.monotonic()
+            case "confidence" if value in CONFIDENCES:
+                self._remarks = replace(self._remarks, confidence=value)
             case "seek":
                 self._set_clock(self._clock.seek(value))
                 self._transport.rest()
@@ -193,7 +198,7 @@ class Page:
         elif name in _CLOCK:
             self._set_clock(_CLOCK[name](self._clock))
         elif name in CONFIDENCE_OF:
-            self._controls.confidence.value = CONFIDENCE_OF[name]
+            self._remark(replace(self._remarks, confidence=CONFIDENCE_OF[name]))
         elif name == "bad":
             if self._showing is not None and self._showing.question is not None:
                 self._modal = bad_clip_dialog(self.client, self.post)
@@ -224,8 +229,13 @@ class Page:
     def _say_why(self, why: Aspect) -> None:
         """What of the gait decides the answer; the same again takes it back."""
         if self._modal is None and self._showing and self._showing.question:
-            self._why = None if why == self._why else why
-            self._controls.say_why(self._why)
+            said = None if why == self._remarks.why else why
+            self._remark(replace(self._remarks, why=said))
+
+    def _remark(self, remarks: Remarks) -> None:
+        """Hold remarks that were made by key or button, and show them."""
+        self._remarks = remarks
+        self._controls.say(remarks)
 
     def _verdict(self, verdict: Verdict) -> None:
         late = time.monotonic() - self._note_at < NOTE_RECENT_S
@@ -247,9 +257,9 @@ class Page:
             question_id=self._showing.question_id,
             verdict=verdict,
             reason=reason,
-            why=self._why or "",
-            note=self._note.strip(),
-            confidence=CONFIDENCES[self._controls.confidence.value],
+            why=self._remarks.why or "",
+            note=self._remarks.note.strip(),
+            confidence=self._remarks.sure,
             watched_ms=round(1000 * clock.watched_s),
             response_ms=round(1000 * (time.monotonic() - self._shown_at)),
             client={"replays": clock.replays, "speed": clock.speed},
@@ -335,12 +345,9 @@ class Page:
             self._controls.fill(self._desk.rater_id, showing)
             if first or before != showing.question_id:
                 self._show_pair(showing)
-                corrects = showing.question and showing.question.corrects
-                self._why = (corrects.why or None) if corrects else None
-                self._controls.say_why(self._why)
-            if showing.accepted is not None and showing.accepted.role != "undo":
-                self._note = ""
-                self._controls.clear_remarks()
+                question = showing.question
+                self._remarks = remarks_of(question and question.remarked)
+                self._controls.fill_remarks(self._remarks)
         self.client.flush()
         if first and showing.progress.answered == 0:
             self._welcome()

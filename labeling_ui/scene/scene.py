@@ -215,11 +215,6 @@ def _fall_mark(scene: SceneApi, name: str) -> viser.MeshHandle:
     )
 
 
-def side_colour(side: int) -> tuple[int, int, int]:
-    """The colour of A (0) or B (1) for buttons, each channel in [0, 255]."""
-    return rgb8(COLOURS[side])
-
-
 def rgb8(rgb: Rgb) -> tuple[int, int, int]:
     """A colour as whole numbers."""
     red, green, blue = (round(255 * channel) for channel in rgb)

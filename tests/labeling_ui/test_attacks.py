@@ -99,7 +99,7 @@ def test_a_rater_gets_the_page_and_its_button_works(page: Page, tmp_path: Path) 
             assert await built.login(token) == 303
             status, text, headers = await built.get("/")
             assert status == 200
-            assert "<title>Viser</title>" in text
+            assert "<title>gaitpref - " in text
             assert "eval'" not in headers["Content-Security-Policy"].replace(
                 "'wasm-unsafe-eval'", ""
             )
