@@ -10,12 +10,13 @@ from typing import Any
 import viser
 from viser import GuiButtonHandle, GuiEvent
 
+from data.answers.answer_records import Aspect
 from data.files.limits import NOTE_CHARS
 from labeling_ui.questions.judgement import Past
 
 from .loop_status import LoopStatus
 from .page_access import HISTORY_LENGTH, Showing
-from .panel_html import LINKS, boxed, head, past_words, why_words
+from .panel_html import LINKS, boxed, head, past_words
 from .remarks import Remarks
 from .shortcuts import (
     ASPECT_KEYS,
@@ -63,6 +64,8 @@ class Controls:
 
     def __init__(self, client: viser.ClientHandle, post: Post) -> None:
         self._gui = gui = client.gui
+        self._told: tuple[str, Showing] | None = None
+        self._said_why: Aspect | None = None
         gui.main_panel.dock_right()
         gui.main_panel.set_width(PANEL_WIDTH_PX)
         self._head = gui.add_html("")
@@ -78,7 +81,6 @@ class Controls:
             button.on_click(posts(post, "verdict", verdict.verdict))
         self._why = gui.add_button_group("because of", tuple(ASPECT_OF_LABEL))
         self._why.on_click(posts_value(post, "why_label"))
-        self._why_said = gui.add_html(why_words(None))
         self._bad = self._button("bad", post)
         self._undo = self._button("undo", post)
         self._keep = self._button("keep", post)
@@ -105,7 +107,7 @@ class Controls:
     def fill(self, rater_id: str, showing: Showing) -> None:
         """Show a question, or that there is none."""
         self._told = (rater_id, showing)
-        self._head.content = head(rater_id, showing)
+        self._fill_head()
         progress = showing.progress
         done = progress.answered + progress.open
         self._bar.value = 100.0 * progress.answered / done if done else 0.0
@@ -121,8 +123,10 @@ class Controls:
 
     def warn(self, text: str) -> None:
         """Show a sentence until something else is shown."""
-        rater_id, showing = self._told
-        self._head.content = head(rater_id, replace(showing, notice=text))
+        if self._told is not None:
+            rater_id, showing = self._told
+            self._told = (rater_id, replace(showing, notice=text))
+            self._fill_head()
 
     def fill_remarks(self, remarks: Remarks) -> None:
         """Show the remarks that come with a question."""
@@ -132,7 +136,12 @@ class Controls:
     def say(self, remarks: Remarks) -> None:
         """Show all but the note, whose newest letters may be under way."""
         self.confidence.value = remarks.confidence
-        self._why_said.content = why_words(remarks.why)
+        self._said_why = remarks.why
+        self._fill_head()
+
+    def _fill_head(self) -> None:
+        if self._told is not None:
+            self._head.content = head(*self._told, self._said_why)
 
     def fill_status(self, status: LoopStatus | None) -> None:
         """Show what the loop does."""

@@ -17,11 +17,11 @@ from labeling_ui.scene.clip_motion import Command
 from .page_access import Showing
 from .shortcuts import WORDS
 
-_HEAD_PX = 124
-"""Room for two lines of the command and two of a notice: what follows stands still."""
+_HEAD_PX = 128
+"""Room for six lines, two of them the command: what follows stands still."""
 
 
-def head(rater_id: str, showing: Showing) -> str:
+def head(rater_id: str, showing: Showing, why: Aspect | None) -> str:
     """The top of the panel: who, what is asked, under which command."""
     progress = showing.progress
     count = f"{progress.answered} answered, {progress.open} open"
@@ -40,7 +40,9 @@ def head(rater_id: str, showing: Showing) -> str:
             lines.append(command_words(motion.commands))
     if question is not None and question.earlier is not None:
         said = WORDS[question.earlier].lower()
-        lines.append(f"<i>Reopened: you said “{said}”. Answer again, or keep it.</i>")
+        lines.append(f"<i>Reopened: you said “{said}”.</i>")
+    if why is not None:
+        lines.append(f"Because of <b>{why}</b>: now answer.")
     if showing.notice:
         lines.append(warning(showing.notice))
     top = (
@@ -49,6 +51,7 @@ def head(rater_id: str, showing: Showing) -> str:
     )
     return (
         f'<div data-gp-ready data-gp-question="{showing.question_id or ""}" '
+        f'data-gp-why="{why or ""}" '
         f'style="height:{_HEAD_PX}px;overflow:auto">'
         + boxed(top + "".join(f"<div>{line}</div>" for line in lines))
         + "</div>"
@@ -86,14 +89,6 @@ def past_words(past: Past) -> str:
 def verdict_words(verdict: Verdict) -> str:
     """An answer in words."""
     return WORDS[verdict]
-
-
-def why_words(why: Aspect | None) -> str:
-    """What of the gait is said to decide the answer."""
-    says = "What decides it, if you like." if why is None else (
-        f"Because of <b>{why}</b>: now answer."
-    )  # fmt: skip
-    return f'<div data-gp-why="{why or ""}">{boxed(says)}</div>'
 
 
 def warning(text: str) -> str:

@@ -26,7 +26,7 @@ from labeling_ui.limits.page_limits import (
 from labeling_ui.questions.judgement import Judgement, Verdict
 from labeling_ui.scene.clip_motion import Motion
 from labeling_ui.scene.fast_updates import Frames
-from labeling_ui.scene.scene import PairScene, Pose
+from labeling_ui.scene.scene import PairScene, Pose, aspect_of
 
 from .controls import Controls
 from .dialogs import Dialog, bad_clip_dialog, guidelines_dialog
@@ -43,6 +43,7 @@ ACTIVE_S = 300.0
 """Without an event for longer than this, nobody is there."""
 REFRESH_S = 1.0
 """How often the desk is asked whether something else is to be shown."""
+_OTHER_ASPECT = 0.03
 NOTE_LATE_S = 0.1
 NOTE_RECENT_S = 0.3
 """A note's last letters may be on their way for 50 ms: an answer that soon after one
@@ -110,7 +111,16 @@ class Page:
             self._scene.darken(self._habits.dark)
             self._controls = Controls(client, self.post)
             self._transport = Transport(client, self.post)
+        self._aspect = aspect_of(client.camera)
+        client.camera.on_update(self._seen_from)
         self._look(Desk.look)
+
+    async def _seen_from(self, camera: viser.CameraHandle) -> None:
+        """Look anew where the window became wider or narrower."""
+        aspect = aspect_of(camera)
+        if abs(aspect / self._aspect - 1.0) > _OTHER_ASPECT:
+            self._aspect = aspect
+            self.post("resized")
 
     def post(self, name: str, value: Any = None) -> None:
         """Hand an event in; from any thread."""
@@ -144,7 +154,9 @@ class Page:
 
     def _pose(self, motion: Motion) -> Pose:
         over = self._clock.time_s >= motion.duration_s
-        return Pose(*motion.pose(self._clock.time_s), fallen=motion.fell and over)
+        at_s = self._clock.time_s
+        fallen = motion.fell and over
+        return Pose(*motion.pose(at_s), fallen=fallen, way=motion.way(at_s))
 
     def _handle(self, name: str, value: Any) -> None:
         if name not in ("showing", "idle", "stored", "failed"):
@@ -180,6 +192,8 @@ class Page:
             case "seek":
                 self._set_clock(self._clock.seek(value))
                 self._transport.rest()
+            case "resized":
+                self._scene.look(self._scene.view)
             case "reopen":
                 self._reopen(value)
             case _:
@@ -213,6 +227,9 @@ class Page:
         scene = self._scene
         if name == "view":
             scene.look("lanes" if scene.view == "treadmill" else "treadmill")
+            self._drawn_at = None
+        elif name == "ghost":
+            scene.toggle_ghosts()
             self._drawn_at = None
         elif name == "camera":
             scene.look(scene.view)
@@ -390,7 +407,7 @@ class Page:
             self._modal = None
 
 
-_CHANGES = ("bad", "guidelines", "view", "camera", "theme", "curves")
+_CHANGES = ("bad", "guidelines", "view", "ghost", "camera", "theme", "curves")
 """What makes much of the page anew."""
 _CLOCK: dict[str, Callable[[Playback], Playback]] = {
     "play": Playback.toggle,
