@@ -1,7 +1,8 @@
 """What the panel says, as HTML; pure functions.
 
 The script in the browser finds its way by the attributes: `data-gp-ready` says that the
-page is there, `data-gp-question` which question it shows, `data-gp-why` what decides.
+page is there, `data-gp-question` which question it shows, `data-gp-why` what decides,
+`data-gp-spoken` what to read aloud.
 """
 
 from __future__ import annotations
@@ -52,10 +53,27 @@ def head(rater_id: str, showing: Showing, why: Aspect | None) -> str:
     return (
         f'<div data-gp-ready data-gp-question="{showing.question_id or ""}" '
         f'data-gp-why="{why or ""}" '
+        f'data-gp-spoken="{html.escape(spoken(showing, why))}" '
         f'style="height:{_HEAD_PX}px;overflow:auto">'
         + boxed(top + "".join(f"<div>{line}</div>" for line in lines))
         + "</div>"
     )
+
+
+def spoken(showing: Showing, why: Aspect | None) -> str:
+    """What a screen reader is told when the panel changes."""
+    progress, question = showing.progress, showing.question
+    says = [f"{progress.answered} answers stored, {progress.open} pairs to go."]
+    if question is None:
+        says.append("Nothing is asked now.")
+    elif showing.motions is not None and showing.motions[0].task != "getup":
+        commands = showing.motions[0].commands
+        says.append(f"Asked: {', then '.join(map(_one_command, commands))}.")
+    if question is not None and question.earlier is not None:
+        says.append(f"Open again; your answer was {WORDS[question.earlier]}.")
+    if why is not None:
+        says.append(f"What decides: {why}.")
+    return " ".join([*says, showing.notice]).strip()
 
 
 def _for_answers(count: int) -> str:

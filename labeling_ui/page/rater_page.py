@@ -11,6 +11,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from datetime import timedelta
 from typing import Any
 
 import viser
@@ -23,7 +24,8 @@ from labeling_ui.limits.page_limits import (
     CHANGES_PER_S,
     EVENTS_PER_TURN,
 )
-from labeling_ui.questions.judgement import Judgement, Verdict
+from labeling_ui.questions.judgement import Judgement, Question, Verdict
+from labeling_ui.questions.rater_session import utc_now
 from labeling_ui.scene.clip_motion import Motion
 from labeling_ui.scene.fast_updates import Frames
 from labeling_ui.scene.scene import PairScene, Pose, aspect_of
@@ -44,6 +46,7 @@ ACTIVE_S = 300.0
 REFRESH_S = 1.0
 """How often the desk is asked whether something else is to be shown."""
 _OTHER_ASPECT = 0.03
+_NEW = timedelta(seconds=10)
 NOTE_LATE_S = 0.1
 NOTE_RECENT_S = 0.3
 """A note's last letters may be on their way for 50 ms: an answer that soon after one
@@ -366,7 +369,7 @@ class Page:
                 self._remarks = remarks_of(question and question.remarked)
                 self._controls.fill_remarks(self._remarks)
         self.client.flush()
-        if first and showing.progress.answered == 0:
+        if first and showing.progress.answered == 0 and _is_new(showing.question):
             self._welcome()
 
     def _show_pair(self, showing: Showing) -> None:
@@ -405,6 +408,11 @@ class Page:
         if self._modal is not None:
             self._modal.close()
             self._modal = None
+
+
+def _is_new(question: Question | None) -> bool:
+    """Whether a question is shown for the first time, by this server or one before."""
+    return question is None or utc_now() - question.shown_utc < _NEW
 
 
 _CHANGES = ("bad", "guidelines", "view", "ghost", "camera", "theme", "curves")

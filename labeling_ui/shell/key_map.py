@@ -16,7 +16,7 @@ class KeyGroup:
 
 
 def key_map(groups: Iterable[KeyGroup]) -> str:
-    """The dialog with all keys, as HTML; closed."""
+    """The dialog with all keys, as HTML; closed, and empty until it is opened."""
     tables = "".join(
         f"<table><caption>{html.escape(group.title)}</caption>"
         + "".join(
@@ -27,9 +27,10 @@ def key_map(groups: Iterable[KeyGroup]) -> str:
         for group in groups
     )
     return (
-        '<dialog id="gp-keys" aria-labelledby="gp-keys-title">'
+        '<dialog id="gp-keys" aria-labelledby="gp-keys-title"><template>'
         f'<h2 id="gp-keys-title">Keys</h2><div class="gp-groups">{tables}</div>'
-        '<button type="button" class="gp-button">Close [escape]</button></dialog>'
+        '<button type="button" class="gp-button">Close [escape]</button>'
+        "</template></dialog>"
     )
 
 

@@ -70,7 +70,6 @@ LABEL_SHELL = Shell(
     words={
         "answers": {v.key: v.label for v in VERDICTS}
         | {SHORTCUTS[n].key: SHORTCUTS[n].label for n in ("bad", "undo", "keep")},
-        "announces": True,
         "send": SEND,
         "sure": "how sure",
         "sureKeys": {

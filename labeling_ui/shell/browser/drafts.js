@@ -1,7 +1,7 @@
 // What is said of a pair but not yet answered outlives the connection and the server: it
 // lies in this tab's own storage, by the question, and is put back once.
 
-const draft = { question: null, restoring: 0, focused: false };
+const draft = { question: null, restoring: 0, writing: false };
 const draftKey = (question) => `gp-draft:${question}`;
 const noteField = () => document.querySelector("#root textarea");
 const fieldOf = (label) => {
@@ -43,15 +43,10 @@ function followDraft(fresh) {
       forgetOthers();
     }
   }
-  if (root.dataset.gp === "") {
-    draft.focused = document.activeElement === noteField() && noteField() !== null;
-    keepDraft();
-  }
+  if (root.dataset.gp === "") keepDraft();
 }
 
 function restore(kept) {
-  const refocus = draft.wasFocused;
-  draft.wasFocused = false;
   draft.restoring = 0;
   const now = saidNow();
   const field = noteField();
@@ -62,7 +57,7 @@ function restore(kept) {
   }
   if (kept.sure && now.sure !== kept.sure) press(words.sureKeys[kept.sure]);
   if (kept.why && now.why !== kept.why) press(words.whyKeys[kept.why]);
-  if (field && refocus) {
+  if (field && draft.writing) {
     field.focus();
     field.setSelectionRange(field.value.length, field.value.length);
   }
@@ -84,12 +79,22 @@ document.addEventListener("input", (event) => {
   if (event.target === noteField()) keepDraft();
 });
 
+// Whether somebody writes; a field that is taken away was not left.
+document.addEventListener("focusin", (event) => {
+  draft.writing = event.target === noteField();
+});
+document.addEventListener("focusout", (event) => {
+  const field = event.target;
+  setTimeout(() => {
+    if (field.isConnected && document.activeElement !== field) draft.writing = false;
+  });
+});
+
 let drawn = null;
 setInterval(() => {
   show();
   const here = ready();
   const fresh = here !== drawn && root.dataset.gp === "";
-  if (root.dataset.gp === "lost" && draft.focused) draft.wasFocused = true;
   if (fresh) drawn = here;
   followDraft(fresh);
   nameAll();

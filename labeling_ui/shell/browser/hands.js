@@ -3,7 +3,6 @@
 const FIELDS = "input, textarea, select";
 const PRESSABLE = "button, a[href], [role=button], [role=tab], summary";
 const isField = (element) => element instanceof Element && element.matches(FIELDS);
-const dialog = () => document.querySelector("#root [role=dialog], body > [data-portal] [role=dialog]");
 
 window.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
@@ -25,7 +24,7 @@ function inKeyMap(event) {
   if (!map.open) {
     if (event.key !== "?" || isField(event.target)) return false;
     event.preventDefault();
-    map.showModal();
+    openKeyMap();
     return true;
   }
   if (event.key === "?" || event.key === "Escape") {
@@ -33,6 +32,13 @@ function inKeyMap(event) {
     map.close();
   }
   return !(event.target.closest?.("#gp-keys") && /^(Enter| |Tab)$/.test(event.key));
+}
+
+function openKeyMap() {
+  const map = byId("gp-keys");
+  const inside = map.querySelector("template");
+  if (inside) inside.replaceWith(inside.content);
+  map.showModal();
 }
 
 function inField(event) {
@@ -69,7 +75,7 @@ function onFocused(event) {
 
 // A button that was clicked gives the focus back, or Space would press it again.
 document.addEventListener("click", (event) => {
-  if (event.target.closest?.("[data-gp-keys]")) byId("gp-keys").showModal();
+  if (event.target.closest?.("[data-gp-keys]")) openKeyMap();
   if (event.target.closest?.("#gp-keys") && !event.target.closest("table")) byId("gp-keys").close();
   if (event.target.closest?.("[data-gp-anyway]")) {
     sessionStorage.setItem("gp-anyway", "1");
@@ -118,8 +124,8 @@ function put(element, attributes) {
 
 // What a screen reader is told: each new question, and what became of the last.
 function announce() {
-  const said = ready()?.innerText.replace(/\s+/g, " ").trim() || "";
-  if (!root.dataset.gp && said !== announce.last && words.announces) {
+  const said = ready()?.dataset.gpSpoken || "";
+  if (!root.dataset.gp && said !== announce.last) {
     announce.last = said;
     byId("gp-live").textContent = said;
   }

@@ -10,7 +10,7 @@ const LINE_MS = {
 const TRIES_BEFORE_RELOAD = 3;
 const line = {
   state: "opening", // opening, open, lost, away
-  worker: null, ask: null, wait: LINE_MS.first, timer: 0, tries: 0, before: null,
+  worker: null, ask: null, wait: LINE_MS.first, timer: 0, opening: { id: 0 }, tries: 0, before: null,
   everOpen: false, missed: [], beat: Date.now(), watched: Date.now(), silent: 0,
 };
 const root = document.documentElement;
@@ -33,7 +33,7 @@ window.Worker = class extends PlainWorker {
 
 function heard(message) {
   if (message.type === "connected") {
-    clearTimeout(line.timer);
+    clearTimeout(line.opening.id);
     line.before = ready();
     Object.assign(line, { state: "open", tries: 0, wait: LINE_MS.first, silent: 0 });
     line.everOpen = true;
@@ -47,6 +47,7 @@ function heard(message) {
     } else if (reason.includes("logged out") || message.versionMismatch) {
       reload();
     } else {
+      clearTimeout(line.opening.id);
       if (line.state === "opening") line.tries += 1;
       lose();
     }
@@ -64,16 +65,29 @@ function askIn(ms) {
   line.timer = setTimeout(askServer, ms);
 }
 
+// Calls `late` after `ms`. Where this very page was too busy to be on time, as while its
+// scene is built in software, the answer may lie there unread: then it waits once more.
+function patience(ms, late) {
+  const timer = { id: 0, due: Date.now() + ms };
+  const over = () => {
+    if (Date.now() - timer.due < ms / 2) return late();
+    timer.due = Date.now() + ms;
+    timer.id = setTimeout(over, ms);
+  };
+  timer.id = setTimeout(over, ms);
+  return timer;
+}
+
 async function health() {
   const stop = new AbortController();
-  const timer = setTimeout(() => stop.abort(), LINE_MS.answer);
+  const timer = patience(LINE_MS.answer, () => stop.abort());
   try {
     const answer = await fetch("healthz", { cache: "no-store", signal: stop.signal });
     return answer.ok ? await answer.json() : null;
   } catch {
     return null;
   } finally {
-    clearTimeout(timer);
+    clearTimeout(timer.id);
   }
 }
 
@@ -100,11 +114,11 @@ function reload() {
 function open() {
   line.state = "opening";
   line.ask();
-  clearTimeout(line.timer);
-  line.timer = setTimeout(() => {
+  clearTimeout(line.opening.id);
+  line.opening = patience(LINE_MS.open, () => {
     line.tries += 1;
     lose();
-  }, LINE_MS.open);
+  });
   show();
 }
 
@@ -123,8 +137,7 @@ setInterval(() => {
   const slept = now - line.beat > LINE_MS.slept;
   line.beat = now;
   if (document.hidden || line.state !== "open") return;
-  if (slept) lose();
-  else if (now - line.watched > LINE_MS.watch) watch();
+  if (slept || now - line.watched > LINE_MS.watch) watch();
 }, 1000);
 
 function hurry() {
