@@ -1,7 +1,7 @@
 // What is said of a pair but not yet answered outlives the connection and the server: it
 // lies in this tab's own storage, by the question, and is put back once.
 
-const draft = { question: null, restoring: 0, writing: false };
+const draft = { question: null, opened: 0, restoring: 0, writing: false };
 const draftKey = (question) => `gp-draft:${question}`;
 const noteField = () => document.querySelector("#root textarea");
 const fieldOf = (label) => {
@@ -30,11 +30,14 @@ function keepDraft() {
   else sessionStorage.removeItem(draftKey(question));
 }
 
-// Called often; `fresh` where viser has made the page anew.
-function followDraft(fresh) {
+// Called often; what was kept is put back where the question is another one, or where
+// viser made the page anew.
+function followDraft() {
   const question = ready()?.dataset.gpQuestion || null;
-  if (root.dataset.gp === "" && (fresh || question !== draft.question)) {
+  const moved = question !== draft.question || draft.opened !== line.opened;
+  if (root.dataset.gp === "" && moved) {
     draft.question = question;
+    draft.opened = line.opened;
     const text = question && sessionStorage.getItem(draftKey(question));
     if (text) {
       clearTimeout(draft.restoring);
@@ -90,13 +93,9 @@ document.addEventListener("focusout", (event) => {
   });
 });
 
-let drawn = null;
 setInterval(() => {
   show();
-  const here = ready();
-  const fresh = here !== drawn && root.dataset.gp === "";
-  if (fresh) drawn = here;
-  followDraft(fresh);
+  followDraft();
   nameAll();
   announce();
 }, 200);

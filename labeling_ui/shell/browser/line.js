@@ -10,8 +10,9 @@ const LINE_MS = {
 const TRIES_BEFORE_RELOAD = 3;
 const line = {
   state: "opening", // opening, open, lost, away
-  worker: null, ask: null, wait: LINE_MS.first, timer: 0, opening: { id: 0 }, tries: 0, before: null,
-  everOpen: false, missed: [], beat: Date.now(), watched: Date.now(), silent: 0,
+  opened: 0, // how often
+  worker: null, ask: null, wait: LINE_MS.first, timer: 0, opening: { id: 0 }, tries: 0,
+  before: null, missed: [], beat: Date.now(), watched: Date.now(), silent: 0,
 };
 const root = document.documentElement;
 const byId = (id) => document.getElementById(id);
@@ -36,7 +37,7 @@ function heard(message) {
     clearTimeout(line.opening.id);
     line.before = ready();
     Object.assign(line, { state: "open", tries: 0, wait: LINE_MS.first, silent: 0 });
-    line.everOpen = true;
+    line.opened += 1;
     line.watched = Date.now();
     show();
   } else if (message.type === "closed") {
@@ -107,7 +108,7 @@ async function askServer() {
 }
 
 function reload() {
-  if (line.everOpen) sessionStorage.setItem("gp-back", missedWords());
+  if (line.opened) sessionStorage.setItem("gp-back", missedWords());
   location.reload();
 }
 
@@ -154,7 +155,7 @@ function cover() {
   if (line.state === "away") return "away";
   const shown = ready();
   if (line.state === "open" && shown !== null && shown !== line.before) return "";
-  return line.everOpen && root.dataset.gp !== "loading" ? "lost" : "loading";
+  return line.opened && root.dataset.gp !== "loading" ? "lost" : "loading";
 }
 
 function show() {
