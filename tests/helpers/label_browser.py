@@ -108,17 +108,21 @@ def opened(
     *,
     size: "ViewportSize" = LAPTOP,
     url: str = "",
+    clock: bool = False,
     **context: Any,
 ) -> "Page":
     """The page of a rater who logs in; close its context afterwards.
 
     Args:
         url: Where the page is, if something stands before the server.
+        clock: Let the test turn the page's clock on.
     """
     address = url or site.server.url
     own = browser.new_context(viewport=size, **context)
     own.set_default_timeout(WAIT_MS)
     page = own.new_page()
+    if clock:
+        page.clock.install()
     own.request.post(
         address + "/login",
         form={"token": site.tokens[rater]},

@@ -4,15 +4,15 @@
 // /healthz first, and viser's client only once that answers.
 
 const LINE_MS = {
-  first: 300, longest: 2000, answer: 4000, open: 8000, watch: 10000, slept: 20000,
-  toast: 8000,
+  first: 300, longest: 2000, answer: 3000, open: 8000, watch: 10000, slept: 20000,
+  sign: 1500, toast: 8000,
 };
 const TRIES_BEFORE_RELOAD = 3;
 const line = {
   state: "opening", // opening, open, lost, away
   opened: 0, // how often
   worker: null, ask: null, wait: LINE_MS.first, timer: 0, opening: { id: 0 }, tries: 0,
-  before: null, missed: [], beat: Date.now(), watched: Date.now(), silent: 0,
+  before: null, missed: [], beat: Date.now(), watched: Date.now(), heard: 0, silent: 0,
 };
 const root = document.documentElement;
 const byId = (id) => document.getElementById(id);
@@ -33,6 +33,7 @@ window.Worker = class extends PlainWorker {
 };
 
 function heard(message) {
+  line.heard = Date.now();
   if (message.type === "connected") {
     clearTimeout(line.opening.id);
     line.before = ready();
@@ -123,14 +124,27 @@ function open() {
   show();
 }
 
-// Whether the socket is what it seems: a laptop that slept, a line that was cut.
-async function watch() {
-  line.watched = Date.now();
+// Whether the socket is what it seems. After a sleep or a silence it may be dead without
+// anybody having heard of its end: if nothing comes through it then, it is opened anew.
+async function watch(doubtful) {
+  const since = line.watched = Date.now();
   const found = await health();
   if (line.state !== "open") return;
-  line.silent = found === null ? line.silent + 1 : 0;
-  if (line.silent >= 2 || (found !== null && !found.here)) lose();
-  else if (line.silent) line.watched = 0;
+  if (found === null) {
+    line.silent += 1;
+    line.watched = 0;
+    if (line.silent >= 2) lose();
+    return;
+  }
+  const silent = line.silent;
+  line.silent = 0;
+  if (!found.here) {
+    lose();
+  } else if (doubtful || silent) {
+    setTimeout(() => {
+      if (line.state === "open" && line.heard < since) lose();
+    }, LINE_MS.sign);
+  }
 }
 
 setInterval(() => {
@@ -138,14 +152,14 @@ setInterval(() => {
   const slept = now - line.beat > LINE_MS.slept;
   line.beat = now;
   if (document.hidden || line.state !== "open") return;
-  if (slept || now - line.watched > LINE_MS.watch) watch();
+  if (slept || now - line.watched > LINE_MS.watch) watch(slept);
 }, 1000);
 
 function hurry() {
   if (document.hidden) return;
   line.beat = Date.now();
   if (line.state === "lost") askIn(0);
-  else if (line.state === "open") watch();
+  else if (line.state === "open") watch(false);
 }
 for (const name of ["online", "focus", "pageshow"]) window.addEventListener(name, hurry);
 document.addEventListener("visibilitychange", hurry);
