@@ -17,7 +17,7 @@ from labeling_ui.questions.judgement import Verdict
 from .controls import Post, posts
 from .panel_html import boxed, warning
 from .shortcuts import BAD_REASONS, VERDICTS
-from .theme import NEUTRAL_RGB
+from .theme import BRAND_RGB, NEUTRAL_RGB
 
 SEND = "Send other reason"
 """The button that Enter in the text field presses."""
@@ -43,7 +43,7 @@ def guidelines_dialog(client: viser.ClientHandle, post: Post, text: str) -> Dial
     modal = client.gui.add_modal("Guidelines")
     with modal:
         client.gui.add_markdown(text)
-        button = client.gui.add_button("Got it [escape]")
+        button = client.gui.add_button("Got it [escape]", color=BRAND_RGB)
     button.on_click(posts(post, "close"))
     return Dialog(modal.close)
 
@@ -57,7 +57,7 @@ def bad_clip_dialog(client: viser.ClientHandle, post: Post) -> Dialog:
             button.on_click(posts(post, "bad_reason", reason))
         other = client.gui.add_text(f"other, up to {NOTE_CHARS:,} characters", "")
         remark = client.gui.add_html("", visible=False)
-        send = client.gui.add_button(SEND)
+        send = client.gui.add_button(SEND, color=BRAND_RGB)
         back = client.gui.add_button(
             "Back without an answer [escape]", color=NEUTRAL_RGB
         )

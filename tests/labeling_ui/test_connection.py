@@ -69,7 +69,7 @@ def at_work(
 
 
 def state(page: "Page", name: str) -> None:
-    """Wait until the page is `lost`, `loading`, `away` or, as usual, in no such state."""
+    """Wait until the page is `lost`, `loading`, `away` or, as usual, nothing of it."""
     page.locator(f'html[data-gp="{name}"]').wait_for(state="attached")
 
 
@@ -136,7 +136,7 @@ def test_a_line_that_died_while_the_laptop_slept(
 def test_a_server_that_was_restarted(browser: "Browser", tmp_path: Path) -> None:
     """As when a loop goes on: another process, the same answers; and what was written
     is there, with the cursor in it. No guidelines a second time."""
-    with at_work(browser, tmp_path) as (site, wire, page):
+    with at_work(browser, tmp_path) as (site, _, page):
         remark(page)
         port = int(site.server.url.rpartition(":")[2])
         site.server.stop()

@@ -36,10 +36,12 @@ function inKeyMap(event) {
 
 function openKeyMap() {
   const map = byId("gp-keys");
-  const inside = map.querySelector("template");
-  if (inside) inside.replaceWith(inside.content);
+  map.append(map.querySelector("template").content.cloneNode(true));
   map.showModal();
 }
+byId("gp-keys").addEventListener("close", (event) => {
+  event.target.querySelectorAll(":scope > :not(template)").forEach((part) => part.remove());
+});
 
 function inField(event) {
   const field = event.target;
@@ -106,7 +108,8 @@ function nameAll() {
     put(bar, { "aria-label": words.progress });
   }
   for (const part of document.querySelectorAll(
-    "#root [role=slider], #root input[inputmode], #root .mantine-NumberInput-input")) {
+    "#root [role=slider], #root input[inputmode], #root .mantine-NumberInput-input, "
+    + "#root textarea")) {
     const label = part.closest(".mantine-Flex-root")?.parentElement
       ?.querySelector("label")?.textContent;
     put(part, { "aria-label": label || words.slider });
