@@ -76,8 +76,8 @@ def ways(
             continue
         points, directions = ahead
         placed = np.exp(1j * heading_rad[at])[:, None] * points
-        positions[at, :, 0] = path[at, :1] + placed.real
-        positions[at, :, 1] = path[at, 1:] + placed.imag
+        positions[at, :, 0] = path[at, :1] + np.real(placed)
+        positions[at, :, 1] = path[at, 1:] + np.imag(placed)
         positions[at, :, 2] = 0.0
         half = (heading_rad[at][:, None] + directions) / 2
         wxyzs[at, :, 0], wxyzs[at, :, 3] = np.cos(half), np.sin(half)

@@ -75,7 +75,8 @@ class Shell:
     def _written(self, version: str) -> str:
         """All that comes before viser's own program."""
         style, *scripts = (_file(name) for name in ("shell.css", *_SCRIPTS))
-        told = _WORDS | {"scene": self.scene, "version": version} | self.words
+        own = {"scene": self.scene, "version": version}
+        told = {**_WORDS, **own, **self.words}
         # Nothing in it may end the script.
         words = json.dumps(told).replace("<", "\\u003c")
         script = "\n".join((f"const words = {words};", *scripts))
@@ -129,4 +130,8 @@ _SMALL = (
 
 
 def _file(name: str) -> str:
-    return resources.files(__package__).joinpath("browser", name).read_text("utf-8")
+    return (
+        resources.files("labeling_ui.shell")
+        .joinpath("browser", name)
+        .read_text("utf-8")
+    )
