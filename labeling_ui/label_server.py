@@ -19,6 +19,7 @@ from labeling_ui.questions.key_repeat import GuardCfg
 from labeling_ui.questions.rater_figures import rater_figures
 from labeling_ui.questions.rater_session import QueueCfg, RaterSession
 from labeling_ui.scene.clip_motion import MotionCache
+from labeling_ui.shell.label_shell import LABEL_SHELL
 from labeling_ui.web.guidelines import load_guidelines
 from labeling_ui.web.proxy_cfg import ProxyCfg
 from labeling_ui.web.public_url import PublicUrl
@@ -106,6 +107,7 @@ class LabelServer:
             ),
             tokens=TokenStore(self._dataset.root),
             figures=lambda rater_id: rater_figures(self._store, rater_id),
+            shell=LABEL_SHELL,
             status=self._status,
             together=self._store.together,
             shadows=cfg.shadows,

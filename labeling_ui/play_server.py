@@ -10,8 +10,8 @@ import numpy as np
 import viser
 
 from labeling_ui.page.controls import (
+    FLOATING_PX,
     PANEL_WIDTH_PX,
-    floating_width_px,
     posts,
     posts_value,
 )
@@ -21,6 +21,8 @@ from labeling_ui.page.theme import set_theme
 from labeling_ui.questions.rater_figures import RaterFigures
 from labeling_ui.scene.live_robot import HISTORY_S, Drive, LivePolicy, LiveRobot
 from labeling_ui.scene.scene import NAMES, PairScene
+from labeling_ui.shell.key_map import KeyGroup
+from labeling_ui.shell.page_shell import Shell
 from labeling_ui.web.proxy_cfg import ProxyCfg
 from labeling_ui.web.tokens import TokenStore
 
@@ -152,7 +154,7 @@ class PlayPage:
         panel = gui.add_panel()
         with panel.add_tab(f"Footfalls of the last {HISTORY_S:g} s"):
             self._strip = gui.add_html("")
-        panel.float(x=12, y=-12, width=floating_width_px(self._client))
+        panel.float(x=12, y=-12, width=FLOATING_PX)
 
     def _show_figures(self) -> None:
         dt_s = self._robots[0].policy.control_dt_s
@@ -171,7 +173,7 @@ def _figures(name: str, robot: LiveRobot) -> str:
         f"{robot.falls} falls"
     )  # fmt: skip
     return (
-        '<div style="padding:2px 12px 6px;font-size:13px"><b>'
+        '<div data-gp-ready style="padding:2px 12px 6px;font-size:13px"><b>'
         f"{name}</b> {html.escape(robot.policy.name)}<br>{numbers}</div>"
     )
 
@@ -187,6 +189,14 @@ _KEYS: tuple[tuple[PlayKey, str, str, Colour], ...] = (
 )
 
 
+_SHELL = Shell(
+    title="Drive a policy",
+    scene="Robots that walk as the sliders ask",
+    keys=(KeyGroup("Drive", tuple((key, words) for key, _, words, _ in _KEYS)),),
+    words={"answers": {}, "sureKeys": {}, "whyKeys": {}},
+)
+
+
 def play_site(policies: tuple[LivePolicy, ...], port: int, tokens: TokenStore) -> Site:
     """A site on loopback, without a login; start it with a maker of `PlayPage`."""
 
@@ -194,4 +204,4 @@ def play_site(policies: tuple[LivePolicy, ...], port: int, tokens: TokenStore) -
         raise KeyError(rater_id)
 
     cfg = ProxyCfg(port=port, auth=False, max_clients=4, max_clients_per_rater=4)
-    return Site(cfg, tokens=tokens, figures=no_figures, status=no_status)
+    return Site(cfg, tokens=tokens, figures=no_figures, shell=_SHELL, status=no_status)

@@ -25,6 +25,7 @@ from labeling_ui.page.store_thread import Work, Worker, logged
 from labeling_ui.page.theme import set_theme
 from labeling_ui.questions.rater_figures import RaterFigures
 from labeling_ui.scene.scene import FOV_RAD, SHOTS
+from labeling_ui.shell.page_shell import Shell
 from labeling_ui.web.log_limit import limited_log
 from labeling_ui.web.proxied import (
     lock_down,
@@ -54,6 +55,7 @@ class Site:
         *,
         tokens: TokenStore,
         figures: Callable[[str], RaterFigures],
+        shell: Shell,
         status: StatusSource,
         together: Callable[[], AbstractContextManager[None]] = nullcontext,
         shadows: bool = True,
@@ -78,6 +80,7 @@ class Site:
             secret=self._secret,
             tokens=tokens,
             figures=figures,
+            shell=shell,
         )
         self._ticker = Ticker(status)
         self.worker = Worker(together)

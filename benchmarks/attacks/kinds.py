@@ -46,7 +46,7 @@ def _request(data: bytes) -> Held:
         status = told.split(b" ", 2)[1:2]
         if status and status[0].startswith(b"5") and status[0] != b"505":
             return f"status {status[0].decode()}"
-        return "the page, without a login" if b"<title>Viser" in told else ""
+        return "the page, without a login" if b"<title>gaitpref - " in told else ""
 
     return held
 

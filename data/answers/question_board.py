@@ -179,6 +179,16 @@ class QuestionBoard:
         found = self._followed.open_pairs().answers_of(rater_id).newest(limit)
         return decode_all(self._at(SELECT_ALL, "c.position", found))[::-1]
 
+    def undone(self, rater_id: str, pair_id: str) -> list[Answer]:
+        """What a person said about a pair and took back, the newest first."""
+        rows = self._store.query(
+            "SELECT supersedes FROM answer WHERE pair_id = :pair "
+            "AND rater_id = :rater AND role = 'undo' ORDER BY position DESC",
+            {"pair": pair_id, "rater": rater_id},
+        )
+        found = (self._store.find_answer(answer_id) for (answer_id,) in rows)
+        return [answer for answer in found if answer is not None]
+
     def _at(self, query: str, column: str, positions: list[int]) -> list[Any]:
         """The rows of `query` at these positions, in ascending order."""
         rows, ordered = [], sorted(positions)

@@ -1,24 +1,41 @@
-"""Dialogs in front of the page; while one is open, no key answers."""
+"""Dialogs in front of the page; while one is open, no key answers.
+
+A digit chooses one of the reasons that a dialog offers.
+"""
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import viser
 
 from data.answers.typed_text import too_long
 from data.files.limits import NOTE_CHARS
+from labeling_ui.questions.judgement import Verdict
 
-from .controls import Post, boxed, posts, warning
-from .shortcuts import BAD_REASONS
+from .controls import Post, posts
+from .panel_html import boxed, warning
+from .shortcuts import BAD_REASONS, VERDICTS
+from .theme import BRAND_RGB, NEUTRAL_RGB
+
+SEND = "Send other reason"
+"""The button that Enter in the text field presses."""
 
 
-class Dialog(Protocol):
+@dataclass(frozen=True)
+class Dialog:
     """An open dialog."""
 
-    def close(self) -> None:
-        """Take it away."""
-        ...
+    close: Callable[[], None]
+    """Takes it away."""
+    reasons: Sequence[str] = ()
+    """What the digits choose, 1 the first."""
+
+    def reason(self, verdict: Verdict) -> str | None:
+        """The reason chosen by the key that otherwise gives this verdict."""
+        key = next(int(known.key) for known in VERDICTS if known.verdict == verdict)
+        return self.reasons[key - 1] if 1 <= key <= len(self.reasons) else None
 
 
 def guidelines_dialog(client: viser.ClientHandle, post: Post, text: str) -> Dialog:
@@ -26,34 +43,35 @@ def guidelines_dialog(client: viser.ClientHandle, post: Post, text: str) -> Dial
     modal = client.gui.add_modal("Guidelines")
     with modal:
         client.gui.add_markdown(text)
-        button = client.gui.add_button("Got it [escape]")
+        button = client.gui.add_button("Got it [escape]", color=BRAND_RGB)
     button.on_click(posts(post, "close"))
-    return modal
+    return Dialog(modal.close)
 
 
 def bad_clip_dialog(client: viser.ClientHandle, post: Post) -> Dialog:
     """Why a clip cannot be judged."""
     modal = client.gui.add_modal("What is wrong with this pair?")
     with modal:
-        for reason in BAD_REASONS:
-            button = client.gui.add_button(reason, color="gray")
+        for key, reason in enumerate(BAD_REASONS, start=1):
+            button = client.gui.add_button(f"{reason} [{key}]", color=NEUTRAL_RGB)
             button.on_click(posts(post, "bad_reason", reason))
         other = client.gui.add_text(f"other, up to {NOTE_CHARS:,} characters", "")
         remark = client.gui.add_html("", visible=False)
-        send = client.gui.add_button("Send other reason")
-        back = client.gui.add_button("Back without an answer [escape]", color="gray")
+        send = client.gui.add_button(SEND, color=BRAND_RGB)
+        back = client.gui.add_button(
+            "Back without an answer [escape]", color=NEUTRAL_RGB
+        )
 
     @send.on_click
     async def _(event: viser.GuiEvent) -> None:
         del event
         reason = other.value.strip()
-        if wrong := too_long(reason):
-            remark.content, remark.visible = (
-                boxed(warning(f"The reason {wrong}.")),
-                True,
-            )
-        elif reason:
+        wrong = too_long(reason)
+        if reason and not wrong:
             post("bad_reason", reason)
+            return
+        says = f"The reason {wrong}." if reason else "Write the reason first."
+        remark.content, remark.visible = boxed(warning(says)), True
 
     back.on_click(posts(post, "close"))
-    return modal
+    return Dialog(modal.close, BAD_REASONS)

@@ -9,35 +9,42 @@ Shapes: T steps of a clip.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from data.features import LEGS
 from labeling_ui.scene.clip_motion import Motion
+from labeling_ui.scene.obedience import Obeyed
 from labeling_ui.scene.scene import COLOURS, NAMES, rgb8
 
 from .playback import Playback
+from .theme import SIDE_RGBS
 
 FALL_CSS = "#e03131"
 _ROW = 9.0
 _GAP = 3.0
+_TURN_RAD = 0.02
+"""Less is no turn that anybody asked for."""
 _STYLE = """<style>
 .gp{font-size:11px;line-height:1.2;color:inherit}
 .gp svg{display:block;width:100%;overflow:visible}
 .gp .t{opacity:.14}
 .gp .row{display:flex;align-items:center;gap:8px;height:48px;margin:0 0 6px}
-.gp .key{flex:0 0 16px;font-weight:700;text-align:center;font-size:13px}
-.gp .legs{flex:0 0 26px;font-size:9px;line-height:12px;opacity:.65;text-align:right}
+.gp .key{flex:0 0 16px;font-weight:700;text-align:center;font-size:13px;
+border-radius:3px}
+.gp .went{flex:0 0 76px;font-size:11px;line-height:12px}
+.gp .legs{flex:0 0 26px;font-size:9px;line-height:12px;opacity:.75;text-align:right}
 .gp .area{position:relative;flex:1}
 .gp .title{display:flex;justify-content:space-between;height:16px;opacity:.75}
 .gp .cols{display:flex;gap:14px;margin-left:58px}
-.gp .axis{display:flex;justify-content:space-between;height:14px;margin-left:58px;
-opacity:.6;font-size:10px}
-.gp .over{position:absolute;right:0;top:0;height:0}
+.gp .axis{display:flex;justify-content:space-between;height:14px;
+margin:0 84px 0 58px;opacity:.75;font-size:10px}
+.gp .over{position:absolute;right:84px;top:0;height:0}
 .gp .head{position:absolute;top:0;width:2px;margin-left:-1px;border-radius:1px;
 background:currentColor;opacity:.85;pointer-events:none}
-.gp .speed{position:absolute;left:4px;top:108px;font-size:10px;opacity:.7}
+.gp .speed{position:absolute;left:4px;top:108px;font-size:10px;opacity:.75}
 </style>"""
 FOOTFALLS_PX, CURVES_PX, TITLE_PX = 108, 48, 16
 """Heights of the drawings, which their playheads span, and of a curve's title."""
@@ -58,12 +65,11 @@ def footfalls(left: Motion, right: Motion, duration_s: float) -> str:
     """The feet on the ground over time: a bar is a foot that stands."""
     rows = "".join(
         _row(
-            NAMES[side],
-            _css(side),
-            _legs(),
+            side,
             _contact_svg(
                 motion.contact, motion.dt_s, duration_s, side, fell=motion.fell
             ),
+            went_words(motion.obeyed),
         )
         for side, motion in enumerate((left, right))
     )
@@ -74,9 +80,7 @@ def live_footfalls(contacts: list[np.ndarray], dt_s: float, duration_s: float) -
     """The last `duration_s` of each robot's `contacts` [T, 4], newest to the right."""
     rows = "".join(
         _row(
-            NAMES[side],
-            _css(side),
-            _legs(),
+            side,
             _contact_svg(contact, dt_s, duration_s, side, fell=False),
         )
         for side, contact in enumerate(contacts)
@@ -145,10 +149,30 @@ def _framed(rows: str, duration_s: float) -> str:
     return f'{_STYLE}<div class="gp">{rows}<div class="axis">{axis}</div></div>'
 
 
-def _row(name: str, colour: str, legend: str, svg: str) -> str:
+def went_words(obeyed: Obeyed | None) -> str:
+    """How far a clip came of what it was asked for."""
+    if obeyed is None:
+        return ""
+    lines = []
+    if obeyed.asked_m > 0.0:
+        lines += [f"went {obeyed.went_m:.2f} m", f"of {obeyed.asked_m:.2f} m"]
+    if abs(obeyed.asked_rad) > _TURN_RAD:
+        # What turned the wrong way has a minus.
+        turned = math.copysign(1.0, obeyed.asked_rad) * obeyed.turned_rad
+        lines += [
+            f"turned {math.degrees(turned):.0f}°",
+            f"of {math.degrees(abs(obeyed.asked_rad)):.0f}°",
+        ]
+    return "<br>".join(lines)
+
+
+def _row(side: int, svg: str, went: str = "") -> str:
+    letter = "#fff" if side == 0 else "#000"
+    chip = "#{:02x}{:02x}{:02x}".format(*SIDE_RGBS[side])
     return (
-        f'<div class="row"><div class="key" style="color:{colour}">{name}</div>'
-        f'<div class="legs">{legend}</div><div class="area">{svg}</div></div>'
+        f'<div class="row"><div class="key" style="background:{chip};color:{letter}">'
+        f'{NAMES[side]}</div><div class="legs">{_legs()}</div>'
+        f'<div class="area">{svg}</div><div class="went">{went}</div></div>'
     )
 
 

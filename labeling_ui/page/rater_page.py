@@ -10,7 +10,8 @@ import queue
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from datetime import timedelta
 from typing import Any
 
 import viser
@@ -23,16 +24,18 @@ from labeling_ui.limits.page_limits import (
     CHANGES_PER_S,
     EVENTS_PER_TURN,
 )
-from labeling_ui.questions.judgement import Judgement, Verdict
+from labeling_ui.questions.judgement import Judgement, Question, Verdict
+from labeling_ui.questions.rater_session import utc_now
 from labeling_ui.scene.clip_motion import Motion
 from labeling_ui.scene.fast_updates import Frames
-from labeling_ui.scene.scene import PairScene, Pose
+from labeling_ui.scene.scene import PairScene, Pose, aspect_of
 
 from .controls import Controls
 from .dialogs import Dialog, bad_clip_dialog, guidelines_dialog
 from .loop_status import LoopStatus
 from .page_access import Act, Desk, Look, Showing
 from .playback import Playback
+from .remarks import Remarks, remarks_of
 from .shortcuts import ASPECT_OF_LABEL, CONFIDENCE_OF, CONFIDENCES, Name
 from .store_thread import Worker
 from .theme import set_theme
@@ -42,6 +45,8 @@ ACTIVE_S = 300.0
 """Without an event for longer than this, nobody is there."""
 REFRESH_S = 1.0
 """How often the desk is asked whether something else is to be shown."""
+_OTHER_ASPECT = 0.03
+_NEW = timedelta(seconds=10)
 NOTE_LATE_S = 0.1
 NOTE_RECENT_S = 0.3
 """A note's last letters may be on their way for 50 ms: an answer that soon after one
@@ -97,8 +102,7 @@ class Page:
         self._drawn_at: float | None = None
         self._shown_at = time.monotonic()
         self._note_at = -NOTE_RECENT_S
-        self._note = ""
-        self._why: Aspect | None = None
+        self._remarks = Remarks()
         self._late: tuple[float, Verdict] | None = None
         self._refresh_in_s = REFRESH_S
         self._status: LoopStatus | None = None
@@ -110,7 +114,16 @@ class Page:
             self._scene.darken(self._habits.dark)
             self._controls = Controls(client, self.post)
             self._transport = Transport(client, self.post)
+        self._aspect = aspect_of(client.camera)
+        client.camera.on_update(self._seen_from)
         self._look(Desk.look)
+
+    async def _seen_from(self, camera: viser.CameraHandle) -> None:
+        """Look anew where the window became wider or narrower."""
+        aspect = aspect_of(camera)
+        if abs(aspect / self._aspect - 1.0) > _OTHER_ASPECT:
+            self._aspect = aspect
+            self.post("resized")
 
     def post(self, name: str, value: Any = None) -> None:
         """Hand an event in; from any thread."""
@@ -144,7 +157,9 @@ class Page:
 
     def _pose(self, motion: Motion) -> Pose:
         over = self._clock.time_s >= motion.duration_s
-        return Pose(*motion.pose(self._clock.time_s), fallen=motion.fell and over)
+        at_s = self._clock.time_s
+        fallen = motion.fell and over
+        return Pose(*motion.pose(at_s), fallen=fallen, way=motion.way(at_s))
 
     def _handle(self, name: str, value: Any) -> None:
         if name not in ("showing", "idle", "stored", "failed"):
@@ -163,7 +178,9 @@ class Page:
             case "hotkey_verdict":
                 if self._modal is None:
                     self._verdict(value)
-            case "bad_reason":
+                elif reason := self._modal.reason(value):
+                    self.post("bad_reason", reason)
+            case "bad_reason" if self._modal is not None:
                 self._close_dialog()
                 self._judge("bad", value)
             case "why_label" if value in ASPECT_OF_LABEL:
@@ -171,10 +188,15 @@ class Page:
             case "why":
                 self._say_why(value)
             case "note":
-                self._note, self._note_at = value, time.monotonic()
+                self._remarks = replace(self._remarks, note=value)
+                self._note_at = time.monotonic()
+            case "confidence" if value in CONFIDENCES:
+                self._remarks = replace(self._remarks, confidence=value)
             case "seek":
                 self._set_clock(self._clock.seek(value))
                 self._transport.rest()
+            case "resized":
+                self._scene.look(self._scene.view)
             case "reopen":
                 self._reopen(value)
             case _:
@@ -193,7 +215,7 @@ class Page:
         elif name in _CLOCK:
             self._set_clock(_CLOCK[name](self._clock))
         elif name in CONFIDENCE_OF:
-            self._controls.confidence.value = CONFIDENCE_OF[name]
+            self._remark(replace(self._remarks, confidence=CONFIDENCE_OF[name]))
         elif name == "bad":
             if self._showing is not None and self._showing.question is not None:
                 self._modal = bad_clip_dialog(self.client, self.post)
@@ -208,6 +230,9 @@ class Page:
         scene = self._scene
         if name == "view":
             scene.look("lanes" if scene.view == "treadmill" else "treadmill")
+            self._drawn_at = None
+        elif name == "ghost":
+            scene.toggle_ghosts()
             self._drawn_at = None
         elif name == "camera":
             scene.look(scene.view)
@@ -224,8 +249,13 @@ class Page:
     def _say_why(self, why: Aspect) -> None:
         """What of the gait decides the answer; the same again takes it back."""
         if self._modal is None and self._showing and self._showing.question:
-            self._why = None if why == self._why else why
-            self._controls.say_why(self._why)
+            said = None if why == self._remarks.why else why
+            self._remark(replace(self._remarks, why=said))
+
+    def _remark(self, remarks: Remarks) -> None:
+        """Hold remarks that were made by key or button, and show them."""
+        self._remarks = remarks
+        self._controls.say(remarks)
 
     def _verdict(self, verdict: Verdict) -> None:
         late = time.monotonic() - self._note_at < NOTE_RECENT_S
@@ -247,9 +277,9 @@ class Page:
             question_id=self._showing.question_id,
             verdict=verdict,
             reason=reason,
-            why=self._why or "",
-            note=self._note.strip(),
-            confidence=CONFIDENCES[self._controls.confidence.value],
+            why=self._remarks.why or "",
+            note=self._remarks.note.strip(),
+            confidence=self._remarks.sure,
             watched_ms=round(1000 * clock.watched_s),
             response_ms=round(1000 * (time.monotonic() - self._shown_at)),
             client={"replays": clock.replays, "speed": clock.speed},
@@ -335,14 +365,11 @@ class Page:
             self._controls.fill(self._desk.rater_id, showing)
             if first or before != showing.question_id:
                 self._show_pair(showing)
-                corrects = showing.question and showing.question.corrects
-                self._why = (corrects.why or None) if corrects else None
-                self._controls.say_why(self._why)
-            if showing.accepted is not None and showing.accepted.role != "undo":
-                self._note = ""
-                self._controls.clear_remarks()
+                question = showing.question
+                self._remarks = remarks_of(question and question.remarked)
+                self._controls.fill_remarks(self._remarks)
         self.client.flush()
-        if first and showing.progress.answered == 0:
+        if first and showing.progress.answered == 0 and _is_new(showing.question):
             self._welcome()
 
     def _show_pair(self, showing: Showing) -> None:
@@ -383,7 +410,12 @@ class Page:
             self._modal = None
 
 
-_CHANGES = ("bad", "guidelines", "view", "camera", "theme", "curves")
+def _is_new(question: Question | None) -> bool:
+    """Whether a question is shown for the first time, by this server or one before."""
+    return question is None or utc_now() - question.shown_utc < _NEW
+
+
+_CHANGES = ("bad", "guidelines", "view", "ghost", "camera", "theme", "curves")
 """What makes much of the page anew."""
 _CLOCK: dict[str, Callable[[Playback], Playback]] = {
     "play": Playback.toggle,

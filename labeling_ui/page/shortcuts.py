@@ -10,14 +10,14 @@ from labeling_ui.questions.judgement import Verdict
 
 Key = Literal[
     "0", "1", "2", "3", "4", "5", "7", "8", "9", "Z", "F", "H", "R", "J", "K", "L", "U",
-    "I", "T", "C", "P", "M", "O", "B", "Y", "N", "G", "space", "enter", "escape",
+    "I", "T", "V", "C", "P", "M", "O", "B", "Y", "N", "G", "space", "escape",
 ]  # fmt: skip
 """Keys viser knows; W A S D Q E and the arrows move the camera."""
 
 Name = Literal[
     "bad", "undo", "keep", "guidelines", "close", "play", "replay", "back", "on",
-    "slower", "faster", "view", "camera", "theme", "curves", "unsure", "fairly", "sure",
-    "nothing",
+    "slower", "faster", "view", "ghost", "camera", "theme", "curves", "unsure",
+    "fairly", "sure",
 ]  # fmt: skip
 
 
@@ -104,14 +104,13 @@ SHORTCUTS: dict[Name, Shortcut] = {
         Shortcut("U", "slower", "Slower"),
         Shortcut("I", "faster", "Faster"),
         Shortcut("T", "view", "Other view"),
+        Shortcut("V", "ghost", "Ghost of the other clip"),
         Shortcut("C", "camera", "Reset the camera"),
         Shortcut("M", "theme", "Light or dark"),
         Shortcut("P", "curves", "Plots"),
         Shortcut("7", "unsure", "Unsure"),
         Shortcut("8", "fairly", "Fairly sure"),
         Shortcut("9", "sure", "Sure"),
-        # Registered so that the browser does not press the focused button.
-        Shortcut("enter", "nothing", "Nothing"),
     )
 }
 

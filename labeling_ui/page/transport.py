@@ -6,7 +6,7 @@ import viser
 
 from labeling_ui.scene.clip_motion import Motion
 
-from .controls import CLOCK_BUTTONS, Post, floating_width_px, posts_value
+from .controls import CLOCK_BUTTONS, FLOATING_PX, Post, posts_value
 from .footfall_svg import curve_playheads, curves, footfalls, playhead
 from .playback import Playback
 from .shortcuts import SHORTCUTS
@@ -29,7 +29,7 @@ class Transport:
             self._slider = gui.add_slider("time, s", 0.0, 1.0, 0.01, 0.0)
             labels = tuple(SHORTCUTS[name].label for name in CLOCK_BUTTONS)
             self._buttons = gui.add_button_group("clock", labels)
-        self._panel.float(x=12, y=-12, width=floating_width_px(client))
+        self._panel.float(x=12, y=-12, width=FLOATING_PX)
         names = dict(zip(labels, CLOCK_BUTTONS, strict=True))
         self._echo_in_s = 0.0
         self._aligned = 0

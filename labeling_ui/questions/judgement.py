@@ -42,6 +42,8 @@ class Question:
     """When it was first shown."""
     corrects: Answer | None = None
     """The answer that was reopened; None for a question that has no answer."""
+    undone: Answer | None = None
+    """The answer that was taken back, so that the question is asked again."""
 
     @property
     def left(self) -> Clip:
@@ -52,6 +54,11 @@ class Question:
     def right(self) -> Clip:
         """The clip shown on the right."""
         return self.pair.b if self.shown_left == "a" else self.pair.a
+
+    @property
+    def remarked(self) -> Answer | None:
+        """The answer whose note, confidence and reason come back with the question."""
+        return self.corrects or self.undone
 
     @property
     def earlier(self) -> Verdict | None:

@@ -11,7 +11,7 @@ from datetime import datetime, timedelta
 
 import numpy as np
 
-from data.answers.answer_records import Pair, Role, Side
+from data.answers.answer_records import Answer, Pair, Role, Side
 from data.answers.question_board import QuestionBoard, Shown, Tally
 from data.answers.store import AnswerStore
 
@@ -129,8 +129,16 @@ class Pile:
             role=row.role,
             shown_utc=_time(row.shown_utc),
             corrects=corrects,
+            undone=None if corrects else self._undone(row),
         )
         return self._known
+
+    def _undone(self, row: Shown) -> Answer | None:
+        """The answer to this very question, sides as they are, that was taken back."""
+        for answer in self._board.undone(self._rater_id, row.pair_id):
+            if (answer.role, answer.shown_left) == (row.role, row.shown_left):
+                return answer
+        return None
 
     def _kind(self, pair: Pair, role: Role) -> Kind:
         if role == "repeat":

@@ -19,6 +19,7 @@ from data.errors import DatasetError
 from data.features import column
 
 from .geometry import RobotGeometry, instance_poses, multiply_wxyz, robot_geometry
+from .obedience import Obeyed, obeyed, ways
 
 Command = tuple[float, float, float]
 """Forward m/s, left m/s, yaw rad/s."""
@@ -46,6 +47,10 @@ class Motion:
     """What the robot was to do, as the episode names it."""
     commands: tuple[Command, ...]
     """What the robot was told to do, one after the other."""
+    ways: tuple[np.ndarray, np.ndarray]
+    """Marks of the way that it is told to go, [S, W, 3] m and wxyz [S, W, 4]."""
+    obeyed: Obeyed | None
+    """How far it came; None where the task knows no command."""
     fell: bool
     """The clip ends with the fall of the robot."""
     contact: np.ndarray
@@ -67,13 +72,23 @@ class Motion:
 
         Between two states it interpolates; behind the last it stays there.
         """
-        place = min(max(time_s / self.dt_s, 0.0), len(self.positions) - 1.0)
-        row = min(int(place), len(self.positions) - 2)
-        share = np.float32(place - row)
+        row, share = self._place(time_s)
         positions = _between(self.positions, row, share)
         wxyzs = _between(self.wxyzs, row, share)
         wxyzs /= np.sqrt(np.einsum("ij,ij->i", wxyzs, wxyzs))[:, None]
         return positions, wxyzs, _between(self.path, row, share)
+
+    def way(self, time_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Marks of the way it is told to go at `time_s`: [W, 3] m and wxyz [W, 4]."""
+        row, share = self._place(time_s)
+        positions, wxyzs = self.ways
+        return _between(positions, row, share), _between(wxyzs, row, share)
+
+    def _place(self, time_s: float) -> tuple[int, np.float32]:
+        """The state before `time_s`, and how far it is to the next."""
+        place = min(max(time_s / self.dt_s, 0.0), len(self.positions) - 1.0)
+        row = min(int(place), len(self.positions) - 2)
+        return row, np.float32(place - row)
 
 
 def load_motion(dataset: Dataset, clip: Clip) -> Motion:
@@ -101,6 +116,10 @@ def load_motion(dataset: Dataset, clip: Clip) -> Motion:
     dt_s = episode.meta.control_dt_s
     ground = _turned(qpos[:, :3] - origin, turn)[:, :2]
     rows = episode.features[clip.rows]
+    path = _smooth(ground, window).astype(np.float32)
+    told = episode.meta.task != "getup"
+    heading_rad = _headings_rad(qpos[:, 3:7])
+    asked = _asked(episode, rows) if told else np.zeros((len(rows), 3))
     return Motion(
         clip=clip,
         geometry=geometry,
@@ -108,9 +127,11 @@ def load_motion(dataset: Dataset, clip: Clip) -> Motion:
         positions=_turned(positions - origin, turn).astype(np.float32),
         # Neighbouring states on the same half of the sphere can be averaged.
         wxyzs=_continuous(wxyzs),
-        path=_smooth(ground, window).astype(np.float32),
+        path=path,
         task=episode.meta.task,
         commands=_commands(episode, rows),
+        ways=ways(path, heading_rad, asked),
+        obeyed=obeyed(ground, heading_rad, asked, dt_s) if told else None,
         fell=episode.end_reason == "terminated" and clip.stop == episode.num_steps,
         contact=rows[:, column("foot_contact")] > 0.5,
         # Copies: a view would keep the whole episode in memory.
@@ -127,6 +148,20 @@ def _commands(episode: Episode, rows: np.ndarray) -> tuple[Command, ...]:
     asked = rows[:, column("command")]
     first = np.r_[True, (asked[1:] != asked[:-1]).any(axis=1)]
     return tuple((forward, left, yaw) for forward, left, yaw in asked[first].tolist())
+
+
+def _asked(episode: Episode, rows: np.ndarray) -> np.ndarray:
+    """The command at each step [T, 3] of a clip with feature `rows`."""
+    if not episode.meta.command_change_steps:
+        return np.tile(np.array(episode.meta.command), (len(rows), 1))
+    return rows[:, column("command")].astype(float)
+
+
+def _headings_rad(base_wxyz: np.ndarray) -> np.ndarray:
+    """Headings [S] of attitudes [S, 4], from 0 and without jumps."""
+    w, x, y, z = base_wxyz.T
+    yaw = np.unwrap(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+    return yaw - yaw[0]
 
 
 class MotionCache:

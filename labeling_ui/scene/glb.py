@@ -21,9 +21,11 @@ RIGHT_RGB: Rgb = (0.96, 0.52, 0.10)
 
 
 @lru_cache(maxsize=16)
-def tinted_glbs(geometry: RobotGeometry, side: Rgb) -> tuple[bytes, ...]:
+def tinted_glbs(
+    geometry: RobotGeometry, side: Rgb, opacity: float = 1.0
+) -> tuple[bytes, ...]:
     """One file per mesh of the robot, in the colours of its side."""
-    return tuple(_glb(mesh, side) for mesh in geometry.meshes)
+    return tuple(_glb(mesh, side, opacity) for mesh in geometry.meshes)
 
 
 def tinted(rgb: Rgb, side: Rgb) -> Rgb:
@@ -46,22 +48,25 @@ def tinted(rgb: Rgb, side: Rgb) -> Rgb:
     return red, green, blue
 
 
-def _glb(mesh: BodyMesh, side: Rgb) -> bytes:
+def _glb(mesh: BodyMesh, side: Rgb, opacity: float) -> bytes:
     scene = trimesh.Scene()
     for rgb in dict.fromkeys(piece.rgb for piece in mesh.pieces):
         solids = [piece.solid for piece in mesh.pieces if piece.rgb == rgb]
-        scene.add_geometry(_trimesh(solids, tinted(rgb, side)))
+        scene.add_geometry(_trimesh(solids, tinted(rgb, side), opacity))
     buffer = io.BytesIO()
     scene.export(buffer, file_type="glb", include_normals=True)
     return buffer.getvalue()
 
 
-def _trimesh(solids: list[Solid], rgb: Rgb) -> trimesh.Trimesh:
+def _trimesh(solids: list[Solid], rgb: Rgb, opacity: float) -> trimesh.Trimesh:
     starts = np.cumsum([0, *(len(solid.vertices) for solid in solids[:-1])])
     # glTF states colours in linear light.
     linear = linear_rgb(rgb).tolist()
     material = PBRMaterial(
-        baseColorFactor=[*linear, 1.0], metallicFactor=0.05, roughnessFactor=0.55
+        baseColorFactor=[*linear, opacity],
+        metallicFactor=0.05,
+        roughnessFactor=0.55,
+        alphaMode="OPAQUE" if opacity == 1.0 else "BLEND",
     )
     return trimesh.Trimesh(
         vertices=np.concatenate([solid.vertices for solid in solids]),

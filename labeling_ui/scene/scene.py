@@ -16,6 +16,7 @@ from .fast_updates import Mover
 from .floor import DARK, LIGHT, Floor, Rectangle
 from .geometry import Rgb, RobotGeometry
 from .glb import LEFT_RGB, RIGHT_RGB, tinted_glbs
+from .way_marks import WayMarks
 
 View = Literal["treadmill", "lanes"]
 """`treadmill`: side by side, seen from the side, each on its own floor. `lanes`: one
@@ -31,6 +32,7 @@ _ONE_PLATE = (Rectangle(center=(0.0, 0.0), size=(1.5, 1.0)),)
 _LANES = (Rectangle(center=(0.0, 0.0), size=(3.0, 1.5)),)
 _LANE_Y_M = (0.36, -0.36)
 _LABEL_HEIGHT_M = 0.56
+_GHOST_OPACITY = 0.32
 _FALL_RGB = (224, 49, 49)
 
 
@@ -41,12 +43,25 @@ class Shot:
     position: tuple[float, float, float]
     look_at: tuple[float, float, float]
 
+    def from_afar(self, aspect: float) -> tuple[float, float, float]:
+        """Where it stands so that both robots fit a picture of width / height."""
+        share = max(_NEAREST, _FITTING_ASPECT / aspect)
+        x, y, z = (
+            to + share * (at - to)
+            for at, to in zip(self.position, self.look_at, strict=True)
+        )
+        return x, y, z
+
 
 SHOTS: dict[View, Shot] = {
     "treadmill": Shot((0.0, -2.85, 0.92), (0.0, 0.0, 0.04)),
     "lanes": Shot((-1.3, -2.0, 1.2), (0.15, 0.0, 0.02)),
 }
 FOV_RAD = 0.72
+_FITTING_ASPECT = 1.15
+"""Width / height of a picture that both robots fill from where the shots are taken."""
+_NEAREST = 0.86
+"""A wider picture is filled by its height."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,25 +76,37 @@ class Pose:
     """[2] m, the ground point the view follows."""
     fallen: bool = False
     """Whether the robot lies where it fell."""
+    way: tuple[np.ndarray, np.ndarray] | None = None
+    """Marks of the way it is told to go, [W, 3] m and wxyz [W, 4], float32."""
 
 
 class RobotView:
     """The meshes of one robot in the colour of one side."""
 
-    def __init__(self, scene: SceneApi, geometry: RobotGeometry, side: int) -> None:
+    def __init__(
+        self,
+        scene: SceneApi,
+        geometry: RobotGeometry,
+        side: int,
+        *,
+        ghost: bool = False,
+    ) -> None:
         self.geometry = geometry
-        files = tinted_glbs(geometry, COLOURS[side])
+        opacity = _GHOST_OPACITY if ghost else 1.0
+        files = tinted_glbs(geometry, COLOURS[side], opacity)
+        kind = "ghost" if ghost else "robot"
         self._handles: list[BatchedGlbHandle] = []
         self._parts: list[tuple[Mover, slice]] = []
         for index, (file, mesh) in enumerate(zip(files, geometry.meshes, strict=True)):
             count = len(mesh.body_ids)
             handle = scene.add_batched_glb(
-                f"/robot_{NAMES[side]}/{geometry.key}/{index}",
+                f"/{kind}_{NAMES[side]}/{geometry.key}/{index}",
                 file,
                 batched_positions=np.zeros((count, 3), dtype=np.float32),
                 batched_wxyzs=np.tile((1.0, 0.0, 0.0, 0.0), (count, 1)),
                 # Coarser meshes for far robots would cost a worker; none is far here.
                 lod="off",
+                cast_shadow=not ghost,
                 visible=False,
             )
             self._handles.append(handle)
@@ -121,6 +148,9 @@ class PairScene:
             )
             for name in NAMES
         ]
+        self._ways = [WayMarks(scene, name) for name in NAMES]
+        self._ghosts: tuple[dict[str, RobotView], ...] = ({}, {})
+        self._ghostly = False
         self._marks = [_fall_mark(scene, name) for name in NAMES]
         self.look(self.view)
 
@@ -141,6 +171,13 @@ class PairScene:
                     robot.show(True)
                 self._shown[side] = robot
             self._labels[side].visible = robot is not None
+            self._ways[side].show(robot is not None)
+        self._show_ghosts()
+
+    def toggle_ghosts(self) -> None:
+        """Show each robot's clip on the other's place as well, or not any more."""
+        self._ghostly = not self._ghostly
+        self._show_ghosts()
 
     def draw(self, left: Pose | None, right: Pose | None) -> None:
         """Put both robots into their poses; call inside `client.atomic()`."""
@@ -156,9 +193,10 @@ class PairScene:
             self._floors["treadmill"].scroll(np.array(paths[: len(self._plates)]))
         for side, pose in enumerate(poses):
             if pose is not None:
-                (x, y), (ground_x, ground_y) = centers[side], grounds[side].tolist()
-                shift = np.array([x - ground_x, y - ground_y, 0.0], dtype=np.float32)
-                self._draw_robot(side, pose, shift)
+                self._draw_robot(side, pose, _shift(centers[side], grounds[side]))
+                if self._ghostly:
+                    there = _shift(centers[1 - side], grounds[side])
+                    self._draw_ghost(side, pose, there)
 
     def look(self, view: View) -> None:
         """Show this view from where it is best seen."""
@@ -172,7 +210,7 @@ class PairScene:
         camera, shot = self._client.camera, SHOTS[view]
         with self._client.atomic():
             camera.up_direction = (0.0, 0.0, 1.0)
-            camera.position = shot.position
+            camera.position = shot.from_afar(aspect_of(camera))
             camera.look_at = shot.look_at
             camera.fov = FOV_RAD
 
@@ -181,11 +219,34 @@ class PairScene:
         for floor in self._floors.values():
             floor.colour(DARK if dark else LIGHT)
 
+    def _show_ghosts(self) -> None:
+        """Make the ghosts that are wanted and not there yet; their meshes are large."""
+        for side, robot in enumerate(self._shown):
+            known = self._ghosts[side]
+            for ghost in known.values():
+                ghost.show(False)
+            if robot is None or not self._ghostly:
+                continue
+            key = robot.geometry.key
+            if key not in known:
+                scene = self._client.scene
+                known[key] = RobotView(scene, robot.geometry, side, ghost=True)
+            known[key].show(True)
+
+    def _draw_ghost(self, side: int, pose: Pose, shift: np.ndarray) -> None:
+        robot = self._shown[side]
+        if robot is not None:
+            ghost = self._ghosts[side][robot.geometry.key]
+            ghost.move(pose.positions + shift, pose.wxyzs)
+
     def _draw_robot(self, side: int, pose: Pose, shift: np.ndarray) -> None:
         robot = self._shown[side]
         if robot is None:
             return
         robot.move(pose.positions + shift, pose.wxyzs)
+        if pose.way is not None:
+            positions, wxyzs = pose.way
+            self._ways[side].move(positions + shift, wxyzs)
         if self.view == "lanes":
             x, y = pose.path + shift[:2]
             self._labels[side].position = (float(x), float(y), _LABEL_HEIGHT_M)
@@ -196,6 +257,17 @@ class PairScene:
         if pose.fallen:
             x, y, _ = pose.positions[0] + shift
             self._marks[side].position = (float(x), float(y), 0.002)
+
+
+def aspect_of(camera: viser.CameraHandle) -> float:
+    """Width / height of a visitor's picture."""
+    return camera.image_width / max(camera.image_height, 1)
+
+
+def _shift(center: tuple[float, float], ground: np.ndarray) -> np.ndarray:
+    """What brings a point of the ground [2] to a place of the scene, [3] m."""
+    x, y = np.asarray(center) - ground
+    return np.array([x, y, 0.0], dtype=np.float32)
 
 
 def _fall_mark(scene: SceneApi, name: str) -> viser.MeshHandle:
@@ -213,11 +285,6 @@ def _fall_mark(scene: SceneApi, name: str) -> viser.MeshHandle:
         cast_shadow=False,
         visible=False,
     )
-
-
-def side_colour(side: int) -> tuple[int, int, int]:
-    """The colour of A (0) or B (1) for buttons, each channel in [0, 255]."""
-    return rgb8(COLOURS[side])
 
 
 def rgb8(rgb: Rgb) -> tuple[int, int, int]:

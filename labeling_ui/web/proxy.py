@@ -19,6 +19,7 @@ from data.errors import GaitprefError
 from labeling_ui.limits import page_limits as limits
 from labeling_ui.limits.pace import Bucket
 from labeling_ui.questions.rater_figures import RaterFigures
+from labeling_ui.shell.page_shell import Shell
 
 from .checks import host_name, is_handshake
 from .front_door import FrontDoor
@@ -48,6 +49,7 @@ class Proxy:
         secret: str,
         tokens: TokenStore,
         figures: Callable[[str], RaterFigures],
+        shell: Shell,
         now_s: Callable[[], float] = time.time,
     ) -> None:
         """Prepare; `start` opens the port.
@@ -56,6 +58,7 @@ class Proxy:
             upstream_port: Of viser on loopback.
             secret: Tells viser's side that a connection came through here.
             figures: Gives a rater's figures; called in a thread.
+            shell: What is put around viser's page.
             now_s: Seconds since 1970.
         """
         self.cfg = cfg
@@ -63,7 +66,10 @@ class Proxy:
         self._figures = figures
         self._port = cfg.port
         self._login = Login(cfg, tokens, now_s, lambda: cfg.cookie_name(self._port))
-        self._relay = Relay(cfg, upstream_port=upstream_port, secret=secret)
+        self._shell = shell
+        self._relay = Relay(
+            cfg, upstream_port=upstream_port, secret=secret, around=shell.around
+        )
         self._requests: defaultdict[str, Bucket] = defaultdict(
             lambda: Bucket(per_s=limits.REQUESTS_PER_S, at_once=limits.REQUESTS_AT_ONCE)
         )
@@ -258,7 +264,11 @@ class Proxy:
         return self._login.forget(self._to_login())
 
     async def _health(self, request: web.Request) -> web.StreamResponse:
-        return web.json_response({"status": "ok"})
+        """Who waits for the server asks this, and an open page whether it still is."""
+        rater = self._login.rater(request)
+        here = rater is not None and self._relay.is_here(rater)
+        found = {"status": "ok", "page": self._shell.version, "here": here}
+        return web.json_response(found)
 
     async def _guidelines(self, request: web.Request) -> web.StreamResponse:
         if self._login.rater(request) is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gzip
 import logging
 import time
 from collections import defaultdict
@@ -41,13 +42,26 @@ it lets a handshake wait, and may drop it."""
 _REACH_AGAIN_S = 0.2
 _CLOSE = aiohttp.ClientWSTimeout(ws_close=limits.CLOSE_S)  # type: ignore[call-arg]
 _NOT_UP = "The page is not up; try again."
+_PACKED = {"Content-Encoding": "gzip"}
 
 
 class Relay:
     """The open pages of all raters."""
 
-    def __init__(self, cfg: ProxyCfg, *, upstream_port: int, secret: str) -> None:
-        self._cfg = cfg
+    def __init__(
+        self,
+        cfg: ProxyCfg,
+        *,
+        upstream_port: int,
+        secret: str,
+        around: Callable[[bytes], bytes],
+    ) -> None:
+        """Nobody is there.
+
+        Args:
+            around: Gives viser's page as browsers get it.
+        """
+        self._cfg, self._around = cfg, around
         self._upstream = f"127.0.0.1:{upstream_port}"
         self._secret = secret
         self._visitors: Visitors[Visit] = Visitors(
@@ -95,6 +109,10 @@ class Relay:
         """The visit with this ticket, while it lasts; from any thread."""
         return self._visits.get(ticket)
 
+    def is_here(self, rater: str) -> bool:
+        """Whether a rater has a page open."""
+        return bool(self._visitors.of(rater))
+
     def log_out(self, rater: str) -> None:
         """Close a rater's pages."""
         for visit in self._visitors.of(rater):
@@ -118,34 +136,34 @@ class Relay:
             here = URL(f"{self._cfg.path}/")
             return redirect(str(here.with_query(allowed)))
         if self._client.closed:
-            return refused(502, _NOT_UP)
+            return _again(refused(502, _NOT_UP))
         try:
             packed = "gzip" in request.headers.get("Accept-Encoding", "")
             body, headers = await self._page(packed)
         except aiohttp.ClientError as error:
             logger.warning("no page: %r", error)
-            return refused(502, _NOT_UP)
+            return _again(refused(502, _NOT_UP))
         public = self._cfg.public_url
         host = request.headers["Host"] if public is None else public.netloc
         policy = {"Content-Security-Policy": page_policy(host)}
         return web.Response(body=body, headers=headers | policy)
 
     async def _page(self, packed: bool) -> tuple[bytes, dict[str, str]]:
-        """viser's page and its headers, asked for once: it never changes.
+        """The page and its headers; viser is asked once, for it never changes.
 
         Raises:
             aiohttp.ClientError: viser does not give it.
         """
         if packed not in self._pages:
-            asked = {SECRET_HEADER: self._secret}
-            asked["Accept-Encoding"] = "gzip" if packed else "identity"
+            asked = {SECRET_HEADER: self._secret, "Accept-Encoding": "identity"}
             url = f"http://{self._upstream}/"
             async with self._client.get(
                 url, headers=asked, raise_for_status=True
             ) as answer:
-                kept = ("Content-Type", "Content-Encoding")
-                headers = {n: answer.headers[n] for n in kept if n in answer.headers}
-                self._pages[packed] = (await answer.read(), headers)
+                body = self._around(await answer.read())
+            headers = {"Content-Type": "text/html; charset=utf-8"}
+            self._pages[False] = (body, headers)
+            self._pages[True] = (gzip.compress(body), headers | _PACKED)
         return self._pages[packed]
 
     async def join(self, request: web.Request, rater: str) -> web.StreamResponse:
@@ -255,3 +273,9 @@ class Relay:
                         visit.end(CLOSE_LOGGED_OUT, "logged out")
                 except GaitprefError as error:
                     logger.error("nobody can be logged out: %s", error)
+
+
+def _again(response: web.Response) -> web.Response:
+    """Have the browser ask again soon; nothing else would."""
+    response.headers["Refresh"] = "2"
+    return response

@@ -14,6 +14,7 @@ import viser
 import zstandard
 
 from labeling_ui.questions.rater_figures import RaterFigures, figures
+from labeling_ui.shell.page_shell import Shell
 from labeling_ui.web.proxy import Proxy, ProxyCfg
 from labeling_ui.web.tokens import TokenStore
 
@@ -158,6 +159,7 @@ async def house(
         secret=secret,
         tokens=tokens,
         figures=figures_of,
+        shell=Shell(title="A page", scene="Nothing"),
         **clock,
     )
     jar = aiohttp.CookieJar(unsafe=True)

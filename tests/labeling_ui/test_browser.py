@@ -1,12 +1,6 @@
-"""The labeling page in a real browser: any Chromium or Chrome that is found.
+"""A rater's work in a real browser."""
 
-Two busy cores draw WebGL in software at a frame a second or less, so nothing here waits
-for a fixed time, and nothing depends on how long something takes.
-"""
-
-import os
 import re
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,94 +8,32 @@ from typing import TYPE_CHECKING
 import pytest
 
 from benchmarks.walks import walking_dataset
-from data.answers.answer_records import Answer
-from data.datasets.dataset import Dataset
-from labeling_ui.label_server import LabelCfg, LabelServer
-from labeling_ui.questions.key_repeat import GuardCfg
-from labeling_ui.questions.rater_session import QueueCfg
-from labeling_ui.web.tokens import TokenStore
-
-pytestmark = pytest.mark.browser
+from labeling_ui.label_server import LabelServer
+from tests.helpers.label_browser import (
+    LAPTOP,
+    SMALL,
+    WAIT_MS,
+    Site,
+    counted,
+    dismiss_guidelines,
+    keep_picture,
+    label_cfg,
+    launched,
+    opened,
+)
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page, Playwright, ViewportSize
+    from playwright.sync_api import Browser, Page, ViewportSize
 
-playwright = pytest.importorskip(
-    "playwright.sync_api",
-    reason="the browser tests need Playwright: pip install -e '.[dev]'",
-)
-
-ARTIFACTS = Path(__file__).parents[2] / ".artifacts"
-WAIT_MS = 90_000
-"""For anything to appear: two busy cores draw WebGL in software."""
-FLAGS = (
-    "--no-sandbox",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-)
-
-LAPTOP: "ViewportSize" = {"width": 1280, "height": 720}
-SMALL: "ViewportSize" = {"width": 800, "height": 450}
-"""Where two windows have to be drawn at once."""
-
+pytestmark = pytest.mark.browser
 Visit = Callable[..., "Page"]
-
-
-def chromium(driver: "Playwright") -> str:
-    """A Chromium on the PATH, or Playwright's own; without one there are no tests."""
-    for name in ("chromium", "chromium-browser", "google-chrome", "chrome"):
-        if found := shutil.which(name):
-            return found
-    own = driver.chromium.executable_path
-    if not Path(own).exists():
-        message = (
-            "the browser tests need a Chromium: apt-get install chromium, or "
-            "python -m playwright install chromium"
-        )
-        if os.environ.get("CI"):
-            pytest.fail(message)
-        pytest.skip(message)
-    return own
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator["Browser"]:
-    """One headless Chromium for all tests."""
-    with playwright.sync_playwright() as driver:
-        found = driver.chromium.launch(executable_path=chromium(driver), args=FLAGS)
+    """One for all tests."""
+    with launched() as found:
         yield found
-        found.close()
-
-
-GUARD = GuardCfg(min_shown_s=0.0, repeat_gap_s=10.0, same_verdict_s=10.0)
-"""A pair may be judged at once; the same verdict again within ten seconds is a held key
-or a double click, however slowly a busy browser sends it."""
-
-
-def label_cfg(*, auth: bool = True) -> LabelCfg:
-    """A page on a free port, cheap to draw."""
-    queue = QueueCfg(guard=GUARD)
-    return LabelCfg(port=0, auth=auth, shadows=False, queue=queue)
-
-
-class Site:
-    """A running page, the tokens of two raters, and what was stored."""
-
-    def __init__(self, root: Path, pairs: int) -> None:
-        self.dataset: Dataset = walking_dataset(root, pairs=pairs)
-        tokens = TokenStore(root)
-        self.tokens = {name: tokens.add(name) for name in ("ann", "bob")}
-        self.server = LabelServer(self.dataset, label_cfg())
-
-    def answers(self, rater: str = "ann") -> list[Answer]:
-        """Current answers of a rater, newest first."""
-        with self.dataset.answers() as store:
-            return [answer for _, answer in store.history(rater, 100)]
 
 
 @pytest.fixture
@@ -115,38 +47,15 @@ def site(tmp_path: Path) -> Iterator[Site]:
 @pytest.fixture
 def visit(browser: "Browser", site: Site) -> Iterator[Visit]:
     """Log in as somebody and wait for the page."""
-    contexts = []
+    pages = []
 
     def open_page(rater: str, size: "ViewportSize" = LAPTOP) -> "Page":
-        context = browser.new_context(viewport=size)
-        context.set_default_timeout(WAIT_MS)
-        contexts.append(context)
-        page = context.new_page()
-        context.request.post(
-            site.server.url + "/login",
-            form={"token": site.tokens[rater]},
-            headers={"Origin": site.server.url},
-        )
-        # Few pixels: drawing them in software is what takes long.
-        page.goto(site.server.url + "/?fixedDpr=0.1")
-        page.get_by_role("button", name="A much better [1]").wait_for()
-        return page
+        pages.append(opened(browser, site, rater, size=size))
+        return pages[-1]
 
     yield open_page
-    for context in contexts:
-        context.close()
-
-
-def dismiss_guidelines(page: "Page") -> None:
-    """Close the dialog every new rater sees first."""
-    page.bring_to_front()
-    page.get_by_role("button", name="Got it [escape]").click()
-    page.get_by_role("dialog").wait_for(state="detached")
-
-
-def counted(page: "Page", answered: int) -> None:
-    """Wait until the page shows that many answers."""
-    page.get_by_text(re.compile(rf"\b{answered} answered")).wait_for()
+    for page in pages:
+        page.context.close()
 
 
 def test_only_a_token_leads_to_the_page(browser: "Browser", site: Site) -> None:
@@ -199,7 +108,7 @@ def test_a_rater_at_work(site: Site, visit: Visit) -> None:
     page.keyboard.type("B drags 1 foot 5 times")
     page.locator("canvas[data-engine]").click(position={"x": 480, "y": 120})
     page.keyboard.press("9")
-    page.get_by_role("textbox").and_(page.get_by_label("you are")).or_(
+    page.get_by_role("textbox").and_(page.get_by_label("how sure")).or_(
         page.locator("input[value='sure [9]']")
     ).first.wait_for()
     page.get_by_role("button", name="feet [B]").click()
@@ -236,13 +145,6 @@ def test_a_rater_at_work(site: Site, visit: Visit) -> None:
     page.keyboard.press("Escape")
     page.get_by_role("dialog").wait_for(state="detached")
     keep_picture(page, "labeling-page.png")
-
-
-def keep_picture(page: "Page", name: str) -> None:
-    """Leave a screenshot for people; nearly empty ones are small."""
-    ARTIFACTS.mkdir(exist_ok=True)
-    page.screenshot(path=ARTIFACTS / name)
-    assert (ARTIFACTS / name).stat().st_size > 20_000
 
 
 def test_two_raters_are_asked_different_things(site: Site, visit: Visit) -> None:

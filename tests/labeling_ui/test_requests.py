@@ -166,7 +166,7 @@ async def answered(port: int, request: Request) -> bytes:
 async def viser_before(request: web.Request) -> web.StreamResponse:
     """What stands in for viser: it takes what the relay hands on."""
     if "Upgrade" not in request.headers:
-        return web.Response(text="the page")
+        return web.Response(text="<head><script></script></head>the page")
     socket = web.WebSocketResponse(protocols=["viser-v1.1.1"])
     await socket.prepare(request)
     async for _ in socket:

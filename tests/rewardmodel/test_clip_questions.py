@@ -22,7 +22,7 @@ from gaitpref.cli.options.options import Loop
 from gaitpref.cli.shared.loop_arguments import resolve
 from gaitpref.loop.run_dir import Round
 from gaitpref.loop.show_stage import pairs_of_both
-from labeling_ui.page.controls import command_words
+from labeling_ui.page.panel_html import command_words
 from labeling_ui.scene.clip_motion import MotionCache
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot

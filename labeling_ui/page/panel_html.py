@@ -1,0 +1,129 @@
+"""What the panel says, as HTML; pure functions.
+
+The script in the browser finds its way by the attributes: `data-gp-ready` says that the
+page is there, `data-gp-question` which question it shows, `data-gp-why` what decides,
+`data-gp-spoken` what to read aloud.
+"""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from datetime import datetime
+
+from data.answers.answer_records import Aspect
+from labeling_ui.questions.judgement import Past, Verdict
+from labeling_ui.scene.clip_motion import Command
+
+from .page_access import Showing
+from .shortcuts import WORDS
+
+_HEAD_PX = 128
+"""Room for six lines, two of them the command: what follows stands still."""
+
+
+def head(rater_id: str, showing: Showing, why: Aspect | None) -> str:
+    """The top of the panel: who, what is asked, under which command."""
+    progress = showing.progress
+    count = f"{progress.answered} answered, {progress.open} open"
+    question, lines = showing.question, []
+    if question is None:
+        lines.append("<b>No open pairs.</b>")
+        lines.append(
+            f"Thank you{_for_answers(progress.answered)}. Leave this page open: it "
+            "goes on by itself when there are more."
+        )
+    else:
+        motion = None if showing.motions is None else showing.motions[0]
+        lies = motion is not None and motion.task == "getup"
+        lines.append(f"<b>Which one {'gets up' if lies else 'walks'} better?</b>")
+        if motion is not None and not lies:
+            lines.append(command_words(motion.commands))
+    if question is not None and question.earlier is not None:
+        said = WORDS[question.earlier].lower()
+        lines.append(f"<i>Reopened: you said “{said}”.</i>")
+    if why is not None:
+        lines.append(f"Because of <b>{why}</b>: now answer.")
+    if showing.notice:
+        lines.append(warning(showing.notice))
+    top = (
+        '<div style="display:flex;justify-content:space-between;opacity:.75;'
+        f'font-size:12px"><span>{html.escape(rater_id)}</span><span>{count}</span></div>'
+    )
+    return (
+        f'<div data-gp-ready data-gp-question="{showing.question_id or ""}" '
+        f'data-gp-why="{why or ""}" '
+        f'data-gp-spoken="{html.escape(spoken(showing, why))}" '
+        f'style="height:{_HEAD_PX}px;overflow:auto">'
+        + boxed(top + "".join(f"<div>{line}</div>" for line in lines))
+        + "</div>"
+    )
+
+
+def spoken(showing: Showing, why: Aspect | None) -> str:
+    """What a screen reader is told when the panel changes."""
+    progress, question = showing.progress, showing.question
+    says = [f"{progress.answered} answers stored, {progress.open} pairs to go."]
+    if question is None:
+        says.append("Nothing is asked now.")
+    elif showing.motions is not None and showing.motions[0].task != "getup":
+        commands = showing.motions[0].commands
+        says.append(f"Asked: {', then '.join(map(_one_command, commands))}.")
+    if question is not None and question.earlier is not None:
+        says.append(f"Open again; your answer was {WORDS[question.earlier]}.")
+    if why is not None:
+        says.append(f"What decides: {why}.")
+    return " ".join([*says, showing.notice]).strip()
+
+
+def _for_answers(count: int) -> str:
+    return {0: "", 1: " for an answer"}.get(count, f" for {count} answers")
+
+
+def command_words(commands: Sequence[Command]) -> str:
+    """What both robots were told to do, one after the other."""
+    words = ", then ".join(_one_command(command) for command in commands)
+    return f"asked for: <b>{words}</b>"
+
+
+def _one_command(command: Command) -> str:
+    forward, left, yaw = command
+    words = [f"{'forward' if forward >= 0 else 'backward'} {abs(forward):.2f} m/s"]
+    if abs(left) >= 0.005:
+        words.append(f"{'left' if left > 0 else 'right'} {abs(left):.2f} m/s")
+    if abs(yaw) >= 0.005:
+        words.append(f"turning {'left' if yaw > 0 else 'right'} {abs(yaw):.2f} rad/s")
+    return ", ".join(words)
+
+
+def past_words(past: Past) -> str:
+    """An answer in the history."""
+    # The server's own time: who serves and who answers are mostly in one place.
+    at = datetime.fromisoformat(past.answer.created_utc).astimezone().strftime("%H:%M")
+    role = {"repeat": " · again"}.get(past.answer.role, "")
+    return f"{at} · {verdict_words(past.verdict)}{role}"
+
+
+def verdict_words(verdict: Verdict) -> str:
+    """An answer in words."""
+    return WORDS[verdict]
+
+
+def warning(text: str) -> str:
+    """A sentence in the colour of what a rater should not overlook."""
+    return f'<span style="color:var(--gp-warn)">{html.escape(text)}</span>'
+
+
+def boxed(inner: str) -> str:
+    """HTML of the panel with some room around it."""
+    return (
+        '<div style="padding:2px 12px 6px;font-size:14px;line-height:1.45">'
+        f"{inner}</div>"
+    )
+
+
+LINKS = boxed(
+    '<button type="button" class="gp-link" data-gp-keys>Keys [?]</button> · '
+    '<a href="figures" target="_blank">My figures</a> · '
+    '<a href="guidelines" target="_blank">Guidelines in a window</a>'
+)

@@ -1,0 +1,1 @@
+"""What is put around viser's page: connection, keys, names, in words for raters."""

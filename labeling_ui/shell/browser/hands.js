@@ -1,0 +1,135 @@
+// The keyboard alone does everything, and every element has a name.
+
+const FIELDS = "input, textarea, select";
+const PRESSABLE = "button, a[href], [role=button], [role=tab], summary";
+const isField = (element) => element instanceof Element && element.matches(FIELDS);
+
+window.addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  const handled = whileCovered(event) || inKeyMap(event) || inField(event) || onFocused(event);
+  if (handled) event.stopImmediatePropagation();
+}, true);
+
+// Nothing is stored while the page is covered: what was pressed is told.
+function whileCovered(event) {
+  if (!root.dataset.gp || isField(event.target) || event.key === "Tab") return false;
+  if (event.target.closest?.("#gp-cover") && /^(Enter| )$/.test(event.key)) return true;
+  const answer = words.answers[event.key.toUpperCase()];
+  if (answer && root.dataset.gp !== "loading") miss(answer);
+  return true;
+}
+
+function inKeyMap(event) {
+  const map = byId("gp-keys");
+  if (!map.open) {
+    if (event.key !== "?" || isField(event.target)) return false;
+    event.preventDefault();
+    openKeyMap();
+    return true;
+  }
+  if (event.key === "?" || event.key === "Escape") {
+    event.preventDefault();
+    map.close();
+  }
+  return !(event.target.closest?.("#gp-keys") && /^(Enter| |Tab)$/.test(event.key));
+}
+
+function openKeyMap() {
+  const map = byId("gp-keys");
+  map.append(map.querySelector("template").content.cloneNode(true));
+  map.showModal();
+}
+byId("gp-keys").addEventListener("close", (event) => {
+  event.target.querySelectorAll(":scope > :not(template)").forEach((part) => part.remove());
+});
+
+function inField(event) {
+  const field = event.target;
+  if (!isField(field)) return false;
+  const box = field.closest("[role=dialog]");
+  if (event.key === "Escape" && field.getAttribute("aria-expanded") !== "true") {
+    field.blur();
+    // Hotkeys are not heard in a field, and Escape closes the dialog around it.
+    if (box) document.body.dispatchEvent(new KeyboardEvent("keydown", {
+      key: "Escape", code: "Escape", bubbles: true,
+    }));
+    return true;
+  }
+  if (event.key === "Enter" && box && field.matches("input")) {
+    const send = [...box.querySelectorAll("button")]
+      .find((button) => button.textContent.trim() === words.send);
+    // The last letters are on their way for some 50 ms.
+    if (send && !event.repeat) setTimeout(() => send.click(), 150);
+    return true;
+  }
+  return false;
+}
+
+// Enter and Space press what has the focus, and do nothing else there.
+function onFocused(event) {
+  if (event.key !== "Enter" && event.key !== " ") return false;
+  const focused = event.target;
+  if (!(focused instanceof Element) || !focused.matches(PRESSABLE)) return false;
+  if (event.repeat || !focused.matches("button, a[href], summary")) event.preventDefault();
+  if (!event.repeat && !focused.matches("button, a[href], summary")) focused.click();
+  return true;
+}
+
+// A button that was clicked gives the focus back, or Space would press it again.
+document.addEventListener("click", (event) => {
+  if (event.target.closest?.("[data-gp-keys]")) openKeyMap();
+  if (event.target.closest?.("#gp-keys") && !event.target.closest("table")) byId("gp-keys").close();
+  if (event.target.closest?.("[data-gp-anyway]")) {
+    sessionStorage.setItem("gp-anyway", "1");
+    root.dataset.gpAnyway = "1";
+  }
+  const button = event.target.closest?.("#root button");
+  if (event.detail > 0 && button && button === document.activeElement
+      && !button.closest("[role=dialog]")) button.blur();
+});
+if (sessionStorage.getItem("gp-anyway")) root.dataset.gpAnyway = "1";
+
+function nameAll() {
+  for (const icon of document.querySelectorAll(
+    "#root .mantine-Paper-root > .tabler-icon-chevron-down, "
+    + "#root .mantine-Paper-root > .tabler-icon-chevron-up")) {
+    const folder = icon.parentElement;
+    const open = icon.classList.contains("tabler-icon-chevron-up");
+    put(folder, { role: "button", tabindex: "0", "aria-expanded": String(open) });
+  }
+  for (const canvas of document.querySelectorAll("#root canvas[data-engine]")) {
+    put(canvas, { role: "img", "aria-label": words.scene });
+    const wide = `${Math.round(canvas.clientWidth)}px`;
+    if (root.style.getPropertyValue("--gp-scene") !== wide) {
+      root.style.setProperty("--gp-scene", wide);
+    }
+  }
+  for (const bar of document.querySelectorAll("#root [role=progressbar]")) {
+    put(bar, { "aria-label": words.progress });
+  }
+  for (const part of document.querySelectorAll(
+    "#root [role=slider], #root input[inputmode], #root .mantine-NumberInput-input, "
+    + "#root textarea")) {
+    const label = part.closest(".mantine-Flex-root")?.parentElement
+      ?.querySelector("label")?.textContent;
+    put(part, { "aria-label": label || words.slider });
+  }
+  for (const icon of document.querySelectorAll("#root button:not([aria-label])")) {
+    if (!icon.textContent.trim()) put(icon, { "aria-label": words.icon });
+  }
+}
+
+function put(element, attributes) {
+  for (const [name, value] of Object.entries(attributes)) {
+    if (element.getAttribute(name) !== value) element.setAttribute(name, value);
+  }
+}
+
+// What a screen reader is told: each new question, and what became of the last.
+function announce() {
+  const said = ready()?.dataset.gpSpoken || "";
+  if (!root.dataset.gp && said !== announce.last) {
+    announce.last = said;
+    byId("gp-live").textContent = said;
+  }
+}

@@ -1,0 +1,179 @@
+"""What a rater sees when the line is cut, the server restarts, or a laptop slept.
+
+How long something takes is measured where the page promises it, with room for a machine
+that is busy with other things.
+"""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from labeling_ui.label_server import LabelServer
+from labeling_ui.limits import page_limits
+from labeling_ui.questions.key_repeat import GuardCfg
+from tests.helpers.label_browser import (
+    SMALL,
+    WAIT_MS,
+    Site,
+    counted,
+    dismiss_guidelines,
+    label_cfg,
+    launched,
+    opened,
+    playwright,
+)
+from tests.helpers.wire import Wire
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page, expect
+else:
+    expect = playwright.expect
+
+pytestmark = pytest.mark.browser
+
+NOTE = "B drags a foot"
+BACK_S = 5.0
+"""What the page promises, once the server is there again."""
+SLOWER = 4.0
+"""A machine that draws in software and does other things besides."""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator["Browser"]:
+    """One for all tests."""
+    with launched() as found:
+        yield found
+
+
+@contextmanager
+def at_work(
+    browser: "Browser", root: Path, **cfg: int
+) -> Iterator[tuple[Site, Wire, "Page"]]:
+    """A rater's page, whose guidelines were read, behind a line."""
+    any_time = GuardCfg(min_shown_s=0.0, repeat_gap_s=0.0, same_verdict_s=0.0)
+    site = Site(root / "set", pairs=6, guard=any_time, **cfg)
+    site.server.start()
+    wire = Wire(int(site.server.url.rpartition(":")[2]))
+    page = opened(browser, site, "ann", size=SMALL, url=wire.url, clock=True)
+    dismiss_guidelines(page)
+    try:
+        yield site, wire, page
+    finally:
+        page.context.close()
+        wire.cut()
+        site.server.stop()
+
+
+def state(page: "Page", name: str) -> None:
+    """Wait until the page is `lost`, `loading`, `away` or, as usual, nothing of it."""
+    page.locator(f'html[data-gp="{name}"]').wait_for(state="attached")
+
+
+def remark(page: "Page") -> None:
+    """Say all that can be said before an answer, and go on writing."""
+    page.keyboard.press("8")
+    page.keyboard.press("b")
+    page.get_by_text("Because of feet: now answer").wait_for()
+    page.locator("#root textarea").click()
+    page.keyboard.type(NOTE)
+
+
+def test_after_an_outage_it_goes_on_where_it_was(
+    browser: "Browser", tmp_path: Path
+) -> None:
+    """It says so, stops its clock, and keeps what was written, before and meanwhile; a
+    key pressed meanwhile is told as not stored. Ten minutes pass in a moment."""
+    with at_work(browser, tmp_path) as (site, wire, page):
+        remark(page)
+        asked = page.locator("[data-gp-question]").get_attribute("data-gp-question")
+        wire.cut()
+        state(page, "lost")
+        page.get_by_role("heading", name="Connection lost").wait_for()
+        running = page.locator(".gp .head").evaluate(
+            "head => getComputedStyle(head).animationPlayState"
+        )
+        assert running == "paused"
+        page.keyboard.type(" and slips")
+        page.keyboard.press("Escape")
+        page.keyboard.press("2")
+        page.get_by_text("Not stored, as there was no connection: A better").wait_for()
+        for _ in range(10):
+            page.clock.fast_forward(60_000)
+        wire.join()
+        joined_s = time.monotonic()
+        state(page, "")
+        assert time.monotonic() - joined_s < SLOWER * BACK_S
+        page.get_by_text("The connection is back. Not stored").wait_for()
+        page.locator("input[value='fairly sure [8]']").first.wait_for()
+        page.get_by_text("Because of feet: now answer").wait_for()
+        now = page.locator("[data-gp-question]").get_attribute("data-gp-question")
+        assert now == asked
+        assert site.answers() == []
+        page.keyboard.press("4")
+        counted(page, 1)
+        (answer,) = site.answers()
+        assert answer.note == NOTE + " and slips"
+        assert (answer.confidence, answer.why) == (0.6, "feet")
+
+
+def test_a_line_that_died_while_the_laptop_slept(
+    browser: "Browser", tmp_path: Path
+) -> None:
+    """No end of it is heard of: the page finds out, and opens another."""
+    with at_work(browser, tmp_path) as (_, wire, page):
+        wire.deaden()
+        page.clock.fast_forward(60_000)
+        state(page, "lost")
+        state(page, "")
+        page.keyboard.press("4")
+        counted(page, 1)
+
+
+def test_a_server_that_was_restarted(browser: "Browser", tmp_path: Path) -> None:
+    """As when a loop goes on: another process, the same answers; and what was written
+    is there, with the cursor in it. No guidelines a second time."""
+    with at_work(browser, tmp_path) as (site, _, page):
+        remark(page)
+        port = int(site.server.url.rpartition(":")[2])
+        site.server.stop()
+        state(page, "lost")
+        site.server = LabelServer(site.dataset, label_cfg(port=port))
+        site.server.start()
+        state(page, "")
+        expect(page.locator("textarea:focus")).to_have_value(NOTE, timeout=WAIT_MS)
+        page.keyboard.type("!")
+        expect(page.locator("textarea:focus")).to_have_value(NOTE + "!")
+        assert page.get_by_role("dialog").count() == 0
+
+
+def test_who_finds_no_place_is_told_and_let_in(
+    browser: "Browser", tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another took it during an outage, and leaves again."""
+    monkeypatch.setattr(page_limits, "FULL_S", 1.0)
+    with at_work(browser, tmp_path, most_raters=1) as (site, wire, page):
+        wire.cut()
+        state(page, "lost")
+        other = opened(browser, site, "bob", size=SMALL)
+        wire.join()
+        page.get_by_role("heading", name="All 1 places are taken").wait_for()
+        other.context.close()
+        page.get_by_role("button", name="A much better [1]").wait_for()
+        state(page, "")
+
+
+def test_only_the_newest_window_answers(browser: "Browser", tmp_path: Path) -> None:
+    """The other says so, and takes the place back when it is told to."""
+    with at_work(browser, tmp_path) as (_, _, page):
+        newer = page.context.new_page()
+        newer.goto(page.url)
+        state(newer, "")
+        page.bring_to_front()
+        state(page, "away")
+        page.get_by_role("button", name="Go on here").click()
+        state(page, "")
+        state(newer, "away")

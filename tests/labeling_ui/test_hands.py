@@ -1,0 +1,363 @@
+"""What a rater's hands and eyes need: one page of one rater, test after test."""
+
+import re
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from labeling_ui.questions.key_repeat import GuardCfg
+from tests.helpers.label_browser import (
+    Site,
+    counted,
+    keep_picture,
+    launched,
+    opened,
+    playwright,
+)
+
+if TYPE_CHECKING:
+    from playwright.sync_api import CDPSession, Locator, Page, expect
+else:
+    expect = playwright.expect
+
+pytestmark = pytest.mark.browser
+
+AA = 4.5
+"""Least contrast of text, WCAG 2.2, 1.4.3 (AA)."""
+CONTRASTS = """() => {
+  const parse = (text) => {
+    const found = text.match(/[\\d.]+/g).map(Number);
+    const scale = text.startsWith("color(") ? 255 : 1;
+    const [r, g, b] = found.slice(0, 3).map((part) => part * scale);
+    return [r, g, b, found[3] ?? 1];
+  };
+  const over = (top, below) => top.slice(0, 3).map(
+    (part, index) => part * top[3] + below[index] * (1 - top[3]));
+  const light = (rgb) => {
+    const [r, g, b] = rgb.map((part) => part / 255).map(
+      (part) => part <= 0.04045 ? part / 12.92 : ((part + 0.055) / 1.055) ** 2.4);
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+  };
+  const found = [];
+  const walk = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  for (let text = walk.nextNode(); text; text = walk.nextNode()) {
+    const own = text.parentElement;
+    const box = own.getBoundingClientRect();
+    if (!text.data.trim() || !box.width || !box.height || !own.checkVisibility()
+        || own.closest("[inert], [disabled], [data-disabled], script, style, template")
+        || box.width < 2) continue;
+    const chain = [];
+    for (let at = own; at; at = at.parentElement) chain.push(at);
+    let below = parse(getComputedStyle(document.body).backgroundColor);
+    if (below[3] === 0) below = [255, 255, 255, 1];
+    below = below.slice(0, 3);
+    let opacity = 1;
+    for (const at of chain.reverse()) {
+      const style = getComputedStyle(at);
+      below = over(parse(style.backgroundColor), below);
+      opacity *= Number(style.opacity);
+    }
+    const ink = parse(getComputedStyle(own).color);
+    const shown = over([...ink.slice(0, 3), ink[3] * opacity], below);
+    const [high, low] = [light(shown), light(below)].sort((a, b) => b - a);
+    found.push([text.data.trim().slice(0, 40), (high + 0.05) / (low + 0.05)]);
+  }
+  return found;
+}"""
+NAMELESS = """() => [...document.querySelectorAll(
+  "#root button, #root input:not([type=hidden]), #root textarea, "
+  + "#root canvas[data-engine], #root [role=slider], "
+  + "#root [role=progressbar], #root [role=button]")]
+  .filter((element) => element.checkVisibility())
+  .filter((element) => !(element.ariaLabel || element.textContent.trim()
+    || element.labels?.length))
+  .map((element) => element.outerHTML.slice(0, 200))"""
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    """A page with many open pairs, which may be answered as fast as keys come."""
+    any_time = GuardCfg(min_shown_s=0.0, repeat_gap_s=0.0, same_verdict_s=0.0)
+    site = Site(tmp_path_factory.mktemp("hands") / "set", pairs=30, guard=any_time)
+    with site.server:
+        yield site
+
+
+@pytest.fixture(scope="module")
+def page(site: Site) -> Iterator["Page"]:
+    """The page, its guidelines closed by the keyboard."""
+    with launched() as browser:
+        page = opened(browser, site, "ann", has_touch=True)
+        page.get_by_role("dialog").wait_for()
+        page.get_by_role("button", name="Got it").focus()
+        page.keyboard.press("Enter")
+        page.get_by_role("dialog").wait_for(state="detached")
+        yield page
+        page.context.close()
+
+
+@pytest.fixture(scope="module")
+def device(page: "Page") -> "CDPSession":
+    """Changes the window without a new page."""
+    return page.context.new_cdp_session(page)
+
+
+def resize(device: "CDPSession", width: int, height: int, ratio: float = 1.0) -> None:
+    """Give the window another size in CSS pixels, and pixels of another size."""
+    device.send(
+        "Emulation.setDeviceMetricsOverride",
+        {"width": width, "height": height, "deviceScaleFactor": ratio, "mobile": False},
+    )
+
+
+def pressed(page: "Page", name: str, key: str = "Enter") -> None:
+    """Press a button as who has no mouse does."""
+    button = page.get_by_role("button", name=name).first
+    assert button.evaluate("button => button.tabIndex") >= 0
+    button.focus()
+    page.keyboard.press(key)
+
+
+def answered(page: "Page", site: Site, change: int = 1) -> None:
+    """Wait until the page counts what the store holds."""
+    counted(page, len(site.answers()))
+
+
+def test_the_tab_is_found_and_nothing_of_viser_is_seen(page: "Page") -> None:
+    """Title and icon are ours; no server address, no settings of the scene."""
+    assert page.title() == "gaitpref - Which one walks better?"
+    icons = page.locator("link[rel=icon]")
+    assert icons.count() == 1
+    assert "1c5cbe" in (icons.get_attribute("href") or "")
+    for word in ("Save Canvas", "Orbit Origin Tool", "Reset View"):
+        assert not page.get_by_text(word).first.is_visible()
+    assert not page.locator(".tabler-icon-adjustments").first.is_visible()
+
+
+def test_the_keyboard_alone_presses_everything(page: "Page", site: Site) -> None:
+    """Enter and Space press what has the focus; folders and history are reached."""
+    pressed(page, "A better [2]")
+    counted(page, 1)
+    pressed(page, "Can't tell [0]", key=" ")
+    counted(page, 2)
+    assert site.answers()[0].choice == "skip"
+    folder = page.get_by_role("button", name="Last answers")
+    assert folder.get_attribute("aria-expanded") == "false"
+    pressed(page, "Last answers")
+    entry = page.get_by_role("button", name=re.compile(" A better$")).first
+    entry.wait_for()
+    entry.focus()
+    page.keyboard.press("Enter")
+    page.get_by_text("Reopened: you said “a better”.").wait_for()
+    pressed(page, "Keep the earlier answer [K]", key=" ")
+    page.get_by_text("Reopened").wait_for(state="detached")
+    assert len(site.answers()) == 2
+    pressed(page, "Last answers", key=" ")
+
+
+def test_a_clicked_button_does_not_take_the_space_bar(page: "Page", site: Site) -> None:
+    """Space then plays or pauses, and answers nothing."""
+    before = len(site.answers())
+    page.get_by_role("button", name="B better [4]").click()
+    counted(page, before + 1)
+    page.keyboard.press(" ")
+    page.get_by_text("1x paused").wait_for()
+    page.keyboard.press(" ")
+    page.get_by_text("1x paused").wait_for(state="detached")
+    assert len(site.answers()) == before + 1
+
+
+def test_dialogs_take_digits_enter_and_escape(page: "Page", site: Site) -> None:
+    before = len(site.answers())
+    page.keyboard.press("f")
+    page.get_by_role("dialog").wait_for()
+    page.keyboard.press("2")
+    counted(page, before + 1)
+    assert site.answers()[0].reason == "Too short to judge"
+    page.keyboard.press("f")
+    field = page.get_by_role("dialog").locator("input")
+    field.click()
+    page.keyboard.press("Enter")
+    page.get_by_text("Write the reason first.").wait_for()
+    page.keyboard.press("Escape")
+    page.get_by_role("dialog").wait_for(state="detached")
+    page.keyboard.press("f")
+    field.click()
+    page.keyboard.type("3 legs")
+    page.keyboard.press("Enter")
+    counted(page, before + 2)
+    assert site.answers()[0].reason == "3 legs"
+
+
+def test_the_map_of_the_keys(page: "Page", site: Site) -> None:
+    """While it is open, no key answers; a line of it is seen on wide screens."""
+    before = len(site.answers())
+    assert page.locator("#gp-strip").is_visible()
+    page.keyboard.press("?")
+    page.get_by_role("dialog", name="Keys").wait_for()
+    page.get_by_text("Because of steadiness").wait_for()
+    page.keyboard.press("2")
+    page.keyboard.press("Escape")
+    page.get_by_role("dialog", name="Keys").wait_for(state="hidden")
+    page.keyboard.press("3")
+    counted(page, before + 1)
+    assert site.answers()[0].choice == "equal"
+
+
+def said(page: "Page") -> tuple[str, str, str]:
+    """Note, confidence and what decides, as the page shows them."""
+    shown = page.locator("[data-gp-why]").get_attribute("data-gp-why") or ""
+    sure = page.get_by_label("how sure").first.input_value()
+    return page.locator("#root textarea").first.input_value(), sure, shown
+
+
+@pytest.mark.parametrize("back", ["undo", "reopen"])
+def test_remarks_come_back_with_their_question(
+    page: "Page", site: Site, back: str
+) -> None:
+    """And are stored with the new answer, unless they were changed."""
+    before = len(site.answers())
+    page.locator("#root textarea").first.click()
+    page.keyboard.type(f"B drags a foot, {back}")
+    page.keyboard.press("Escape")
+    for key in "8y2":
+        page.keyboard.press(key)
+    counted(page, before + 1)
+    assert said(page) == ("", "not stated", "")
+    if back == "undo":
+        page.keyboard.press("z")
+        counted(page, before)
+    else:
+        pressed(page, "Last answers")
+        page.get_by_role("button", name=re.compile(" A better$")).first.click()
+        page.get_by_text("Reopened").wait_for()
+        pressed(page, "Last answers")
+    page.get_by_text("Because of rhythm: now answer").wait_for()
+    note = f"B drags a foot, {back}"
+    assert said(page) == (note, "fairly sure [8]", "rhythm")
+    page.keyboard.press("9")
+    page.keyboard.press("5")
+    page.get_by_text("Because of rhythm").wait_for(state="detached")
+    counted(page, before + 1)
+    newest = site.answers()[0]
+    assert (newest.note, newest.confidence, newest.why) == (note, 0.95, "rhythm")
+    assert newest.choice != "skip"
+    assert (newest.supersedes is not None) == (back == "reopen")
+
+
+def test_answers_stand_still(page: "Page") -> None:
+    """Whatever is said above them."""
+
+    def top() -> float:
+        # The panel may have been scrolled.
+        head = box(page.locator("[data-gp-ready]"))
+        return box(page.get_by_role("button", name="A better [2]"))["y"] - head["y"]
+
+    first = top()
+    page.keyboard.press("b")
+    page.get_by_text("Because of feet").wait_for()
+    pressed(page, "Last answers")
+    page.get_by_role("button", name=re.compile("Equally good$")).last.click()
+    page.get_by_text("Reopened").wait_for()
+    assert top() == first
+    page.keyboard.press("k")
+    page.get_by_text("Reopened").wait_for(state="detached")
+    pressed(page, "Last answers")
+    assert top() == first
+
+
+def test_a_screen_reader_is_told(page: "Page", site: Site) -> None:
+    """Every element has a name, and what an answer led to is said."""
+    assert page.evaluate(NAMELESS) == []
+    before = len(site.answers())
+    page.keyboard.press("1")
+    counted(page, before + 1)
+    live = page.locator("#gp-live")
+    expect(live).to_have_text(
+        re.compile(f"{before + 1} answers stored.*Asked: forward")
+    )
+    assert live.get_attribute("role") == "status"
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_what_is_written_can_be_read(page: "Page", theme: str) -> None:
+    """By the colours that the page really has, with all folders and dialogs open."""
+    root = page.locator("html")
+    if root.get_attribute("data-mantine-color-scheme") != theme:
+        page.keyboard.press("m")
+        expect(root).to_have_attribute("data-mantine-color-scheme", theme)
+    pressed(page, "View and help")
+    page.keyboard.press("p")
+    page.get_by_text("base height, m").wait_for()
+    page.wait_for_timeout(400)  # Folders fade in.
+    keep_picture(page, f"labeling-page-{theme}.png")
+    found: list[Any] = page.evaluate(CONTRASTS)
+    page.keyboard.press("f")
+    page.get_by_role("dialog").get_by_text("Too short").wait_for()
+    page.wait_for_timeout(400)
+    found += page.evaluate(CONTRASTS)
+    page.keyboard.press("Escape")
+    page.get_by_role("dialog").wait_for(state="detached")
+    page.keyboard.press("p")
+    pressed(page, "View and help")
+    assert len(found) > 80
+    assert {text: round(ratio, 2) for text, ratio in found if ratio < AA} == {}
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "ratio"),
+    [(1024, 700, 1), (1024, 700, 2), (1280, 720, 1), (1440, 900, 1), (3840, 2160, 0.5)],
+)
+def test_the_strip_is_as_wide_as_the_scene(
+    page: "Page", device: "CDPSession", width: int, height: int, ratio: float
+) -> None:
+    """In CSS pixels, also where the window changes while it is open."""
+    resize(device, width, height, ratio)
+    panel = page.locator("[data-dock-region=right]")
+    strip = page.locator("[data-floating-window]")
+    expect(panel).to_have_js_property("offsetHeight", height)
+
+    def fits() -> bool:
+        docked, below = box(panel), box(strip)
+        gap = docked["x"] - below["x"] - below["width"]
+        return 0 <= gap <= 40 and below["x"] <= 20 and below["y"] > height / 3
+
+    for _ in range(100):
+        if fits():
+            return
+        page.wait_for_timeout(100)
+    raise AssertionError((box(panel), box(strip)))
+
+
+def box(element: "Locator") -> Any:
+    """Where it is, CSS pixels."""
+    found = element.bounding_box()
+    assert found is not None
+    return found
+
+
+def test_a_tablet_is_touched(page: "Page", device: "CDPSession", site: Site) -> None:
+    resize(device, 1024, 768)
+    before = len(site.answers())
+    assert not page.locator("#gp-small").is_visible()
+    page.get_by_role("button", name="B much better [5]").tap()
+    counted(page, before + 1)
+
+
+def test_a_phone_is_told_kindly(page: "Page", device: "CDPSession") -> None:
+    """Upright and across; who wants to goes on all the same."""
+    for width, height in ((390, 844), (844, 390)):
+        resize(device, width, height)
+        page.get_by_role("heading", name="A larger screen, please").wait_for()
+    page.get_by_role("button", name="Try it all the same").click()
+    page.get_by_role("heading", name="A larger screen").wait_for(state="hidden")
+
+
+def test_the_ghost_is_seen_and_goes(page: "Page", device: "CDPSession") -> None:
+    """Its meshes come only when it is asked for."""
+    resize(device, 1280, 720)
+    ghost = page.locator('[data-scene-node="/ghost_A"]')
+    assert ghost.count() == 0
+    page.keyboard.press("v")
+    ghost.first.wait_for(state="attached")
