@@ -52,8 +52,8 @@ def table_episodes(place: Path, form: Form, log_map: LogMap, root: Path) -> LogE
     if form == "lerobot":
         columns = _with_lerobots_names(columns)
     findings = Findings()
-    robot = robot_of(log_map, root)
     tables = _READERS[form](place, wanted_of(columns))
+    robot = robot_of(log_map, root)
     recordings = [
         recording
         for table in tables
