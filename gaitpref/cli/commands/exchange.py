@@ -37,7 +37,7 @@ def _import_log(action: options.Import) -> dict[str, Any]:
     if action.map is None:
         raise DatasetError(
             f"data import {action.format} needs --map FILE.toml, which says what the "
-            "log's names mean; docs/how-to/ros2-bag.md shows one"
+            "log's names mean; docs/how-to/robot-log.md shows one"
         )
     require("mujoco", "train,logs")
     from gaitpref.formats.logs.log_map import load_map

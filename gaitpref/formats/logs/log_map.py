@@ -238,7 +238,7 @@ def load_map(path: Path) -> LogMap:
         return from_plain(LogMap, told)
     except FileNotFoundError:
         raise LogError(
-            f"{path} is missing; docs/how-to/ros2-bag.md shows the map of a log"
+            f"{path} is missing; docs/how-to/robot-log.md shows the map of a log"
         ) from None
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         found = " ".join(f"{error}".split())
