@@ -12,6 +12,7 @@ import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tyro
@@ -73,7 +74,7 @@ def main(options: Logs) -> int:
 
 
 def errors(
-    truth: list[Episode], columns: dict[str, str], noise: float
+    truth: list[Episode], columns: dict[str, Any], noise: float
 ) -> dict[str, float]:
     """Root mean square errors of velocities and height, share of equal contacts."""
     rng = np.random.default_rng(0)
@@ -106,9 +107,7 @@ def errors(
     }
 
 
-def _logged(
-    episode: Episode, noise: float, rng: np.random.Generator
-) -> dict[str, np.ndarray]:
+def _logged(episode: Episode, noise: float, rng: np.random.Generator) -> dict[str, Any]:
     """What sensors tell of an episode: with `noise` 1, encoders to 0.003 rad and 0.1
     rad/s, a gyroscope to 0.05 rad/s, attitudes to 0.5 degrees (1 sigma)."""
     robot = load_robot(physics_dt_s=episode.meta.physics_dt_s)

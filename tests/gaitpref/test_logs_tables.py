@@ -259,7 +259,10 @@ def test_rows_that_cannot_be_are_left_out_and_told(
 
 
 def _csv(text: str) -> Callable[[Path], None]:
-    return lambda place: place.joinpath("x.csv").write_text(text) and None
+    def write(place: Path) -> None:
+        place.joinpath("x.csv").write_text(text)
+
+    return write
 
 
 def _npz_of(name: str, content: bytes) -> Callable[[Path], None]:

@@ -53,7 +53,7 @@ def as_episode(
         qpos=np.array(qpos, dtype=np.float64),
         qvel=np.array(qvel, dtype=np.float64),
         obs=unknown(num_steps + 1, 48),
-        action=unknown(num_steps, 12) if action is None else np.float32(action),
+        action=unknown(num_steps, 12) if action is None else action.astype(np.float32),
         ctrl=unknown(num_steps, 12),
         features=features,
         reward=unknown(num_steps),

@@ -77,7 +77,7 @@ class Recording:
 
 def possible(values: np.ndarray) -> np.ndarray:
     """[S] bool: the row of `values` [S, D] is finite and not absurdly large."""
-    return (np.abs(values) < LARGEST).all(axis=1)  # NaN is not less.
+    return np.all(np.abs(values) < LARGEST, axis=1)  # NaN is not less.
 
 
 def unit_attitudes(what: str, found: Series, findings: Findings) -> Series | None:

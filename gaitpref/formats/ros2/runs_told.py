@@ -5,6 +5,8 @@ Shapes: S samples of a quantity.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from gaitpref.formats.logs.doubts import refuse_two_publishers
@@ -58,9 +60,9 @@ def _recording(
     refuse_two_publishers(at, *_all(run[at], "position"), "rad")
     signs = np.array(log_map.joints.signs)
     angles = position.values * signs + np.array(log_map.joints.offsets_rad)
-    told = _told_of_base(run, log_map, findings)
-    if isinstance(told, str):
-        return log_map.base_topic, told
+    base = _base(run, log_map, findings)
+    if base is None:
+        return log_map.base_topic, "pose"
     feet = log_map.contacts
     contact = _of(run, feet and feet.topic, "contact", findings)
     if contact is not None and feet is not None:
@@ -74,14 +76,25 @@ def _recording(
         joint_torque=torque and torque.scaled(signs),
         contact=contact,
         command=_of(run, log_map.twist and log_map.twist.topic, "command", findings),
-        **told,
+        base_pos_w=base.pos_w,
+        base_wxyz=base.wxyz,
+        base_lin_vel_b=base.lin_vel_b,
+        base_ang_vel_b=base.ang_vel_b,
     )
 
 
-def _told_of_base(
-    run: Run, log_map: LogMap, findings: Findings
-) -> dict[str, Series | None] | str:
-    """What a run says of the base, or the quantity that it says too little of.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Base:
+    """What a run says of the base."""
+
+    pos_w: Series | None = None
+    wxyz: Series | None
+    lin_vel_b: Series | None = None
+    ang_vel_b: Series | None
+
+
+def _base(run: Run, log_map: LogMap, findings: Findings) -> _Base | None:
+    """What a run says of the base; None where it tells too few poses.
 
     A bag whose map names no base may lack it: the legs tell it then.
     """
@@ -91,23 +104,23 @@ def _told_of_base(
     if not run[to] and log_map.may_lack_base:
         attitude = _of(run, imu, "attitude", findings)
         wxyz = attitude and unit_attitudes(imu, attitude, findings)
-        return {"base_wxyz": wxyz, "base_ang_vel_b": turn}
+        return _Base(wxyz=wxyz, ang_vel_b=turn)
     base = _once(to, run[to], findings)
     pose = _series(to, base, "pose", findings)
     wxyz = pose and unit_attitudes(to, pose.columns(3, 7), findings)
     if pose is None or wxyz is None or len(wxyz.times_s) < MIN_SAMPLES:
-        return "pose"
+        return None
     places = pose.columns(0, 3)
     times_s, poses = _all(run[to], "pose")
     refuse_two_publishers(to, times_s, poses[:, :3], "m")
     kept = np.isin(places.times_s, wxyz.times_s)
-    return {
-        "base_pos_w": Series(places.times_s[kept], places.values[kept]),
-        "base_wxyz": wxyz,
+    return _Base(
+        pos_w=Series(places.times_s[kept], places.values[kept]),
+        wxyz=wxyz,
         # Many an odometry leaves its velocity at zero.
-        "base_lin_vel_b": _unless_zero(_series(to, base, "lin_vel", findings)),
-        "base_ang_vel_b": turn or _unless_zero(_series(to, base, "ang_vel", findings)),
-    }
+        lin_vel_b=_unless_zero(_series(to, base, "lin_vel", findings)),
+        ang_vel_b=turn or _unless_zero(_series(to, base, "ang_vel", findings)),
+    )
 
 
 def _once(topic: str, samples: list[Timed], findings: Findings) -> list[Timed]:

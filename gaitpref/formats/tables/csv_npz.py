@@ -10,9 +10,9 @@ import csv
 import io
 import math
 import zipfile
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import IO
+from typing import IO, Protocol
 
 import numpy as np
 
@@ -24,6 +24,14 @@ from .table import Table, require_columns, require_numbers, told_of
 
 _DELIMITERS = ",;\t"
 _LONGEST_LINE = 2**20
+
+
+class _Lines(Protocol):
+    """What `csv.reader` gives."""
+
+    line_num: int
+
+    def __iter__(self) -> Iterator[list[str]]: ...
 
 
 def read_csv(path: Path, wanted: Collection[str]) -> list[Table]:
@@ -55,7 +63,7 @@ def read_csv(path: Path, wanted: Collection[str]) -> list[Table]:
 
 
 def _cells(
-    path: Path, lines: csv._reader, width: int, places: list[int]
+    path: Path, lines: _Lines, width: int, places: list[int]
 ) -> array.array[float]:
     cells = array.array("d")
     for line in lines:
