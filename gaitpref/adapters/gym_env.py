@@ -38,6 +38,7 @@ class _Engine:
         robot: str | Path | None,
         reward: str | Path,
         keep_task: bool,
+        alive: float,
         cfg: EnvCfg | None,
         threads: int,
     ) -> None:
@@ -47,7 +48,9 @@ class _Engine:
         model = in_world(model, cfg)
         sim = BatchSim(model, num_envs, threads=threads)
         self.env = QuadrupedEnv(model, cfg, num_envs, seed=0, sim=sim, keep_final=True)
-        self._reward = StepReward(reward_named(reward, model, cfg, keep_task=keep_task))
+        self._reward = StepReward(
+            reward_named(reward, model, cfg, keep_task=keep_task, alive=alive)
+        )
         self._limit = cfg.action_limit
 
     def reset(self, seed: int) -> np.ndarray:
@@ -91,6 +94,7 @@ class QuadrupedGymEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         robot: str | Path | None = None,
         reward: str | Path = "task",
         keep_task: bool = False,
+        alive: float = 0.0,
         cfg: EnvCfg | None = None,
     ) -> None:
         """Make the environment.
@@ -99,9 +103,11 @@ class QuadrupedGymEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             robot: MJCF file; the Go1 that ships by default.
             reward: `task`, a criterion, or the directory of a learned reward.
             keep_task: Keep the hand-written reward beside another one.
+            alive: Paid per second without a fall, beside the task alone: who explores
+                at random earns less than nothing, and would learn to fall early.
             cfg: Commands, episode, resets and all else.
         """
-        self._engine = _Engine(1, robot, reward, keep_task, cfg, threads=1)
+        self._engine = _Engine(1, robot, reward, keep_task, alive, cfg, threads=1)
         self.observation_space, self.action_space = _spaces()
 
     def reset(
@@ -150,6 +156,7 @@ class QuadrupedVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         robot: str | Path | None = None,
         reward: str | Path = "task",
         keep_task: bool = False,
+        alive: float = 0.0,
         cfg: EnvCfg | None = None,
         threads: int = 0,
     ) -> None:
@@ -157,7 +164,7 @@ class QuadrupedVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
         The other arguments are those of `QuadrupedGymEnv`.
         """
-        self._engine = _Engine(num_envs, robot, reward, keep_task, cfg, threads)
+        self._engine = _Engine(num_envs, robot, reward, keep_task, alive, cfg, threads)
         self.num_envs = num_envs
         self.single_observation_space, self.single_action_space = _spaces()
         self.observation_space = batch_space(self.single_observation_space, num_envs)

@@ -392,7 +392,12 @@ def test_an_unfinished_file_is_read_as_far_as_it_goes(bench: Bench) -> None:
         assert 0.3 * whole.num_steps < part.num_steps < 0.7 * whole.num_steps
         # At its end, velocities are fitted to fewer samples.
         same = part.num_steps - 5
-        assert part.qpos[:same] == pytest.approx(whole.qpos[:same], abs=1e-6)
+        moved = part.qpos[:same] - whole.qpos[:same]
+        # Less of it tells a little less of where the ground is.
+        assert np.ptp(moved[:, 2]) < 1e-6
+        assert abs(moved[0, 2]) < 1e-3
+        moved[:, 2] = 0.0
+        assert moved == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -401,7 +406,7 @@ def test_an_unfinished_file_is_read_as_far_as_it_goes(bench: Bench) -> None:
         (b"", "is empty, 0 bytes"),
         (b"\x89MCAP0\r\n", "within its 8 bytes, before any message"),
         (b"SQLite format 3\0" + bytes(100), "breaks off or is damaged"),
-        (b"\x28\xb5\x2f\xfd" + bytes(100), "is packed with zstd, and it does not"),
+        (b"\x28\xb5\x2f\xfd" + b"\xff" * 100, "is packed with zstd, and it does not"),
         (b"#ROSBAG V2.0\n" + bytes(100), "a bag of ROS 1"),
         (b"PK\x03\x04" + bytes(100), "begins with b'PK"),
     ],

@@ -12,7 +12,7 @@ import numpy as np
 from data.features import JOINTS
 from policy.robots.robot import Robot
 
-from .findings import Findings
+from .log_findings import Findings
 from .log_map import LogError
 
 FASTEST_RAD_S = 30.0

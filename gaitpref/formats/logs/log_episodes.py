@@ -17,8 +17,8 @@ from policy.robots.robot import Robot, load_robot
 
 from .as_episode import as_episode
 from .doubts import tell_of_range, tell_of_speed
-from .findings import Findings
-from .legs import with_base_from_legs
+from .leg_odometry import with_base_from_legs
+from .log_findings import Findings
 from .log_map import SHIPPED_ROBOT, LogError, LogMap
 from .recording import Recording
 from .track import Track, track_of

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .findings import Findings
+from .log_findings import Findings
 
 MIN_SAMPLES = 6
 """Samples of joints and base, for a cubic through them."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gaitpref.formats.logs.findings import Findings
 from gaitpref.formats.logs.log_episodes import LogEpisodes, log_episodes, robot_of
+from gaitpref.formats.logs.log_findings import Findings
 from gaitpref.formats.logs.log_hash import sha256_of
 from gaitpref.formats.logs.log_map import LogMap
 

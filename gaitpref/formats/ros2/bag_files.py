@@ -12,7 +12,7 @@ from data.files.files import open_regular
 from data.files.limits import BAG_FILE_BYTES
 from data.files.unpacking import ZSTD_MAGIC, unpack_zstd_to
 from data.files.yaml_file import read_yaml
-from gaitpref.formats.logs.findings import Findings
+from gaitpref.formats.logs.log_findings import Findings
 from gaitpref.formats.logs.log_map import LogError
 
 METADATA_NAME = "metadata.yaml"

@@ -12,13 +12,13 @@ from data.files.files import open_regular
 from data.files.limits import BAG_CHUNK_BYTES
 from data.files.unpacking import ZSTD_MAGIC, unpack_zstd_frame
 from gaitpref.console.extras import require
-from gaitpref.formats.logs.findings import Findings
+from gaitpref.formats.logs.log_findings import Findings
 from gaitpref.formats.logs.log_map import LogError
 
-from . import mcap_file, sqlite_file
+from . import bag_sqlite, mcap_file
 from .bag_files import unpacked
+from .bag_sqlite import Stored
 from .definitions import definition_of
-from .sqlite_file import Stored
 
 _OTHERS = {
     b"\x04\x22\x4d\x18": "compressed as a whole with lz4; `lz4 -d` unpacks it",
@@ -61,7 +61,7 @@ def topics_in(files: list[Path]) -> list[str]:
     for path in files:
         with unpacked(path) as place:
             in_sqlite = _is_sqlite(path, place)
-            found = sqlite_file.stored_topics if in_sqlite else mcap_file.mcap_topics
+            found = bag_sqlite.stored_topics if in_sqlite else mcap_file.mcap_topics
             names.update(found(place))
     return sorted(names)
 
@@ -107,7 +107,7 @@ def _of_file(
     path: Path, place: Path, topics: list[str], decoder: _Decoder, findings: Findings
 ) -> Iterator[Message]:
     stored_in = (
-        sqlite_file.stored_messages
+        bag_sqlite.stored_messages
         if _is_sqlite(path, place)
         else mcap_file.mcap_messages
     )
@@ -150,7 +150,7 @@ def _is_sqlite(path: Path, place: Path) -> bool:
     for magic, what in _OTHERS.items():
         if head.startswith(magic):
             raise LogError(f"{path} is {what}")
-    if head == sqlite_file.MAGIC:
+    if head == bag_sqlite.MAGIC:
         return True
     if head[: len(mcap_file.MAGIC)] == mcap_file.MAGIC:
         return False

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaitpref.formats.logs.findings import Findings
+from gaitpref.formats.logs.log_findings import Findings
 from gaitpref.formats.logs.log_map import LogMap
 
 DISORDER_S = 0.1

@@ -17,7 +17,7 @@ from data.files.files import BoundedFile, open_regular
 from data.files.limits import BAG_CHUNK_BYTES
 
 from .bag_records import Undecoded, in_order, messages_in, records_of, summary_of
-from .sqlite_file import Stored
+from .bag_sqlite import Stored
 
 MAGIC = MCAP0_MAGIC
 

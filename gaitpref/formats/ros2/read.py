@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from data.features import JOINTS, LEGS
-from gaitpref.formats.logs.findings import Findings
+from gaitpref.formats.logs.log_findings import Findings
 from gaitpref.formats.logs.log_map import LogError, LogMap
 
 from .bag_messages import Message, messages, topics_in

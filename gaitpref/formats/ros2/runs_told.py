@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitpref.formats.logs.doubts import refuse_two_publishers
-from gaitpref.formats.logs.findings import Findings
+from gaitpref.formats.logs.log_findings import Findings
 from gaitpref.formats.logs.log_map import LogError, LogMap
 from gaitpref.formats.logs.recording import (
     LARGEST,

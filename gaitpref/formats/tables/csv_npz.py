@@ -20,7 +20,7 @@ from data.files.files import open_regular, require_regular
 from data.files.limits import LOG_TABLE_BYTES
 from gaitpref.formats.logs.log_map import LogError
 
-from .table import Table, require_columns, require_numbers, told_of
+from .log_table import Table, require_columns, require_numbers, told_of
 
 _DELIMITERS = ",;\t"
 _LONGEST_LINE = 2**20

@@ -18,7 +18,7 @@ from data.files.files import require_regular
 from gaitpref.console.extras import require
 from gaitpref.formats.logs.log_map import LogError
 
-from .table import Table, require_columns, require_numbers
+from .log_table import Table, require_columns, require_numbers
 
 _EPISODE = re.compile(r"episode_(\d{1,9})")
 _MINARI = ("data/main_data.hdf5", "main_data.hdf5")

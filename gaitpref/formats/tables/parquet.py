@@ -17,7 +17,7 @@ from data.files.limits import FACTS_BYTES
 from gaitpref.console.extras import require
 from gaitpref.formats.logs.log_map import LogError
 
-from .table import Table, require_columns, require_numbers
+from .log_table import Table, require_columns, require_numbers
 
 _MOST_FILES = 100_000
 

@@ -17,7 +17,7 @@ from data.episodes.resample import (
     multiply,
     rotate,
 )
-from gaitpref.formats.logs.findings import Findings
+from gaitpref.formats.logs.log_findings import Findings
 from gaitpref.formats.logs.log_map import Columns, LogError, LogMap
 from gaitpref.formats.logs.recording import (
     MIN_SAMPLES,
@@ -28,7 +28,7 @@ from gaitpref.formats.logs.recording import (
 )
 from policy.robots.robot import Robot
 
-from .table import Table, columns_behind, named, picked
+from .log_table import Table, columns_behind, named, picked
 
 _SETTINGS = ("time_unit_s", "rate_hz", "quat_order", "contact_above")
 """Fields of `Columns` that name no column."""

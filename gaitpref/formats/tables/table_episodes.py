@@ -6,16 +6,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from gaitpref.formats.logs.findings import Findings
 from gaitpref.formats.logs.log_episodes import LogEpisodes, log_episodes, robot_of
+from gaitpref.formats.logs.log_findings import Findings
 from gaitpref.formats.logs.log_hash import sha256_of
 from gaitpref.formats.logs.log_map import Columns, LogError, LogMap
 
 from .csv_npz import read_csv, read_npz
 from .hdf5_file import read_minari
+from .log_table import Reader
 from .parquet import read_lerobot, read_parquet
 from .rows_told import recordings_of_table, wanted_of
-from .table import Reader
 
 _HASHED = (".parquet", ".hdf5", ".json")
 """Files of a folder that make its hash."""

@@ -27,7 +27,7 @@ from data.episodes.resample import (
 from policy.robots.robot import Robot
 
 from .feature_rows import feet_of
-from .findings import Findings
+from .log_findings import Findings
 from .log_map import LogError, LogMap
 from .recording import MIN_SAMPLES, Recording, Series
 
