@@ -1,7 +1,7 @@
 """Stable-Baselines3's PPO on the quadruped, on the task or on a learned reward.
 
 pip install -e '.[train,sb3]' -c constraints.txt
-python examples/train_with_sb3.py --steps 2000000
+python examples/train_with_sb3.py --steps 1200000
 python examples/train_with_sb3.py --reward runs/demo/rounds/00/reward --keep-task
 """
 
@@ -32,7 +32,7 @@ class ExampleCfg:
     """Keep the hand-written walking reward beside it."""
     alive: float = 1.0
     """Paid per second without a fall, beside the task; as the loop pays it."""
-    steps: int = 2_000_000
+    steps: int = 1_200_000
     """Environment steps over all environments."""
     envs: int = 64
     """Environments side by side."""
