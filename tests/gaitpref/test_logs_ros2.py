@@ -20,6 +20,9 @@ from policy.robots.robot import Robot, load_robot
 from tests.helpers.walked import walked
 
 pytest.importorskip("rosbags.rosbag2", reason="needs the extra `logs`")
+pytest.importorskip("mcap_ros2.writer", reason="needs the extra `logs`")
+
+from mcap_ros2.writer import Writer
 
 from tests.helpers.rosbags_bag import write_rosbag
 
@@ -97,17 +100,19 @@ def test_a_bag_comes_in_as_it_is(
 def test_unitrees_own_messages_are_read(
     tmp_path: Path, robot: Robot, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Joints, torques and gyroscope of LowState, the place of SportModeState."""
+    """Joints, torques, gyroscope and feet of LowState, the place of SportModeState."""
     truth = walked()[1]
     topics = ("/lowstate", "/sportmodestate")
     bag = write_rosbag(tmp_path / "bag", truth, robot, topics, storage="SQLITE3")
     text = f'{MAP}[joints]\ntopic = "/lowstate"\n[base]\ntopic = "/sportmodestate"\n'
+    text += '[contacts]\ntopic = "/lowstate"\nfield = "foot_force"\nabove = 20.0\n'
     told, (found,) = take(bag, capsys, text)
     assert told["missing"] == ["action", "action_rate"]
     assert off(found, truth, "base_lin_vel_b") < 0.02
     assert off(found, truth, "joint_vel") < 1e-3
     assert off(found, truth, "base_ang_vel_b") < 1e-4
     assert np.all(found.features[:, column("joint_torque")] == 2.5)
+    assert np.all(found.features[:, column("foot_contact")] == [1, 0, 1, 0])
 
 
 @pytest.mark.parametrize(
@@ -239,3 +244,42 @@ def test_a_packed_bomb_is_refused(
     assert code == 2
     assert "is packed with zstd, and it claims to unpack to" in error
     assert not list(tmp_path.glob("set*"))
+
+
+@pytest.mark.parametrize(
+    ("kind", "definition", "content", "reason"),
+    [
+        ("sensor_msgs/msg/JointState", "int8 id\n", {"id": 1}, "as ROS has it"),
+        (
+            "unitree_go/msg/LowState",
+            "unitree_go/M[2] motor_state\nunitree_go/I imu_state\n"
+            f"{'=' * 80}\nMSG: unitree_go/M\nfloat32 q\nfloat32 dq\nfloat32 tau_est\n"
+            f"{'=' * 80}\nMSG: unitree_go/I\nfloat32[4] quaternion\n"
+            "float32[3] gyroscope\n",
+            {
+                "motor_state": [{"q": 0.0, "dq": 0.0, "tau_est": 0.0}] * 2,
+                "imu_state": {"quaternion": [1.0, 0, 0, 0], "gyroscope": [0.0, 0, 0]},
+            },
+            "tells 2 numbers of position, it has 12",
+        ),
+        ("std_msgs/msg/String", "string data\n", {"data": "x"}, "the joints are read"),
+    ],
+)
+def test_a_type_that_is_not_what_it_is_called_is_refused(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    kind: str,
+    definition: str,
+    content: dict[str, Any],
+    reason: str,
+) -> None:
+    """A bag brings its own definitions."""
+    bag = tmp_path / "walk.mcap"
+    with bag.open("wb") as file, Writer(file) as writer:
+        schema = writer.register_msgdef(kind, definition)
+        for ns in range(9):
+            writer.write_message("/joint_states", schema, content, ns, ns)
+    code, _, error = run(bag, capsys)
+    assert code == 2
+    assert reason in error
+    assert len(error.splitlines()) == 1

@@ -124,7 +124,7 @@ class Sender:
             imu_state=imu,
             motor_state=moving + [motor(0.0, 0.0)] * 8,
             bms_state=battery,
-            foot_force=np.zeros(4, np.int16),
+            foot_force=np.array([30, 5, 30, 5], np.int16),
             foot_force_est=np.zeros(4, np.int16),
             tick=0,
             wireless_remote=np.zeros(40, np.uint8),

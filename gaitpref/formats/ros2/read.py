@@ -23,6 +23,19 @@ _BASE_TYPES = ("nav_msgs/msg/Odometry", _POSE, _TF, SPORT_STATE)
 _IMU_TYPES = ("sensor_msgs/msg/Imu", LOW_STATE, SPORT_STATE)
 _TWIST_TYPES = ("geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped")
 
+_WIDTHS = {
+    "position": 12,
+    "velocity": 12,
+    "effort": 12,
+    "pose": 7,
+    "attitude": 4,
+    "lin_vel": 3,
+    "ang_vel": 3,
+    "contact": 4,
+    "command": 3,
+}
+"""How many numbers each quantity has."""
+
 Numbers = dict[str, list[float]]
 """What a message says, by quantity."""
 _Told = Iterator[tuple[float | None, Numbers | None]]
@@ -41,7 +54,7 @@ def read_samples(
     reading = _Reading(log_map)
     samples: list[Sample] = []
     for message in messages(files, list(reading.of), findings):
-        for stamp_s, numbers in reading(message):
+        for stamp_s, numbers in _checked(message, reading):
             if numbers is None:
                 findings.leave_out(f"{message.topic} without all twelve joints", 1)
             else:
@@ -59,6 +72,37 @@ def read_samples(
     ):
         raise _nothing_on(log_map.base_topic, files, log_map, reading, findings)
     return samples
+
+
+def _checked(
+    message: Message, reading: _Reading
+) -> list[tuple[float | None, Numbers | None]]:
+    """What a message tells, as numbers, as many as there should be.
+
+    Raises:
+        LogError: the bag's own definition of its type makes it something else.
+    """
+    try:
+        told = [
+            (
+                stamp_s,
+                numbers and {n: list(map(float, v)) for n, v in numbers.items()},
+            )
+            for stamp_s, numbers in reading(message)
+        ]
+    except (AttributeError, TypeError, ValueError, IndexError) as error:
+        found = " ".join(f"{type(error).__name__}: {error}".split())[:120]
+        raise LogError(
+            f"{message.topic} holds no {message.kind} as ROS has it ({found})"
+        ) from error
+    for _, numbers in told:
+        for name, values in (numbers or {}).items():
+            if len(values) != _WIDTHS[name]:
+                raise LogError(
+                    f"{message.topic} tells {len(values)} numbers of {name}, it has "
+                    f"{_WIDTHS[name]}"
+                )
+    return told
 
 
 class _Reading:
