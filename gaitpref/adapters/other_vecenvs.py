@@ -89,7 +89,7 @@ class TianshouVecEnv:
         return self.env_num
 
     def reset(
-        self, env_id: Sequence[int] | None = None, **_: Any
+        self, env_id: Sequence[int] | np.ndarray | None = None, **_: Any
     ) -> tuple[np.ndarray, np.ndarray]:
         """Observations of all after a reset, or of those that ended and began anew."""
         if env_id is None:
@@ -100,7 +100,7 @@ class TianshouVecEnv:
         return self._obs[list(ids)], _facts(len(list(ids)))
 
     def step(
-        self, action: np.ndarray, id: Sequence[int] | None = None, **_: Any
+        self, action: np.ndarray, id: Sequence[int] | np.ndarray | None = None, **_: Any
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """One step of all; of an episode that ended, its last observation.
 

@@ -44,7 +44,7 @@ def _import_log(action: options.Import) -> dict[str, Any]:
 
     # Read first: a log that cannot be used leaves no empty data set behind.
     log_map = load_map(action.map)
-    with working(f"reading {action.source.name}"):
+    with working("reading the log"):
         found = _log_episodes(action, log_map, action.map.parent)
     dataset = Dataset.create(action.dataset, answers=address(action.answers))
     entries = dataset.add_episodes(found.episodes)
