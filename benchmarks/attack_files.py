@@ -455,7 +455,7 @@ def attacks() -> Iterator[Attack]:
     info = "data info --dataset {dataset}"
     unpack = "data unpack --dataset {out} --archive {archive}"
     recover = "data recover --dataset {out} --file {episode}"
-    bag = "data import --format ros2 {bag} --map {map} --dataset {out}"
+    bag = "data import ros2 {bag} --map {map} --dataset {out}"
     evaluate = "evaluate --policy {policy} --episodes 1"
     trust = "trust --reward {reward} --dataset {dataset}"
     inspect = "robot inspect {xml}"
@@ -477,7 +477,7 @@ def attacks() -> Iterator[Attack]:
         "guidelines": ("guidelines.md", label),
         "queries": (
             "queries/episodes.json",
-            "data import --format uni-rlhf {queries} --dataset {dataset}",
+            "data import uni-rlhf {queries} --dataset {dataset}",
         ),
     }
     own: dict[str, dict[str, Make]] = {

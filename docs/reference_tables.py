@@ -20,12 +20,13 @@ from data.episodes.episode_records import EpisodeMeta
 from data.episodes.schema import FINAL_FIELDS, STEP_FIELDS, Field
 from data.features import FEATURES, JOINTS, LEGS, Feature
 from data.files import limits
-from gaitpref.formats.ros2.bag_map import (
-    BagMap,
+from gaitpref.formats.logs.log_map import (
     BaseTopic,
+    Columns,
     ContactTopic,
     ImuTopic,
     JointTopic,
+    LogMap,
     TwistTopic,
 )
 from gaitpref.loop.run_dir import Round
@@ -181,8 +182,9 @@ _TOPICS = {
     "imu": ImuTopic,
     "contacts": ContactTopic,
     "twist": TwistTopic,
+    "columns": Columns,
 }
-"""Tables of the map of a bag."""
+"""Tables of the map of a log."""
 TABLES: dict[str, Callable[[], str]] = {
     "features": lambda: _named_columns(FEATURES),
     "observation": lambda: _named_columns(OBSERVATION),
@@ -194,7 +196,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "episode": lambda: _record(EpisodeMeta),
     "policy": lambda: _record(PolicyInfo),
     "fit report": lambda: _record(FitReport),
-    "bag map": lambda: _settings(BagMap, leave_out=tuple(_TOPICS)),
+    "log map": lambda: _settings(LogMap, leave_out=tuple(_TOPICS)),
     **{name: partial(_settings, kind) for name, kind in _TOPICS.items()},
     "answers": _answer_tables,
     "labels": _label_columns,

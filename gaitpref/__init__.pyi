@@ -1,5 +1,6 @@
 """What the package is used by; everything is loaded when it is asked for."""
 
+from .formats.logs.from_qpos import steps_from_qpos as steps_from_qpos
 from .library.data_sets import Judge as Judge
 from .library.data_sets import answer as answer
 from .library.data_sets import ask as ask
@@ -46,6 +47,7 @@ __all__ = [
     "record",
     "run_loop",
     "score_episode",
+    "steps_from_qpos",
     "total_reward",
     "train_on",
 ]

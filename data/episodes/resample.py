@@ -37,6 +37,20 @@ def interpolate(
     return np.stack(columns, axis=-1)
 
 
+def interpolate_attitude(
+    times_s: np.ndarray, wxyz: np.ndarray, at_s: np.ndarray
+) -> np.ndarray:
+    """Attitudes [S, 4] at other times [N, 4], turning evenly between two samples."""
+    if len(times_s) == 1:
+        return np.repeat(wxyz, len(at_s), axis=0)
+    after = np.clip(np.searchsorted(times_s, at_s), 1, len(times_s) - 1)
+    before = after - 1
+    share = (at_s - times_s[before]) / (times_s[after] - times_s[before])
+    turn = rotation_vectors(multiply(conjugate(wxyz[before]), wxyz[after]))
+    part = np.clip(share, 0.0, 1.0)[:, None] * turn
+    return multiply(wxyz[before], np.array([from_rotation_vector(v) for v in part]))
+
+
 def hold(times_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.ndarray:
     """The sample [N, D] that was the newest at each time, or the first one."""
     newest = np.searchsorted(times_s, at_s, side="right") - 1

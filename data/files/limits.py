@@ -15,6 +15,10 @@ EPISODE_UNPACKED_BYTES = 256 * 2**20
 BAG_CHUNK_BYTES = 256 * 2**20
 """What a chunk of a ROS bag may unpack to, and the longest record in one; 0.75 MB are
 usual, a chunk holds one message at least."""
+BAG_FILE_BYTES = 8 * 2**30
+"""What a file of a ROS bag that is packed as a whole may unpack to."""
+LOG_TABLE_BYTES = 2 * 2**30
+"""A table of a robot's log, and what the columns that are read of it may take."""
 MANIFEST_BYTES = 512 * 2**20
 """A manifest; each of its episodes takes 1 kB."""
 MANIFEST_LINE_BYTES = 2**20

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import zipfile
 from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO
 
 import zstandard
 
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+"""How a frame of zstd begins."""
 _LARGEST_WINDOW = 2**27
 """What zstd itself takes unless told otherwise; the strongest level that is usual."""
+_PIECE = 2**20
 
 
 def unpack_zstd(content: bytes | memoryview, size: int, limit: int) -> bytes:
@@ -30,6 +35,44 @@ def unpack_zstd(content: bytes | memoryview, size: int, limit: int) -> bytes:
         than = "more" if more else f"{len(found)}"
         raise ValueError(f"it claims to unpack to {size} bytes and gives {than}")
     return found
+
+
+def unpack_zstd_frame(content: bytes, limit: int) -> bytes:
+    """What a frame holds, where nobody said beforehand how much that is.
+
+    Raises:
+        ValueError: it is more than `limit`, or no whole frame.
+    """
+    try:
+        unpacker = zstandard.ZstdDecompressor(max_window_size=_LARGEST_WINDOW)
+        with unpacker.stream_reader(content) as reader:
+            found = reader.read(limit + 1)
+    except zstandard.ZstdError as error:
+        raise ValueError(f"it does not unpack: {error}") from error
+    require_size(len(found), limit)
+    return found
+
+
+def unpack_zstd_to(file: BinaryIO, place: Path, limit: int) -> None:
+    """Unpack frames of zstd in an open file to a new file, piece by piece.
+
+    Raises:
+        ValueError: it is more than `limit`, or breaks off.
+        OSError: the disk is full.
+    """
+    size = 0
+    unpacker = zstandard.ZstdDecompressor(max_window_size=_LARGEST_WINDOW)
+    try:
+        with (
+            unpacker.stream_reader(file, read_across_frames=True) as reader,
+            place.open("xb") as out,
+        ):
+            while piece := reader.read(_PIECE):
+                size += len(piece)
+                require_size(size, limit)
+                out.write(piece)
+    except zstandard.ZstdError as error:
+        raise ValueError(f"it does not unpack: {error}") from error
 
 
 def unpack_lz4(content: bytes | memoryview, size: int, limit: int) -> bytes:

@@ -16,6 +16,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
+from data.errors import GaitprefError
+from data.features import JOINTS
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg
 from policy.env.feature_row import OBS_DIM
@@ -23,6 +25,7 @@ from policy.env.sim import BatchSim
 from policy.env.world import in_world
 from policy.robots.robot import load_robot
 
+from .frames import frames_for, metadata_of
 from .step_reward import StepReward, reward_named
 
 OBS_LIMIT = 1e6
@@ -38,8 +41,10 @@ class _Engine:
         robot: str | Path | None,
         reward: str | Path,
         keep_task: bool,
+        alive: float,
         cfg: EnvCfg | None,
         threads: int,
+        render_mode: str | None,
     ) -> None:
         cfg = cfg or EnvCfg()
         path = None if robot is None else Path(robot)
@@ -47,20 +52,38 @@ class _Engine:
         model = in_world(model, cfg)
         sim = BatchSim(model, num_envs, threads=threads)
         self.env = QuadrupedEnv(model, cfg, num_envs, seed=0, sim=sim, keep_final=True)
-        self._reward = StepReward(reward_named(reward, model, cfg, keep_task=keep_task))
+        self._reward = StepReward(
+            reward_named(reward, model, cfg, keep_task=keep_task, alive=alive)
+        )
         self._limit = cfg.action_limit
+        self._frames = frames_for(model, render_mode)
+        self._shown = self.env.sim.raw_state()[0]
 
     def reset(self, seed: int) -> np.ndarray:
         """Observations [N, 48] of fresh episodes, the same for the same seed."""
         self._reward.forget()
-        return _array(self.env.reset(seed=seed)["policy"])
+        obs = _array(self.env.reset(seed=seed)["policy"])
+        self._shown = self.env.sim.raw_state()[0]
+        return obs
 
     def step(self, actions: np.ndarray) -> dict[str, np.ndarray]:
-        """What one control step led to; keys are those of `QuadrupedVectorEnv.step`."""
-        scaled = torch.from_numpy(np.asarray(actions, dtype=np.float32)) * self._limit
+        """What one control step led to; keys are those of `QuadrupedVectorEnv.step`.
+
+        Raises:
+            GaitprefError: `actions` are of another shape.
+        """
+        told = np.asarray(actions, dtype=np.float32)
+        if told.shape != (self.env.num_envs, 12):
+            raise GaitprefError(
+                f"actions must have shape {(self.env.num_envs, 12)}, of a single "
+                f"environment (12,): one number for each of {', '.join(JOINTS)}; got "
+                f"{told.shape}"
+            )
+        scaled = torch.from_numpy(told) * self._limit
         obs, task, dones, extras = self.env.step(scaled)
         reward = self._reward(extras["features"], extras["starts"])
         reward = torch.where(extras["aborted"], 0.0, reward)
+        self._shown = extras["final"][0]
         terminated = extras["fallen"]
         # Of a diverged simulation nothing can be told.
         final = extras["final"][2].masked_fill(extras["aborted"][:, None], 0.0)
@@ -74,6 +97,18 @@ class _Engine:
             "features": _array(extras["features"]),
         }
 
+    def pictures(self) -> tuple[np.ndarray, ...] | None:
+        """A picture of every robot as the last step left it; None without a mode."""
+        if self._frames is None:
+            return None
+        return tuple(self._frames(qpos) for qpos in self._shown)
+
+    def close(self) -> None:
+        """Give the renderer back."""
+        if self._frames is not None:
+            self._frames.close()
+            self._frames = None
+
 
 class QuadrupedGymEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """One quadruped that follows velocity commands.
@@ -83,7 +118,7 @@ class QuadrupedGymEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     what the hand-written reward would have paid (`task_reward`).
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012 - Gymnasium's own form
+    metadata = metadata_of(EnvCfg().control_dt_s, {})
 
     def __init__(
         self,
@@ -91,7 +126,9 @@ class QuadrupedGymEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         robot: str | Path | None = None,
         reward: str | Path = "task",
         keep_task: bool = False,
+        alive: float = 0.0,
         cfg: EnvCfg | None = None,
+        render_mode: str | None = None,
     ) -> None:
         """Make the environment.
 
@@ -99,9 +136,18 @@ class QuadrupedGymEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             robot: MJCF file; the Go1 that ships by default.
             reward: `task`, a criterion, or the directory of a learned reward.
             keep_task: Keep the hand-written reward beside another one.
+            alive: Paid per second without a fall, beside the task alone: who explores
+                at random earns less than nothing, and would learn to fall early.
             cfg: Commands, episode, resets and all else.
+            render_mode: `rgb_array` for pictures, as `RecordVideo` wants them; they
+                need MuJoCo's offscreen renderer.
+
+        Raises:
+            GaitprefError: the robot or the reward cannot be used, or nothing can draw.
         """
-        self._engine = _Engine(1, robot, reward, keep_task, cfg, threads=1)
+        self._engine = _Engine(1, robot, reward, keep_task, alive, cfg, 1, render_mode)
+        self.render_mode = render_mode
+        self.metadata = metadata_of(self._engine.env.cfg.control_dt_s, {})
         self.observation_space, self.action_space = _spaces()
 
     def reset(
@@ -116,7 +162,8 @@ class QuadrupedGymEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     ) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Apply `action` [12] for one control step."""
         led_to = {
-            name: rows[0] for name, rows in self._engine.step(action[None]).items()
+            name: rows[0]
+            for name, rows in self._engine.step(np.asarray(action)[None]).items()
         }
         info = {
             "features": led_to["features"],
@@ -130,6 +177,15 @@ class QuadrupedGymEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             info,
         )
 
+    def render(self) -> np.ndarray | None:
+        """The picture [height, width, 3] of the last step; None without a mode."""
+        pictures = self._engine.pictures()
+        return None if pictures is None else pictures[0]
+
+    def close(self) -> None:
+        """Give the renderer back."""
+        self._engine.close()
+
 
 class QuadrupedVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """N quadrupeds in one batch of MuJoCo; finished ones start again at once.
@@ -138,10 +194,9 @@ class QuadrupedVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     `infos["_final_obs"]`. The rest is as in `QuadrupedGymEnv`, with N in front.
     """
 
-    metadata = {  # noqa: RUF012 - Gymnasium's own form
-        "render_modes": [],
-        "autoreset_mode": AutoresetMode.SAME_STEP,
-    }
+    metadata = metadata_of(
+        EnvCfg().control_dt_s, {"autoreset_mode": AutoresetMode.SAME_STEP}
+    )
 
     def __init__(
         self,
@@ -150,15 +205,23 @@ class QuadrupedVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         robot: str | Path | None = None,
         reward: str | Path = "task",
         keep_task: bool = False,
+        alive: float = 0.0,
         cfg: EnvCfg | None = None,
         threads: int = 0,
+        render_mode: str | None = None,
     ) -> None:
         """Make `num_envs` environments on `threads` threads, by default all CPUs.
 
         The other arguments are those of `QuadrupedGymEnv`.
         """
-        self._engine = _Engine(num_envs, robot, reward, keep_task, cfg, threads)
-        self.num_envs = num_envs
+        self._engine = _Engine(
+            num_envs, robot, reward, keep_task, alive, cfg, threads, render_mode
+        )
+        self.num_envs, self.render_mode = num_envs, render_mode
+        self.metadata = metadata_of(
+            self._engine.env.cfg.control_dt_s,
+            {"autoreset_mode": AutoresetMode.SAME_STEP},
+        )
         self.single_observation_space, self.single_action_space = _spaces()
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -192,6 +255,14 @@ class QuadrupedVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             led_to["truncated"],
             infos,
         )
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """A picture of every robot as the last step left it; None without a mode."""
+        return self._engine.pictures()
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Give the renderer back."""
+        self._engine.close()
 
 
 def _spaces() -> tuple[spaces.Box, spaces.Box]:

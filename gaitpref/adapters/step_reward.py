@@ -10,6 +10,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from data.features import column
 from gaitpref.raters.criterion_scores import criterion_context
 from gaitpref.training.total_reward import load_score, total_reward
 from policy.env.env_cfg import EnvCfg
@@ -56,6 +57,7 @@ def reward_named(
     *,
     known: KnownTermsCfg | None = None,
     keep_task: bool = False,
+    alive: float = 0.0,
 ) -> ScoreFn:
     """The reward per step that `gaitpref train --reward NAME` trains on.
 
@@ -65,6 +67,8 @@ def reward_named(
         env: Its environment.
         known: Weights of the safety terms that are added to all but the task.
         keep_task: Keep the hand-written walking reward beside.
+        alive: Paid per second without a fall beside the task alone; other rewards have
+            it among the safety terms.
 
     Raises:
         GaitprefError: there is no such reward, or it cannot be used.
@@ -74,7 +78,8 @@ def reward_named(
 
         def task(features: Tensor, starts: Tensor) -> Tensor:
             score = task_score(features, cfg, control_dt_s=env.control_dt_s)
-            return score * env.control_dt_s
+            standing = 1.0 - features[..., column("fallen")][..., 0]
+            return (score + alive * standing) * env.control_dt_s
 
         return task
     score = load_score(str(name), criterion_context(robot, env))

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -29,6 +30,10 @@ MIN_FALLS, MAX_FALLS = 0.05, 0.25
 are known beforehand, so that they must not use up the questions, but a fall is shown
 now and then as long as robots fall."""
 
+Apart = Literal["episodes", "stretches"]
+"""Where the two clips of a pair come from: different episodes, or stretches of one
+episode that do not overlap."""
+
 
 def choose_pairs(
     entries: Iterable[EpisodeEntry],
@@ -40,6 +45,7 @@ def choose_pairs(
     known_pairs: Iterable[Pair] = (),
     folds: int = 5,
     least_candidates: int = 0,
+    apart: Apart = "episodes",
     rng: np.random.Generator,
 ) -> list[Pair]:
     """Choose up to `count` pairs worth asking about, best first.
@@ -60,22 +66,25 @@ def choose_pairs(
         known_pairs: Pairs asked already, in either order.
         folds: Groups of episodes, as in `FitCfg.folds`.
         least_candidates: Pairs `strategy` is asked about, however few are wanted.
+        apart: `stretches` chooses within episodes instead, which then may come as often
+            as they have clips: for logs that are few and long.
         rng: Every random draw.
 
     Raises:
-        NothingToCompare: no two clips of different episodes share a command.
+        NothingToCompare: no two clips that are so far apart share a command.
     """
     entries, known_pairs = list(entries), list(known_pairs)
     drawn = [clips[index] for index in rng.permutation(len(clips))[:MAX_CLIPS]]
     pool = _pool(drawn, entries, folds)
     wanted = max(least_candidates, CANDIDATES_PER_PAIR * count)
-    candidates = _candidates(pool, known_pairs, wanted, rng)
+    candidates = _candidates(pool, known_pairs, wanted, apart, rng)
     if len(candidates) == 0:
         return []
     worth = strategy(drawn, candidates, rng)
     crosses = pool.crosses_folds(candidates)
     order = np.lexsort((-worth, crosses))
-    rows = _diverse(candidates, order, pool.episode, crosses)
+    once = apart == "episodes"
+    rows = _diverse(candidates, order, pool.episode, crosses, once=once)
     decided = pool.fell[candidates].sum(axis=1) == 1
     asked = _decided_before(known_pairs, entries, round)
     return [
@@ -90,7 +99,7 @@ def choose_pairs(
 
 
 class NothingToCompare(RewardError):
-    """No two clips of different episodes share a command."""
+    """No two clips that are far enough apart share a command."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +112,12 @@ class _Pool:
     fold: np.ndarray
     fell: np.ndarray
     """Whether a clip ends in a fall."""
+
+    @property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """[C] first step of every clip, and that behind it."""
+        starts = np.array([clip.start for clip in self.clips], dtype=int)
+        return starts, starts + np.array([clip.steps for clip in self.clips], dtype=int)
 
     def crosses_folds(self, pairs: np.ndarray) -> np.ndarray:
         """[K] bool: the clips of pairs [K, 2] are of different folds."""
@@ -146,7 +161,11 @@ def _numbered(facts: Sequence[Hashable]) -> np.ndarray:
 
 
 def _candidates(
-    pool: _Pool, known_pairs: Iterable[Pair], count: int, rng: np.random.Generator
+    pool: _Pool,
+    known_pairs: Iterable[Pair],
+    count: int,
+    apart: Apart,
+    rng: np.random.Generator,
 ) -> np.ndarray:
     """Up to `count` admissible pairs [K, 2], drawn at random.
 
@@ -156,9 +175,14 @@ def _candidates(
     pairs = np.stack(np.triu_indices(len(pool.clips), 1), axis=1)
     left, right = pairs.T
     same_command = pool.command[left] == pool.command[right]
-    pairs = pairs[same_command & (pool.episode[left] != pool.episode[right])]
+    different = pool.episode[left] != pool.episode[right]
+    if apart == "stretches":
+        start, stop = pool.bounds
+        behind = (stop[left] <= start[right]) | (stop[right] <= start[left])
+        different = ~different & behind
+    pairs = pairs[same_command & different]
     if len(pairs) == 0:
-        raise NothingToCompare(_nothing_to_compare(pool))
+        raise NothingToCompare(_nothing_to_compare(pool, apart))
     pairs = pairs[~_known(pool, pairs, known_pairs)]
 
     pairs = rng.permutation(pairs)
@@ -196,17 +220,24 @@ def _occurrence(codes: np.ndarray) -> np.ndarray:
 
 
 def _diverse(
-    candidates: np.ndarray, order: np.ndarray, episode: np.ndarray, crosses: np.ndarray
+    candidates: np.ndarray,
+    order: np.ndarray,
+    episode: np.ndarray,
+    crosses: np.ndarray,
+    *,
+    once: bool,
 ) -> list[int]:
     """Rows of `candidates` [K, 2] in `order`, without look-alikes.
 
-    No two episodes meet twice. Behind the rows of fresh episodes come those of fresh
-    clips, and then the others; pairs across folds, marked in `crosses` [K], come last.
+    No two episodes meet twice, if they are to meet `once`. Behind the rows of fresh
+    episodes come those of fresh clips, and then the others; pairs across folds, marked
+    in `crosses` [K], come last.
     """
     met: set[frozenset[int]] = set()
     seen: set[int] = set()
     seen_episodes: set[int] = set()
     chosen: list[int] = []
+    taken: set[int] = set()
     for crossing in (False, True):
         rows = [row for row in order.tolist() if crosses[row] == crossing]
         for repeats in ("none", "episodes", "clips"):
@@ -214,7 +245,8 @@ def _diverse(
                 clips = set(candidates[row].tolist())
                 meeting = frozenset(episode[candidates[row]].tolist())
                 if (
-                    meeting in met
+                    (once and meeting in met)
+                    or row in taken
                     or (repeats == "none" and meeting & seen_episodes)
                     or (repeats == "episodes" and clips & seen)
                 ):
@@ -223,6 +255,7 @@ def _diverse(
                 seen |= clips
                 seen_episodes |= meeting
                 chosen.append(row)
+                taken.add(row)
     return chosen
 
 
@@ -263,7 +296,13 @@ def _with_falls(
     return [row for row in rows if row in taken]
 
 
-def _nothing_to_compare(pool: _Pool) -> str:
+def _nothing_to_compare(pool: _Pool, apart: Apart) -> str:
+    if apart == "stretches":
+        return (
+            f"no two of {len(pool.clips)} clips under one command lie apart "
+            f"({len(set(pool.episode))} episodes, {len(set(pool.command))} commands); "
+            "ask about shorter clips with --clip-s, or add more or longer episodes"
+        )
     return (
         f"no two of {len(pool.clips)} clips come from different episodes under one "
         f"command ({len(set(pool.episode))} episodes, {len(set(pool.command))} "

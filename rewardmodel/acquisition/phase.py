@@ -53,6 +53,10 @@ def in_step(
         if start is None:
             return pair
         moved.append(replace(clip, start=start))
+    first, second = sorted(moved)
+    if first.rollout == second.rollout and first.stop > second.start:
+        # Stretches of one episode, which showed different steps before.
+        return pair
     return Pair.make(*moved, strategy=pair.strategy, round=pair.round, info=pair.info)
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from data.datasets.dataset import Dataset, EpisodeEntry
 from data.episodes.clips import Clip, cut_clips
 from data.errors import GaitprefError
 from rewardmodel.acquisition import Strategy, Uniform, asked_for, choose_pairs, in_step
+from rewardmodel.acquisition.choose import Apart, NothingToCompare
 from rewardmodel.errors import RewardError
 from rewardmodel.models.model import RewardModel
 
@@ -92,22 +94,22 @@ def ask(
         plan.append((count - at_random, chooser))
     chosen: list[Pair] = []
     for wanted, chooser in plan:
-        if wanted:
-            chosen += choose_pairs(
-                entries,
-                clips,
-                wanted,
-                strategy=chooser,
-                round=round_number,
-                known_pairs=[*known, *chosen],
-                least_candidates=1500 if chooser.name == "information" else 0,
-                rng=rng,
-            )
+        choose = partial(
+            choose_pairs,
+            entries,
+            clips,
+            strategy=chooser,
+            round=round_number,
+            least_candidates=1500 if chooser.name == "information" else 0,
+            rng=rng,
+        )
+        chosen += _as_many(choose, wanted, known=[*known, *chosen])
     if len(chosen) < count:
         raise RewardError(
             f"{len(entries)} episodes give {len(chosen)} new pairs of equal command, "
-            f"{count} are wanted: record more with `gaitpref record --policy POLICY "
-            f"--dataset {dataset.root}`, or ask for fewer"
+            f"{count} are wanted: ask for fewer, or about shorter clips with --clip-s, "
+            "or record more with `gaitpref record --policy POLICY --dataset "
+            f"{dataset.root}`"
         )
     by_sha256 = {entry.sha256: entry for entry in entries}
     # Half a stride: the clip stays nearer to its own place than to the next one's.
@@ -116,6 +118,35 @@ def ask(
         in_step(pair, by_sha256, dataset.clip_features, reach_s=reach_s)
         for pair in chosen
     ]
+
+
+def _as_many(
+    choose: Callable[..., list[Pair]], wanted: int, *, known: list[Pair]
+) -> list[Pair]:
+    """Up to `wanted` pairs.
+
+    Two episodes meet again only where all have met once, and stretches of one episode
+    meet only where those of different episodes are used up: clips that lie near each
+    other show much the same.
+
+    Raises:
+        NothingToCompare: there is none.
+    """
+    found: list[Pair] = []
+    ways: tuple[Apart, ...] = ("episodes", "stretches")
+    for apart in ways:
+        while len(found) < wanted:
+            left = wanted - len(found)
+            try:
+                more = choose(left, known_pairs=[*known, *found], apart=apart)
+            except NothingToCompare:
+                if apart == "stretches" and not (found or known):
+                    raise
+                more = []
+            if not more:
+                break
+            found += more
+    return found
 
 
 def _require_long_enough(entries: Sequence[EpisodeEntry], cfg: ClipCfg) -> None:

@@ -248,7 +248,7 @@ def test_uni_rlhf_goes_out_and_comes_back(
             np.testing.assert_array_equal(flat[rows], dataset.clip_features(clip))
     copy = Dataset.create(tmp_path / "copy")
     copy.add_from(dataset, [entry.sha256 for entry in dataset.entries()])
-    command = ["data", "import", "--format", "uni-rlhf", str(tmp_path / "out")]
+    command = ["data", "import", "uni-rlhf", str(tmp_path / "out")]
     into = ["--dataset", str(copy.root), "--rater", "crowd", "--json"]
     for added in (3, 0):
         assert main([*command, *into]) == 0
@@ -321,7 +321,7 @@ def test_imitations_preferences_find_their_clips(
     copy = Dataset.create(tmp_path / "copy")
     copy.add_from(dataset, [entry.sha256 for entry in dataset.entries()])
     into = ["--dataset", str(copy.root), "--rater", "imitation"]
-    assert main(["data", "import", "--format", "imitation", str(path), *into]) == 0
+    assert main(["data", "import", "imitation", str(path), *into]) == 0
     with copy.answers_copy() as store:
         found = store.current_answers()
     assert [(p.a, p.b) for p, _ in found] == list(zip(a, b, strict=True))
@@ -378,7 +378,7 @@ def test_imports_of_other_episodes_are_refused(
     out = tmp_path / "out"
     exported(dataset, "uni-rlhf", out, capsys)
     other = Dataset.create(tmp_path / "other")
-    command = ["data", "import", "--format", "uni-rlhf", "--dataset", str(other.root)]
+    command = ["data", "import", "uni-rlhf", "--dataset", str(other.root)]
     label = out / "human_label_num_3_len_40.pkl"
     for content, message in (
         (None, "is in no episode of this data set"),

@@ -58,7 +58,7 @@ def imported(
     (root / "map.toml").write_text(text)
     (root / "go1.xml").write_text(robot.mjcf)
     into = ["--map", str(root / "map.toml"), "--dataset", str(root / "set")]
-    command = ["data", "import", "--format", "ros2", str(root / "walk.mcap"), *into]
+    command = ["data", "import", "ros2", str(root / "walk.mcap"), *into]
     assert main(command) == 0
     dataset = Dataset.open(root / "set")
     episodes = [dataset.read(entry.sha256) for entry in dataset.entries()]
@@ -110,9 +110,9 @@ def test_what_nobody_measured_is_missing_and_not_zero(
     assert extra["missing_features"] == "joint_torque action action_rate"
     assert "foot_contact" in extra["derived_features"]
     height = rows[:, column("foot_height")]
-    assert abs(np.percentile(height.min(axis=1), 5)) < 0.002
+    assert abs(np.percentile(height.min(axis=1), 35)) < 0.002
     contact = rows[:, column("foot_contact")]
-    assert np.array_equal(contact, height < 0.015)
+    assert np.array_equal(contact, height < 0.01)
     assert 0.02 < contact.mean() < 0.98
     air_s = rows[:, column("foot_air_time")]
     assert (air_s[contact > 0] == 0).all()
@@ -208,7 +208,7 @@ def test_bags_that_cannot_be_used_are_refused_in_one_line(
         ("none.mcap", MAP, "is missing"),
     ):
         (tmp_path / "map.toml").write_text(text)
-        command = ["data", "import", "--format", "ros2", str(tmp_path / bag)]
+        command = ["data", "import", "ros2", str(tmp_path / bag)]
         into = ["--map", str(tmp_path / "map.toml"), "--dataset", str(tmp_path / "new")]
         assert main([*command, *into]) == 2, text
         error = capsys.readouterr().err

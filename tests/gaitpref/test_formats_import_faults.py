@@ -59,7 +59,7 @@ class Bench:
         """Exit code and what was printed."""
         (self.root / "map.toml").write_text(text)
         into = ["--map", str(self.root / "map.toml"), "--json"]
-        command = ["data", "import", "--format", "ros2", str(bag), *into]
+        command = ["data", "import", "ros2", str(bag), *into]
         code = main([*command, "--dataset", str(self.root / "set")])
         printed = self.capsys.readouterr()
         return code, printed.out, printed.err
@@ -392,7 +392,12 @@ def test_an_unfinished_file_is_read_as_far_as_it_goes(bench: Bench) -> None:
         assert 0.3 * whole.num_steps < part.num_steps < 0.7 * whole.num_steps
         # At its end, velocities are fitted to fewer samples.
         same = part.num_steps - 5
-        assert part.qpos[:same] == pytest.approx(whole.qpos[:same], abs=1e-6)
+        moved = part.qpos[:same] - whole.qpos[:same]
+        # Less of it tells a little less of where the ground is.
+        assert np.ptp(moved[:, 2]) < 1e-6
+        assert abs(moved[0, 2]) < 1e-3
+        moved[:, 2] = 0.0
+        assert moved == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -400,15 +405,13 @@ def test_an_unfinished_file_is_read_as_far_as_it_goes(bench: Bench) -> None:
     [
         (b"", "is empty, 0 bytes"),
         (b"\x89MCAP0\r\n", "within its 8 bytes, before any message"),
-        (b"SQLite format 3\0" + bytes(100), "a ROS 2 bag in sqlite3"),
-        (b"\x28\xb5\x2f\xfd" + bytes(100), "compressed as a whole with zstd"),
+        (b"SQLite format 3\0" + bytes(100), "breaks off or is damaged"),
+        (b"\x28\xb5\x2f\xfd" + b"\xff" * 100, "is packed with zstd, and it does not"),
         (b"#ROSBAG V2.0\n" + bytes(100), "a bag of ROS 1"),
         (b"PK\x03\x04" + bytes(100), "begins with b'PK"),
     ],
 )
-def test_what_is_no_bag_in_mcap_is_named(
-    bench: Bench, content: bytes, reason: str
-) -> None:
+def test_what_is_no_bag_is_named(bench: Bench, content: bytes, reason: str) -> None:
     bag = bench.root / "walk.mcap"
     bag.write_bytes(content)
     assert reason in bench.refuse(bag)
@@ -441,24 +444,24 @@ def test_a_bag_that_is_a_folder_is_taken_in_the_order_of_its_metadata(
     told, (episode,) = bench.take(one)
     assert told["told"] == []
     assert episode.num_steps > 3.9 / 0.02
-    assert episode.meta.extra["bag"] == "bag"
+    assert episode.meta.extra["log"] == "bag"
     (one / "metadata.yaml").unlink()
     told, _ = bench.take(one)
-    assert "its recording was not finished: its 2 .mcap files" in told["told"][0]
+    assert "its recording was not finished: its 2 files" in told["told"][0]
 
 
 @pytest.mark.parametrize(
     ("metadata", "reason"),
     [
-        (listing(["walk_0.db3"]), "is a bag in sqlite3 (walk_0.db3)"),
-        (listing(["w.mcap.zstd"]), "is a bag in MCAP compressed with zstd"),
+        (listing(["walk_0.bag"]), "holds walk_0.bag; the files of a ROS 2 bag end in"),
+        (listing(["w.mcap.zstd"]), "names w.mcap.zstd, missing in the folder"),
         (listing(["w_0.mcap"]), "names w_0.mcap, missing in the folder"),
         ("- 1\n", "does not list the files of the bag"),
         ("{", "does not list the files of the bag"),
-        (None, "holds no .mcap file"),
+        (None, "holds no .mcap or .db3"),
     ],
 )
-def test_a_folder_that_is_no_bag_in_mcap_is_named(
+def test_a_folder_that_is_no_bag_is_named(
     bench: Bench, metadata: str | None, reason: str
 ) -> None:
     folder = bench.root / "bag"
@@ -474,7 +477,7 @@ def test_what_is_told_of_a_bag_does_not_act_on_the_terminal(bench: Bench) -> Non
     bag = bench.root / "wa\x1b[31mlk.mcap"
     bag.write_bytes(sound[: len(sound) * 3 // 4])
     (bench.root / "map.toml").write_text(MAP)
-    command = ["data", "import", "--format", "ros2", str(bag)]
+    command = ["data", "import", "ros2", str(bag)]
     command += ["--map", str(bench.root / "map.toml")]
     assert main([*command, "--dataset", str(bench.root / "set")]) == 0
     said = bench.capsys.readouterr()
@@ -503,7 +506,7 @@ def test_a_chunk_that_unpacks_to_gigabytes_costs_no_memory(
     Chunk(compression, packed, 0, 0, 0, claimed).write(builder)
     path = tmp_path / "bomb.mcap"
     path.write_bytes(MCAP0_MAGIC + builder.end())
-    command = ["data", "import", "--format", "ros2", str(path), "--map"]
+    command = ["data", "import", "ros2", str(path), "--map"]
     command += [str(tmp_path / "map.toml"), "--dataset", str(tmp_path / "set")]
     code = (
         "import resource, sys\n"

@@ -19,6 +19,7 @@ from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot
 from policy.training.ppo import PpoCfg
 from policy.training.train import TrainCfg, train
+from tests.helpers.log_tables import write_tables
 from tests.helpers.ros2_bag import Motion, write_bag
 from tests.helpers.small_loop import small_cfg
 from tests.helpers.small_sweep import small_plan
@@ -30,6 +31,10 @@ _INPUTS = {
     "archive": "set.zip",
     "bag": "walk.mcap",
     "map": "map.toml",
+    "columns": "columns.toml",
+    "csv": "walk.csv",
+    "lerobot": "lerobot",
+    "minari": "minari",
     "xml": "go1.xml",
     "run": "run",
     "guidelines": "guidelines.md",
@@ -46,6 +51,8 @@ _PARTS = {
     "reward": ("reward/reward.json", "reward/reward.safetensors"),
     "run": ("run/config.yaml", "run/rounds/00/report.json"),
     "queries": ("queries/episodes.json",),
+    "lerobot": ("lerobot/meta/info.json", "lerobot/data/chunk-000/file-000.parquet"),
+    "minari": ("minari/data/main_data.hdf5",),
     "xml": ("go1.toml",),
     "theirs": ("theirs/policy.json",),
 }
@@ -133,8 +140,11 @@ TABLE = (
     Typed("data labels --dataset {dataset}"),
     Typed("data labels --dataset {dataset} --format parquet --out {out}"),
     Typed("data view --dataset {dataset} --episode {first} --out {out}"),
-    Typed("data import --format ros2 {bag} --map {map} --dataset {out}"),
-    Typed("data import --format uni-rlhf {queries} --dataset {dataset}", True),
+    Typed("data import ros2 {bag} --map {map} --dataset {out}"),
+    Typed("data import csv {csv} --map {columns} --dataset {out}"),
+    Typed("data import lerobot {lerobot} --map {columns} --dataset {out}"),
+    Typed("data import minari {minari} --map {columns} --dataset {out}"),
+    Typed("data import uni-rlhf {queries} --dataset {dataset}", True),
     Typed("data export --format minari --dataset {dataset} --out {out}"),
     Typed("data export --format lerobot --dataset {dataset} --out {out}"),
     Typed("data export --format hf --dataset {dataset} --out {out}"),
@@ -162,6 +172,7 @@ def make_world(world: Path) -> None:
             raise RuntimeError(f"{line} ended with {code}")
     names = [f"{joint.lower()}_joint" for joint in JOINTS]
     write_bag(world / "walk.mcap", Motion(robot), names)
+    write_tables(world, robot)
     (world / "go1.xml").write_text(robot.mjcf)
     (world / "map.toml").write_text(
         f'robot = "go1.xml"\ncommand = [0.5, 0.0, 0.0]\n[joints]\n'

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import FunctionType, ModuleType
 
 import pytest
+import torch
 
 import data
 import gaitpref
@@ -90,3 +91,18 @@ def test_what_a_package_says_it_has_is_there_and_told(package: ModuleType) -> No
         found = getattr(package, name)
         if isinstance(found, type | FunctionType):
             assert found.__doc__, name
+
+
+def test_ppo_in_one_file_trains_and_keeps_its_networks(tmp_path: Path) -> None:
+    """A few updates change the policy, and what is kept is it."""
+    module = example("ppo_in_one_file")
+    cfg = module.ExampleCfg(
+        steps=192, envs=4, steps_per_env=16, out=tmp_path / "ppo.pt"
+    )
+    agent = module.train(cfg)
+    kept = torch.load(cfg.out, weights_only=True)
+    fresh = module.Agent(48, 12)
+    assert not torch.equal(kept["log_std"], fresh.log_std)
+    obs = torch.ones(1, 48)
+    fresh.load_state_dict(kept)
+    assert torch.equal(fresh.eval().policy(obs).mean, agent.eval().policy(obs).mean)

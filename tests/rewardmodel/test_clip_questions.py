@@ -264,3 +264,41 @@ def test_a_loop_records_episodes_that_hold_its_clips() -> None:
     assert (cfg.clips.clip_s, cfg.clips.stride_s) == (8.0, 4.0)
     assert (cfg.record.episode_s, cfg.record.change_s) == (24.0, 4.0)
     assert resolve(Loop(run=Path("r"))).clips == ClipCfg()
+
+
+def asked_of(lengths: tuple[int, ...], count: int, root: Path) -> list[Pair]:
+    """Questions about walks of the same command of these lengths, in steps."""
+    dataset = Dataset.create(root)
+    walks = [
+        walk(steps, seed=index, step_hz=1.5 + 0.1 * index)
+        for index, steps in enumerate(lengths)
+    ]
+    entries = dataset.add_episodes(walks)
+    rng = np.random.default_rng(0)
+    how = {"model": None, "round_number": 0, "uniform_share": 0.0}
+    return ask(
+        dataset, entries, ClipCfg(), count, known=[], strategy="uniform", rng=rng, **how
+    )
+
+
+def test_stretches_of_one_long_episode_meet_and_never_overlap(tmp_path: Path) -> None:
+    """A log of a robot may be one episode; no pair comes twice."""
+    pairs = asked_of((1000,), 30, tmp_path / "one")
+    assert len({frozenset((pair.a, pair.b)) for pair in pairs}) == 30
+    for pair in pairs:
+        first, second = sorted((pair.a, pair.b))
+        assert first.rollout == second.rollout
+        assert first.stop <= second.start
+
+
+def test_few_episodes_meet_again_before_one_meets_itself(tmp_path: Path) -> None:
+    """Two of 3 s give 25 pairs of clips, of which some show nearly the same."""
+    pairs = asked_of((150, 150), 9, tmp_path / "two")
+    apart = [pair.a.rollout != pair.b.rollout for pair in pairs]
+    assert sum(apart) > 3
+    assert apart == sorted(apart, reverse=True)
+
+
+def test_an_episode_too_short_for_two_clips_is_said(tmp_path: Path) -> None:
+    with pytest.raises(GaitprefError, match="lie apart"):
+        asked_of((100,), 1, tmp_path / "short")

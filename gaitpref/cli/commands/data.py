@@ -329,9 +329,10 @@ def _imported(action: options.Import, facts: dict[str, Any]) -> None:
     if action.json or "left_out" not in facts:
         _say(action.json, facts)
         return
-    missing = ", ".join(facts.pop("missing")) or "nothing"
     left_out, told = facts.pop("left_out"), facts.pop("told")
-    _say(False, facts | {"missing": missing})
+    for key in ("missing", "estimated"):
+        facts[key] = ", ".join(facts[key]) or "nothing"
+    _say(False, facts)
     for kind, count in left_out.items():
         say(shown(f"left out: {kind}: {count:,}"))
     for line in told:

@@ -5,6 +5,7 @@ What a format needs is imported with it: few have all of it installed.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from data.datasets.dataset import Dataset
@@ -12,51 +13,67 @@ from data.errors import DatasetError
 from gaitpref.cli.options import data_options as options
 from gaitpref.cli.shared.dataset_argument import address, open_dataset
 from gaitpref.console.extras import require
+from gaitpref.console.progress import working
 
 if TYPE_CHECKING:
     from gaitpref.formats.export_source import Exported
+    from gaitpref.formats.logs.log_episodes import LogEpisodes
+    from gaitpref.formats.logs.log_map import LogMap
 
 
 def import_into(action: options.Import) -> dict[str, Any]:
     """Add what `action.source` holds to the data set; gives what was new."""
     match action.format:
-        case "ros2":
-            return _import_bag(action)
         case "uni-rlhf":
-            from gaitpref.formats.uni_rlhf import import_uni_rlhf
-
-            added = import_uni_rlhf(open_dataset(action), action.source, action.rater)
+            from gaitpref.formats.uni_rlhf import import_uni_rlhf as take
         case "imitation":
-            from gaitpref.formats.imitation import import_imitation
+            from gaitpref.formats.imitation import import_imitation as take
+        case _:
+            return _import_log(action)
+    return {"answers": take(open_dataset(action), action.source, action.rater)}
 
-            added = import_imitation(open_dataset(action), action.source, action.rater)
-    return {"answers": added}
 
-
-def _import_bag(action: options.Import) -> dict[str, Any]:
+def _import_log(action: options.Import) -> dict[str, Any]:
     if action.map is None:
         raise DatasetError(
-            "--format ros2 needs --map FILE.toml; docs/how-to/ros2-bag.md shows one"
+            f"data import {action.format} needs --map FILE.toml, which says what the "
+            "log's names mean; docs/how-to/robot-log.md shows one"
         )
-    for module in ("mcap_ros2.decoder", "mujoco"):
-        require(module, "train,view")
-    from gaitpref.formats.ros2.bag_map import load_map
-    from gaitpref.formats.ros2.convert import bag_episodes
+    require("mujoco", "train,logs")
+    from gaitpref.formats.logs.log_map import load_map
 
-    # Read first: a bag that cannot be used leaves no empty data set behind.
-    bag_map = load_map(action.map)
-    found = bag_episodes(action.source, bag_map, action.map.parent)
+    # Read first: a log that cannot be used leaves no empty data set behind.
+    log_map = load_map(action.map)
+    with working("reading the log"):
+        found = _log_episodes(action, log_map, action.map.parent)
     dataset = Dataset.create(action.dataset, answers=address(action.answers))
     entries = dataset.add_episodes(found.episodes)
-    missing = {entry.meta.extra["missing_features"] for entry in entries}
+
+    def told(key: str) -> list[str]:
+        return sorted({n for entry in entries for n in entry.meta.extra[key].split()})
+
     return {
         "episodes": len(entries),
         "steps": sum(entry.num_steps for entry in entries),
         "stretches": found.stretches,
-        "missing": sorted({name for names in missing for name in names.split()}),
+        "missing": told("missing_features"),
+        "estimated": told("estimated_features"),
         "left_out": dict(found.findings.left_out),
         "told": found.findings.told,
     }
+
+
+def _log_episodes(action: options.Import, log_map: LogMap, root: Path) -> LogEpisodes:
+    match action.format:
+        case "csv" | "npz" | "parquet" | "lerobot" | "minari":
+            from gaitpref.formats.tables.table_episodes import table_episodes
+
+            return table_episodes(action.source, action.format, log_map, root)
+        case _:
+            require("mcap_ros2.decoder", "logs")
+            from gaitpref.formats.ros2.bag_episodes import bag_episodes
+
+            return bag_episodes(action.source, log_map, root)
 
 
 def export(action: options.Export) -> Exported:

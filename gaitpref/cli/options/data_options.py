@@ -163,17 +163,34 @@ class View(_OnAnswers):
 
 @dataclass(frozen=True, kw_only=True)
 class Import(_ReportingAnswers):
-    """Take in what others recorded: a ROS 2 bag, or answers of other projects."""
+    """Take in what others recorded: logs of robots, or answers of other projects.
 
-    format: Literal["ros2", "uni-rlhf", "imitation"]
-    """ros2: a bag in MCAP, needs --map and the extras `view` and `train`. uni-rlhf: a
-    directory that `data export --format uni-rlhf` made, with labels in it. imitation:
-    the file of a PreferenceDataset. The last two add answers about episodes that are
-    here; their pickles are read without running anything in them."""
+    Logs need --map and the extras `logs` and `train`: ros2 is a bag as ROS 2 writes it,
+    a file or a folder, in MCAP or sqlite3, packed or not; csv, npz, parquet, lerobot
+    and minari are tables. uni-rlhf (a directory that `data export --format uni-rlhf`
+    made, with labels in it) and imitation (the file of a PreferenceDataset) add answers
+    about episodes that are here; their pickles are read without running anything in
+    them.
+    """
+
+    format: tyro.conf.Positional[
+        Literal[
+            "ros2",
+            "csv",
+            "npz",
+            "parquet",
+            "lerobot",
+            "minari",
+            "uni-rlhf",
+            "imitation",
+        ]
+    ]
+    """What it is."""
     source: tyro.conf.Positional[Path]
-    """The bag, directory or file."""
+    """The bag, table, directory or file."""
     map: Path | None = None
-    """TOML file that says what the topics and joints of a bag are called."""
+    """TOML file that says which robot it is, and what topics, columns and joints are
+    called."""
     rater: str = "imported"
     """Pseudonym of who gave the answers."""
 

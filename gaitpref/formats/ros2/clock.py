@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .bag_findings import Findings
-from .bag_map import BagMap
+from gaitpref.formats.logs.log_findings import Findings
+from gaitpref.formats.logs.log_map import LogMap
 
 DISORDER_S = 0.1
 """Messages of one topic may be late by this much; a clock that goes back by more
@@ -45,16 +45,16 @@ Run = dict[str, list[Timed]]
 """The samples of each topic, in the order of time."""
 
 
-def runs_of(samples: list[Sample], bag_map: BagMap, findings: Findings) -> list[Run]:
+def runs_of(samples: list[Sample], log_map: LogMap, findings: Findings) -> list[Run]:
     """The samples of a bag, run by run.
 
     Args:
         samples: All of them, as they were written.
-        bag_map: Whose clock counts.
+        log_map: Whose clock counts.
         findings: Told what is left out.
     """
     log_s = np.array([sample.log_s for sample in samples])
-    own_s = np.array([_own_s(sample, bag_map) for sample in samples])
+    own_s = np.array([_own_s(sample, log_map) for sample in samples])
     found: dict[str, list[int]] = defaultdict(list)
     for index, sample in enumerate(samples):
         found[sample.topic].append(index)
@@ -70,8 +70,8 @@ def runs_of(samples: list[Sample], bag_map: BagMap, findings: Findings) -> list[
             f"the clock goes back, {count - 1} times in all: each time, what follows "
             "is in episodes of its own"
         )
-    _tell_clocks(topics, own_s, log_s, bag_map, findings)
-    time_s = _placed(topics, run_of, own_s, log_s, bag_map)
+    _tell_clocks(topics, own_s, log_s, log_map, findings)
+    time_s = _placed(topics, run_of, own_s, log_s, log_map)
     runs: list[Run] = [defaultdict(list) for _ in range(count)]
     for index in order[np.argsort(time_s[order], kind="stable")]:
         sample = samples[index]
@@ -80,9 +80,9 @@ def runs_of(samples: list[Sample], bag_map: BagMap, findings: Findings) -> list[
     return runs
 
 
-def _own_s(sample: Sample, bag_map: BagMap) -> float:
+def _own_s(sample: Sample, log_map: LogMap) -> float:
     """The time of a sample by the clock that counts; NaN where it has none."""
-    if bag_map.time == "log":
+    if log_map.time == "log":
         return sample.log_s
     return np.nan if sample.stamp_s is None else sample.stamp_s
 
@@ -168,7 +168,7 @@ def _placed(
     run_of: np.ndarray,
     own_s: np.ndarray,
     log_s: np.ndarray,
-    bag_map: BagMap,
+    log_map: LogMap,
 ) -> np.ndarray:
     """The time [M] of every sample by one clock.
 
@@ -176,7 +176,7 @@ def _placed(
     when it was.
     """
     time_s = np.where(np.isfinite(own_s), own_s, log_s)
-    needed = (bag_map.joints.topic, bag_map.base.topic)
+    needed = (log_map.joints.topic, log_map.base_topic)
     stamped = [t for t in needed if t in topics and np.isfinite(own_s[topics[t]]).any()]
     if not stamped:
         return time_s
@@ -197,12 +197,12 @@ def _tell_clocks(
     topics: Mapping[str, np.ndarray],
     own_s: np.ndarray,
     log_s: np.ndarray,
-    bag_map: BagMap,
+    log_map: LogMap,
     findings: Findings,
 ) -> None:
     """Tell of joints and base without stamps, or with those of two clocks."""
     lags: dict[str, float] = {}
-    for topic in (bag_map.joints.topic, bag_map.base.topic):
+    for topic in (log_map.joints.topic, log_map.base_topic):
         indices = topics.get(topic, np.zeros(0, dtype=int))
         known = indices[np.isfinite(own_s[indices])]
         if len(known):
@@ -213,7 +213,7 @@ def _tell_clocks(
             )
     if len(lags) == 2:
         apart_s = max(lags.values()) - min(lags.values())
-        if apart_s > bag_map.max_gap_s:
+        if apart_s > log_map.max_gap_s:
             findings.tell(
                 f"the stamps of {' and '.join(lags)} are {apart_s:.3g} s apart at the "
                 'same moment, as of two clocks; time = "log" in the map takes the '

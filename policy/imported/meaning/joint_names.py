@@ -32,7 +32,7 @@ def canonical_joints(names: Sequence[str], of_robot: Sequence[str]) -> tuple[str
     Raises:
         LawError: one fits no joint, or two fit one; the message lists both sides.
     """
-    found = [_one(name, of_robot) for name in names]
+    found = [likely_joint(name, of_robot) for name in names]
     if len(names) == 12 and sorted(map(str, found)) == sorted(JOINTS):
         return tuple(map(str, found))
     told = ", ".join(
@@ -45,7 +45,13 @@ def canonical_joints(names: Sequence[str], of_robot: Sequence[str]) -> tuple[str
     )
 
 
-def _one(name: str, of_robot: Sequence[str]) -> str | None:
+def likely_joint(name: str, of_robot: Sequence[str]) -> str | None:
+    """Which of `JOINTS` a source's `name` most likely means; None: none is likelier.
+
+    Args:
+        name: As the source spells it.
+        of_robot: [12] as the model of the robot spells them, in the order of `JOINTS`.
+    """
     for known in (of_robot, JOINTS):
         plain = [_plain(each) for each in known]
         if plain.count(_plain(name)) == 1:

@@ -12,8 +12,8 @@ import numpy as np
 from data.features import JOINTS
 from policy.robots.robot import Robot
 
-from .bag_findings import Findings
-from .bag_map import BagError
+from .log_findings import Findings
+from .log_map import LogError
 
 FASTEST_RAD_S = 30.0
 """No joint of a legged robot of our size turns faster; a Go1's reach 30.1 rad/s."""
@@ -37,7 +37,7 @@ def refuse_two_publishers(
     """Refuse values [S, D] that go to and fro from one sample to the next.
 
     Raises:
-        BagError: more than a twentieth of them do.
+        LogError: more than a twentieth of them do.
     """
     if len(times_s) < 20 or np.median(np.diff(times_s)) > 1 / _RATE_HZ:
         return
@@ -46,7 +46,7 @@ def refuse_two_publishers(
     apart = np.abs(after - before).max(axis=1)
     jumps = (away > _JUMP) & (away > _JUMP_RATIO * apart)
     if jumps.mean() > _JUMPING_SHARE:
-        raise BagError(
+        raise LogError(
             f"{topic} goes to and fro: {int(jumps.sum())} of {len(values)} samples "
             f"jump by up to {away[jumps].max():.2g} {unit} away from those before and "
             "after, as if two publishers wrote on it; record it with one of them"

@@ -1,0 +1,1 @@
+"""Logs of robots as episodes, whatever file they come from."""

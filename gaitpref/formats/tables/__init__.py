@@ -1,0 +1,1 @@
+"""Tables of others as episodes, by a map of their columns."""
