@@ -22,6 +22,7 @@ from data.files.plain import to_plain
 from policy.env.feature_row import OBSERVATION, obs_column
 from policy.law.law import MEANINGS, Law
 from policy.law.own_law import own_law
+from policy.robots.motor_class import unusual_motors
 from policy.robots.robot import Robot
 
 from .checkpoint import Policy, PolicyInfo
@@ -29,13 +30,8 @@ from .checkpoint import Policy, PolicyInfo
 FORMAT_VERSION = 3
 """Version of policy.json. In 1, `kd_nm_s_per_rad` lacked the damping of the joints; in
 2, `law_record` was not there, which names everything a policy is brought in by."""
-STIFFEST = 3.5
-"""N m/rad per kg: stiffer servos than those of quadrupeds that walk outside. A Go2 of
-15 kg runs 20 to 40, an ANYmal of 50 kg runs 80."""
 _UNBOUNDED_RAD = 1e6
 """Bound of targets that have none: infinity is in no file of ours."""
-LEAST_DAMPING_S = 0.01
-"""kd over kp, below which a joint hardly is damped."""
 
 ONNX_NAME, SCRIPT_NAME = "policy.onnx", "policy.pt"
 JSON_NAME, MJCF_NAME = "policy.json", "robot.xml"
@@ -144,7 +140,7 @@ def describe(info: PolicyInfo, robot: Robot, sha256: str) -> dict[str, Any]:
         },
         "observation": _observation(info.env.law),
         "law_record": to_plain(law, whole=True),
-        "warnings": gain_warnings(robot),
+        "warnings": unusual_motors(robot),
         "commands": {
             "forward_m_s": list(info.env.commands.forward_m_s),
             "left_m_s": list(info.env.commands.left_m_s),
@@ -163,24 +159,6 @@ def law_of(info: PolicyInfo, robot: Robot) -> Law:
         physics_dt_s=env.physics_dt_s,
         substeps=env.substeps,
     )
-
-
-def gain_warnings(robot: Robot) -> list[str]:
-    """What a motor driver should not be given unseen."""
-    mass_kg = float(robot.mj_model.body_subtreemass[robot.base_body_id])
-    found = []
-    if (stiffest := float(robot.kp.max()) / mass_kg) > STIFFEST:
-        found.append(
-            f"kp is up to {robot.kp.max():.0f} N m/rad for {mass_kg:.0f} kg, "
-            f"{stiffest:.1f} N m/rad per kg, where quadrupeds run 1 to 3: train with "
-            "the gains of the robot, [servo] of the TOML beside its model"
-        )
-    if float((robot.kd / robot.kp).min()) < LEAST_DAMPING_S:
-        found.append(
-            f"kd is {robot.kd.min():.3g} N m s/rad, less than {LEAST_DAMPING_S:g} s "
-            "times kp: the joints would swing"
-        )
-    return found
 
 
 def _observation(law: Law | None) -> list[dict[str, Any]]:
