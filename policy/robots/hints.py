@@ -14,6 +14,7 @@ torque_limit = [23.7, 23.7, 35.55]      # N m
 [joints]                                # what the bearings have, likewise
 damping = 0.1                           # N m s/rad, a part of kd
 friction = 0.2                          # N m
+speed_limit = 30.0                      # rad/s; told to motor drivers, not simulated
 ```
 
 Every table may be left out; one of legs, feet or home names all four legs.
@@ -42,7 +43,7 @@ TEXT_NAME = "gaitpref_hints"
 """The custom text of a flattened model that carries the hints along."""
 
 _SERVO = ("kp", "kd", "torque_limit")
-_JOINTS = ("damping", "friction")
+_JOINTS = ("damping", "friction", "speed_limit")
 
 
 class RobotError(GaitprefError):
@@ -67,7 +68,7 @@ class Hints:
     servo: dict[str, list[float]] | None = None
     """kp, kd and torque_limit, each for hip, thigh and calf."""
     joints: dict[str, list[float]] | None = None
-    """damping and friction, likewise."""
+    """damping, friction and speed_limit, likewise."""
 
 
 def find_hints(xml: Path) -> Path | None:
@@ -122,7 +123,7 @@ def read_hints(path: Path) -> Hints:
         feet=_of_legs(path, "feet", tables, lambda v: isinstance(v, str)),
         home=_of_legs(path, "home", tables, lambda v: _triple(v, (int, float))),
         servo=_numbers(path, "servo", tables, _SERVO, may_be_zero=("kd",)),
-        joints=_numbers(path, "joints", tables, _JOINTS, may_be_zero=_JOINTS),
+        joints=_numbers(path, "joints", tables, _JOINTS, may_be_zero=_JOINTS[:2]),
     )
 
 

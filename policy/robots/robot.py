@@ -31,6 +31,7 @@ from .hints import RobotError as RobotError
 from .inline import flatten
 from .mesh_files import mend_meshes
 from .servos import ensure_servos, set_joints
+from .speed_limits import speed_limits
 from .stance import ensure_home
 from .urdf import read_urdf, urdf_in
 
@@ -89,6 +90,15 @@ class Robot:
     def kp(self) -> np.ndarray:
         """[12] N m/rad, stiffness of the servos."""
         return self.mj_model.actuator_gainprm[self.actuator_ids, 0]
+
+    @property
+    def speed_limit(self) -> np.ndarray:
+        """[12] rad/s that the joints turn at most; infinite where nobody says so.
+
+        MuJoCo holds no joint to it.
+        """
+        joints = self.mj_model.dof_jntid[self.qvel_adr]
+        return speed_limits(self.mj_model, joints.tolist())
 
     @property
     def joint_damping(self) -> np.ndarray:

@@ -14,6 +14,7 @@ import numpy as np
 from .anatomy import Skeleton, actuators_of, is_position_servo
 from .hints import Hints, RobotError
 from .legs import Legs
+from .speed_limits import set_speed_limit
 
 STIFFNESS_PER_WEIGHT = 1.5
 """Weight times length of the standing leg that a servo makes of one radian: the legs
@@ -57,6 +58,8 @@ def set_joints(spec: mujoco.MjSpec, skeleton: Skeleton) -> str | None:
             joints[joint].damping = [said["damping"][index % 3], 0.0, 0.0]
         if "friction" in said:
             joints[joint].frictionloss = said["friction"][index % 3]
+        if "speed_limit" in said:
+            set_speed_limit(spec, joints[joint].name, said["speed_limit"][index % 3])
     parts = [f"{name} {values}" for name, values in said.items()]
     return f"joints were given {' and '.join(parts)} (hip, thigh, calf)"
 

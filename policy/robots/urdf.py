@@ -12,7 +12,9 @@ from data.files.limits import ROBOT_BYTES
 
 from .hints import RobotError
 from .mesh_files import find_mesh, missing
+from .speed_limits import set_speed_limit
 
+_FASTEST_RAD_S = 200.0
 _XACRO = "http://www.ros.org/wiki/xacro"
 
 
@@ -56,7 +58,25 @@ def read_urdf(
     """
     told = [_float(root), *_mend(root, path, without_visuals=without_visuals)]
     text = ElementTree.tostring(root, encoding="unicode")
-    return mujoco.MjSpec.from_string(text), [change for change in told if change]
+    spec = mujoco.MjSpec.from_string(text)
+    for name, speed in _speed_limits(root).items():
+        set_speed_limit(spec, name, speed)
+    return spec, [change for change in told if change]
+
+
+def _speed_limits(root: ElementTree.Element) -> dict[str, float]:
+    """rad/s that the joints of a URDF turn at most, by their names."""
+    found: dict[str, float] = {}
+    for joint in root.iter("joint"):
+        limit = joint.find("limit")
+        try:
+            speed = float("nan" if limit is None else limit.get("velocity", "nan"))
+        except ValueError:
+            continue
+        # Where nobody knew, files have 0 or a number beyond any motor.
+        if 0 < speed < _FASTEST_RAD_S:
+            found[joint.get("name", "")] = speed
+    return found
 
 
 def _float(root: ElementTree.Element) -> str | None:

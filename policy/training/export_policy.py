@@ -27,9 +27,27 @@ from policy.robots.robot import Robot
 
 from .checkpoint import Policy, PolicyInfo
 
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 """Version of policy.json. In 1, `kd_nm_s_per_rad` lacked the damping of the joints; in
-2, `law_record` was not there, which names everything a policy is brought in by."""
+2, `law_record` was not there, which names everything a policy is brought in by; in 3,
+`speed_limit_rad_s` and `conventions` were not."""
+CONVENTIONS = {
+    "units": "SI: m, s, rad, kg, N m; names end in their unit",
+    "base_frame": "x forward, y left, z up, in the body of the free joint",
+    "world_frame": "z up; gravity is along -z",
+    "quaternion": "w, x, y, z, of the base in the world",
+    "joint_order": (
+        "every list of twelve, and obs, action and joint_target, is in the order of "
+        "`joints`: FR is front right, RL rear left"
+    ),
+    "joint_sign": "as the model's own: positive about the axis of its joint",
+    "time": (
+        "every control_dt_s: read the sensors, fill obs, run the network, set the "
+        "joint targets; a whole number of physics_dt_s"
+    ),
+    "first_step": "the robot stands in home_joint_pos_rad, and last_action is 0",
+}
+"""What the numbers of policy.json mean."""
 _UNBOUNDED_RAD = 1e6
 """Bound of targets that have none: infinity is in no file of ours."""
 
@@ -90,7 +108,7 @@ def export(policy: Policy, out: Path) -> list[Path]:
 def describe(info: PolicyInfo, robot: Robot, sha256: str) -> dict[str, Any]:
     """All that is needed to run the network on a robot, as plain values.
 
-    What is infinite, a joint without limits, is None.
+    What is infinite, a joint without limits, is None; so is what nobody said.
     """
     mj_model = robot.mj_model
     law = law_of(info, robot)
@@ -103,6 +121,7 @@ def describe(info: PolicyInfo, robot: Robot, sha256: str) -> dict[str, Any]:
         "format_version": FORMAT_VERSION,
         "policy_sha256": sha256,
         "robot": info.robot_name,
+        "conventions": CONVENTIONS,
         "control_dt_s": info.env.control_dt_s,
         "physics_dt_s": info.env.physics_dt_s,
         "joints": list(law.joints),
@@ -111,6 +130,7 @@ def describe(info: PolicyInfo, robot: Robot, sha256: str) -> dict[str, Any]:
         "home_base_height_m": float(robot.home_qpos[2]),
         "joint_range_rad": [_plain(row) for row in robot.joint_range[order]],
         "torque_limit_nm": _plain(robot.torque_limit[order]),
+        "speed_limit_rad_s": _plain(robot.speed_limit[order]),
         "kp_nm_per_rad": _plain(robot.kp[order]),
         "kd_nm_s_per_rad": _plain(robot.kd[order]),
         "action_scale_rad": (
