@@ -93,6 +93,15 @@ def command_walks(
     )
 
 
+def from_rest(
+    actor: Actor, robot: Robot, cfg: EnvCfg, *, seed: int
+) -> tuple[CommandWalk, ...]:
+    """What comes of a start exactly at home, for each command of the grid."""
+    at_rest = replace(cfg, reset=AT_REST)
+    seen = rollout_features(actor, robot, at_rest, episodes=GRID_SPEEDS, seed=seed)
+    return command_walks(*seen, control_dt_s=cfg.control_dt_s)
+
+
 def walking(
     actor: Actor,
     robot: Robot,
@@ -112,12 +121,9 @@ def walking(
         lengths: [N], likewise.
         seed: Where the robots that begin at rest are, on uneven ground.
     """
-    dt_s = cfg.control_dt_s
-    at_rest = replace(cfg, reset=AT_REST)
-    rest = rollout_features(actor, robot, at_rest, episodes=GRID_SPEEDS, seed=seed)
     return Walking(
-        commands=command_walks(features, lengths, control_dt_s=dt_s),
-        from_rest=command_walks(*rest, control_dt_s=dt_s),
+        commands=command_walks(features, lengths, control_dt_s=cfg.control_dt_s),
+        from_rest=from_rest(actor, robot, cfg, seed=seed),
     )
 
 

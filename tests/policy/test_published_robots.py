@@ -171,7 +171,7 @@ def test_motors_of_no_such_robot_are_told(tmp_path: Path) -> None:
 
     assert warned("kp = 50\nkd = 1\ntorque_limit = 30") == ""
     assert "N m/rad per kg, where quadrupeds run 1 to 3" in warned("kp = 200\nkd = 4")
-    assert "the joints would swing" in warned("kp = 50\nkd = 0.01")
+    assert "the joints would swing" in warned("kp = 50\nkd = 0.4")
     strong = "kp = 50\nkd = 1\ntorque_limit = 900"
     assert "compare with the data sheet" in warned(strong)
     drawn = mujoco.MjSpec.from_string(mjcf(Drawing(actuator="none")))

@@ -27,7 +27,9 @@ def test_a_mean_hides_robots_that_stand_and_a_command_does_not() -> None:
     """Two of sixteen stand at 0.3 m/s; the mean is that of a good walk."""
     speeds = [(0.3, 0.0)] * 2 + [(0.3, 0.3)] * 2 + [(0.8, 0.8)] * 12
     features, lengths = rows(speeds), torch.full((16,), 500)
-    whole = summarise(features, lengths, lambda f, s: f[..., 0] * 0, control_dt_s=0.02)
+    whole = summarise(
+        features, lengths, lambda features, starts: starts.float(), control_dt_s=0.02
+    )
     assert whole.tracking_error_m_s == pytest.approx(0.3 * 2 / 16)
     slow, fast = command_walks(features, lengths, control_dt_s=0.02)
     assert (slow.never_set_off, slow.episodes, slow.walks) == (2, 4, False)
