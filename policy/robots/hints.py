@@ -94,7 +94,7 @@ def _included(xml: Path) -> list[str]:
     """The files that a file of MJCF includes or attaches."""
     try:
         root = ElementTree.fromstring(read_file(xml, ROBOT_BYTES))
-    except (ElementTree.ParseError, ValueError, OSError, FileError):
+    except (ElementTree.ParseError, ValueError, LookupError, OSError, FileError):
         return []
     found = [*root.iter("include"), *root.iter("model")]
     return [name for element in found if (name := element.get("file"))]

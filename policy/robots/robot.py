@@ -143,8 +143,11 @@ def load_robot(
     require_regular(path, ROBOT_BYTES)
     spec, told = _read(path, without_visuals=without_visuals)
     hints_file = find_hints(path)
-    hints = Hints() if hints_file is None else read_hints(hints_file)
-    if hints_file is not None:
+    if hints_file is None:
+        # A model that was completed before carries what was said of it.
+        hints = _said_before(spec)
+    else:
+        hints = read_hints(hints_file)
         told.append(f"{hints_file} says what the model leaves open")
     robot = _completed(spec, hints, str(path), _name_of(spec, path), physics_dt_s)
     return replace(robot, changes=(*told, *robot.changes))
@@ -181,9 +184,12 @@ def load_robot_xml(text: str, *, name: str, physics_dt_s: float) -> Robot:
     # What was flattened before stays the same to the letter, and so does its hash.
     if is_complete(spec) and spec.option.timestep == physics_dt_s:
         return _describe(text, name, name)
-    # Its servos were made by what was said of them.
-    hints = replace(embedded_hints(spec), servo=None, joints=None)
-    return _completed(spec, hints, name, name, physics_dt_s)
+    return _completed(spec, _said_before(spec), name, name, physics_dt_s)
+
+
+def _said_before(spec: mujoco.MjSpec) -> Hints:
+    """The hints that a completed model carries, less those that made its servos."""
+    return replace(embedded_hints(spec), servo=None)
 
 
 def _completed(

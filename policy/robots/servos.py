@@ -53,13 +53,15 @@ def set_joints(spec: mujoco.MjSpec, skeleton: Skeleton) -> str | None:
     if not said:
         return None
     joints = {joint.id: joint for joint in spec.joints}
-    for index, joint in enumerate(skeleton.joints):
+    for index, number in enumerate(skeleton.joints):
+        joint, place = joints[number], index % 3
+        joint.name = joint.name or _name_of(number)
         if "damping" in said:
-            joints[joint].damping = [said["damping"][index % 3], 0.0, 0.0]
+            joint.damping = [said["damping"][place], 0.0, 0.0]
         if "friction" in said:
-            joints[joint].frictionloss = said["friction"][index % 3]
+            joint.frictionloss = said["friction"][place]
         if "speed_limit" in said:
-            set_speed_limit(spec, joints[joint].name, said["speed_limit"][index % 3])
+            set_speed_limit(spec, joint.name, said["speed_limit"][place])
     parts = [f"{name} {values}" for name, values in said.items()]
     return f"joints were given {' and '.join(parts)} (hip, thigh, calf)"
 
@@ -84,7 +86,7 @@ def ensure_servos(spec: mujoco.MjSpec, skeleton: Skeleton) -> str | None:
         gains = _hinted(_gains(mj_model, joint, mine, kp_found), hints, index % 3)
         gains = _without_bearings(gains, hints, index % 3)
         spec_joint = spec_joints[joint]
-        spec_joint.name = spec_joint.name or f"gaitpref_joint_{joint}"
+        spec_joint.name = spec_joint.name or _name_of(joint)
         for extra in mine[1:]:
             spec.delete(actuators[extra])
         if mine:
@@ -136,6 +138,11 @@ def _hinted(gains: _Gains, hints: Hints, place: int) -> _Gains:
         given.get("kd", gains.kd),
         given.get("torque_limit", gains.torque_limit),
     )
+
+
+def _name_of(joint: int) -> str:
+    """What a joint is called that had no name."""
+    return f"gaitpref_joint_{joint}"
 
 
 def _without_bearings(gains: _Gains, hints: Hints, place: int) -> _Gains:

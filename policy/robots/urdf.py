@@ -27,7 +27,7 @@ def urdf_in(path: Path) -> ElementTree.Element | None:
     content = read_file(path, ROBOT_BYTES)
     try:
         root = ElementTree.fromstring(content)
-    except (ElementTree.ParseError, UnicodeDecodeError, ValueError):
+    except (ElementTree.ParseError, ValueError, LookupError):
         return None
     if root.tag != "robot":
         return None
@@ -110,6 +110,10 @@ def _mend(
 ) -> list[str | None]:
     """Name the mesh files that are there; leave out those that only are looked at and
     are not. What MuJoCo would not draw unless it is told so, is drawn."""
+    for material in root.iter("material"):
+        # Pictures stay behind, and MuJoCo would look for their files.
+        for picture in material.findall("texture"):
+            material.remove(picture)
     extension = root.find("mujoco")
     if extension is None:
         extension = ElementTree.SubElement(root, "mujoco")

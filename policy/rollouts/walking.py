@@ -44,8 +44,8 @@ class CommandWalk:
     asked_m_s: float
     episodes: int
     """Those whose simulation did not diverge."""
-    speed_m_s: float
-    """Mean forward speed once settled; NaN where all fell before."""
+    speed_m_s: float | None
+    """Mean forward speed once settled; None where all fell before."""
     tracking_error_m_s: float
     """Mean over all steps of the distance between planar velocity and command."""
     never_set_off: int
@@ -142,7 +142,7 @@ def _one(features: Tensor, lengths: Tensor, control_dt_s: float) -> CommandWalk:
     return CommandWalk(
         asked_m_s=round(asked, 3),
         episodes=int((lengths > 0).sum()),
-        speed_m_s=float(speeds.mean()) if len(speeds) else float("nan"),
+        speed_m_s=float(speeds.mean()) if len(speeds) else None,
         tracking_error_m_s=float(error[valid].mean()),
         never_set_off=int((speeds / asked < SET_OFF).sum()),
         falls=int(features[..., column("fallen")].sum()),
@@ -156,7 +156,7 @@ def table(walking: Walking) -> str:
     for row in walking.commands:
         stood = f"{row.never_set_off} of {row.episodes}"
         lines.append(
-            f"{row.asked_m_s:.2f} m/s  {row.speed_m_s:5.2f} m/s  "
+            f"{row.asked_m_s:.2f} m/s  {_speed(row):9}  "
             f"{row.tracking_error_m_s:.2f} m/s  {row.falls:3}     {stood:13}   "
             f"{_from_rest(rest.get(row.asked_m_s))}"
         )
@@ -170,4 +170,8 @@ def _from_rest(command: CommandWalk | None) -> str:
         return "FALLS"
     if command.never_set_off:
         return "STANDS"
-    return f"{command.speed_m_s:.2f} m/s"
+    return _speed(command)
+
+
+def _speed(command: CommandWalk) -> str:
+    return "none" if command.speed_m_s is None else f"{command.speed_m_s:.2f} m/s"
