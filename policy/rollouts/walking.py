@@ -152,12 +152,12 @@ def _one(features: Tensor, lengths: Tensor, control_dt_s: float) -> CommandWalk:
 def table(walking: Walking) -> str:
     """`walking` in columns, for people."""
     rest = {command.asked_m_s: command for command in walking.from_rest}
-    lines = ["asked      speed      error   falls   never set off   from rest"]
+    lines = ["asked      speed      error      falls   never set off   from rest"]
     for row in walking.commands:
         stood = f"{row.never_set_off} of {row.episodes}"
         lines.append(
             f"{row.asked_m_s:.2f} m/s  {_speed(row):9}  "
-            f"{row.tracking_error_m_s:.2f} m/s  {row.falls:3}     {stood:13}   "
+            f"{row.tracking_error_m_s:.2f} m/s  {row.falls:<7} {stood:15} "
             f"{_from_rest(rest.get(row.asked_m_s))}"
         )
     return "\n".join(lines)

@@ -39,8 +39,7 @@ def run(command: options.Evaluate) -> int:
     )
     print(f"power           {result.power_w:.0f} W")
     if walked.commands:
-        print(
-            f"walks           {'yes' if walked.walks else 'NO'}, by the worst command"
-        )
+        verdict = "yes" if walked.walks else "NO"
+        print(f"walks           {verdict}, for each command and from rest")
         print(f"\n{table(walked)}")
     return 0
