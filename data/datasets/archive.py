@@ -19,6 +19,7 @@ from typing import BinaryIO, cast
 
 from data.answers.lines import from_lines, to_lines
 from data.answers.store import AnswerStore
+from data.episodes.model_store import MODELS, ModelStore, model_path
 from data.errors import DatasetError, GaitprefError
 from data.files.files import (
     BoundedFile,
@@ -34,11 +35,12 @@ from data.files.limits import (
     ARCHIVE_DIRECTORY_BYTES,
     EPISODE_BYTES,
     MANIFEST_BYTES,
+    MODEL_BYTES,
     TEXT_BYTES,
 )
 
 from .dataset import ANSWERS_NAME, Dataset
-from .manifest import EpisodeEntry, decode_manifest, encode_manifest
+from .manifest import EpisodeEntry, decode_manifest, encode_manifest, models_of
 from .manifest_file import MANIFEST_NAME, writable
 
 LINES_NAME = "answers.jsonl"
@@ -53,7 +55,8 @@ _LIMITS = {
 }
 """Limits of the files that are no episodes."""
 _ALLOWED = re.compile(
-    r"manifest\.json|answers\.jsonl|README\.md|rollouts/[0-9a-f]{2}/[0-9a-f]{64}\.mcap"
+    r"manifest\.json|answers\.jsonl|README\.md|models/[0-9a-f]{64}\.xml"
+    r"|rollouts/[0-9a-f]{2}/[0-9a-f]{64}\.mcap"
 )
 
 
@@ -78,6 +81,8 @@ def pack(dataset: Dataset, archive: Path) -> int:
                 card = dataset.root / CARD_NAME
                 if card.exists():
                     _put(file, CARD_NAME, read_file(card, TEXT_BYTES))
+                for model in models_of(entries):
+                    _put(file, model_path(model), dataset.models.content(model))
                 for entry in entries:
                     _put(file, entry.path, dataset.content(entry))
             partial.replace(archive)
@@ -131,6 +136,12 @@ def _unpack_into(partial: Path, stream: BinaryIO, archive: Path) -> None:
         # Before anything large: what is wrong shows here as soon as there.
         with AnswerStore.open(partial / ANSWERS_NAME) as store:
             from_lines(store, lines, f"{archive}/{LINES_NAME}")
+    models = ModelStore(partial)
+    for model in models_of(entries.values()):
+        content = _get(file, members[model_path(model)], archive)
+        if sha256_bytes(content) != model:
+            raise _bad(archive, f"{model_path(model)} is not what its name says")
+        models.put(model, content)
     for entry in entries.values():
         content = _get(file, members[entry.path], archive)
         if sha256_bytes(content) != entry.sha256:
@@ -169,7 +180,8 @@ def _members(file: zipfile.ZipFile, archive: Path) -> dict[str, zipfile.ZipInfo]
             raise _bad(archive, f"{name} is a link or a device")
         if member.compress_type != zipfile.ZIP_STORED or member.flag_bits & 1:
             raise _bad(archive, f"{name} is compressed or encrypted")
-        if member.file_size > _LIMITS.get(name, EPISODE_BYTES):
+        largest = MODEL_BYTES if name.startswith(MODELS) else EPISODE_BYTES
+        if member.file_size > _LIMITS.get(name, largest):
             raise _bad(archive, f"{name} claims to have {member.file_size} bytes")
         room -= member.file_size
         if room < 0:
@@ -188,7 +200,8 @@ def _require_promised(
 ) -> None:
     """Make sure that what the archive's manifest promises is there, and no more."""
     promised = {entry.path for entry in entries.values()}
-    found = {name for name in members if name.endswith(".mcap")}
+    promised |= {model_path(model) for model in models_of(entries.values())}
+    found = {name for name in members if name.endswith((".mcap", ".xml"))}
     for name in sorted(promised ^ found)[:1]:
         reason = "is missing" if name in promised else "is not in the manifest"
         raise _bad(archive, f"{name} {reason}")

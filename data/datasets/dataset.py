@@ -2,6 +2,7 @@
 
     manifest.json                     the files, their hashes and their facts
     rollouts/ab/<sha256>.mcap         episodes, named by their content
+    models/<sha256>.xml               large models of robots, each once
     preferences.sqlite                pairs and answers
 
 Shapes: T steps of an episode, F columns of the feature row.
@@ -21,8 +22,14 @@ from data.answers.address import Address
 from data.answers.store import AnswerStore
 from data.episodes.chunks import Compression
 from data.episodes.clips import Clip
-from data.episodes.episode import Episode, decode_episode, decode_features
+from data.episodes.episode import (
+    Episode,
+    decode_episode,
+    decode_features,
+    model_apart,
+)
 from data.episodes.mcap_records import tail_start
+from data.episodes.model_store import INSIDE_BYTES, ModelStore
 from data.episodes.writer import encode_episode
 from data.errors import CorruptEpisode, DatasetError
 from data.features import FEATURE_DIM
@@ -38,7 +45,7 @@ from data.files.limits import EPISODE_BYTES
 from .episode_window import read_feature_window
 from .feature_cache import FEATURE_CACHE_BYTES, FeatureCache
 from .manifest import EpisodeEntry as EpisodeEntry
-from .manifest import rollout_path
+from .manifest import models_of, rollout_path
 from .manifest_file import LOCK_NAME as LOCK_NAME
 from .manifest_file import MANIFEST_NAME as MANIFEST_NAME
 from .manifest_file import ManifestFile, writable
@@ -64,6 +71,7 @@ class Dataset:
         """
         self.root = root
         self.answers_address = root / ANSWERS_NAME if answers is None else answers
+        self.models = ModelStore(root)
         self._manifest = ManifestFile(root)
         self._verified: set[str] = set()
         self._touched: set[str] = set()
@@ -120,12 +128,22 @@ class Dataset:
         return self._manifest.find(sha256) is not None
 
     def add_episodes(
-        self, episodes: Iterable[Episode], *, compression: Compression = ""
+        self,
+        episodes: Iterable[Episode],
+        *,
+        compression: Compression = "",
+        models_apart: bool | None = None,
     ) -> list[EpisodeEntry]:
         """Add episodes, one entry each in their order; one already there is left alone.
 
         The manifest is replaced once, after all files are on the disk: killed before
         that, the files lie there unlisted, and adding them again finds them.
+
+        Args:
+            episodes: What is added.
+            compression: Of the steps.
+            models_apart: Keep models beside the episodes, each once; by default large
+                ones.
 
         Raises:
             DatasetError: the manifest is damaged, or the disk is full or not writable.
@@ -133,8 +151,17 @@ class Dataset:
         added: list[EpisodeEntry] = []
 
         def stored(episode: Episode) -> tuple[EpisodeEntry, Future[None]]:
-            content = encode_episode(episode, compression=compression)
-            entry = _entry_of(content, episode)
+            apart = models_apart
+            if apart is None:
+                apart = len(episode.mjcf) > INSIDE_BYTES
+            mjcf_sha256 = ""
+            if apart:
+                with writable(self.root):
+                    mjcf_sha256 = self.models.add(episode.mjcf)
+            content = encode_episode(
+                episode, compression=compression, model_apart=apart
+            )
+            entry = _entry_of(content, episode, mjcf_sha256)
             return entry, writers.submit(self._store, entry, content)
 
         def listed(waiting: Future[tuple[EpisodeEntry, Future[None]]]) -> None:
@@ -165,8 +192,11 @@ class Dataset:
             DatasetError, CorruptEpisode: as for `add_episodes` and `read`.
         """
         added: list[EpisodeEntry] = []
-        for sha256 in hashes:
-            entry = source.entry(sha256)
+        entries = [source.entry(sha256) for sha256 in hashes]
+        for model in models_of(entries):
+            with writable(self.root):
+                self.models.put(model, source.models.content(model))
+        for entry in entries:
             self._store(entry, source.content(entry))
             added.append(entry)
         self._list(added)
@@ -205,8 +235,9 @@ class Dataset:
         """
         added: list[EpisodeEntry] = []
         for path in paths:
-            content = read_file(path, EPISODE_BYTES)
-            added.append(_entry_of(content, decode_episode(content, str(path))))
+            content, name = read_file(path, EPISODE_BYTES), str(path)
+            episode = decode_episode(content, name, self.models.text)
+            added.append(_entry_of(content, episode, model_apart(content, name)))
         self._list(added)
         return added
 
@@ -230,7 +261,8 @@ class Dataset:
             EpisodeError: the file cannot be read by this version.
         """
         entry = self.entry(sha256)
-        return decode_episode(self.content(entry), str(self.root / entry.path))
+        name = str(self.root / entry.path)
+        return decode_episode(self.content(entry), name, self.models.text)
 
     def features(self, sha256: str, *, keep: bool = True) -> np.ndarray:
         """The feature rows [T, F] of an episode, float32, read-only.
@@ -383,7 +415,7 @@ def _require_within(clip: Clip, num_steps: int) -> None:
         )
 
 
-def _entry_of(content: bytes, episode: Episode) -> EpisodeEntry:
+def _entry_of(content: bytes, episode: Episode, mjcf_sha256: str) -> EpisodeEntry:
     sha256 = sha256_bytes(content)
     tail = content[tail_start(content, len(content), sha256) :]
     return EpisodeEntry(
@@ -394,4 +426,5 @@ def _entry_of(content: bytes, episode: Episode) -> EpisodeEntry:
         end_reason=episode.end_reason,
         meta=episode.meta,
         tail_sha256=sha256_bytes(tail),
+        mjcf_sha256=mjcf_sha256,
     )

@@ -42,6 +42,8 @@ class EpisodeEntry:
     tail_sha256: str = ""
     """Hash of the file's end, which holds the checksum of the rest: enough to trust a
     part of the file without hashing all of it. Empty in what version 1 wrote."""
+    mjcf_sha256: str = ""
+    """Hash of the robot's model that lies beside; empty where it is in the file."""
 
 
 def rollout_path(sha256: str) -> str:
@@ -75,6 +77,8 @@ def _encode_line(entry: EpisodeEntry) -> bytes:
         "meta": entry.meta.to_strings(),
         "tail_sha256": entry.tail_sha256,
     }
+    if entry.mjcf_sha256:
+        facts["mjcf_sha256"] = entry.mjcf_sha256
     return json.dumps(facts | {"check": _check(facts)}).encode()
 
 
@@ -185,8 +189,24 @@ def _decode_entry(file: dict[str, Any], name: str) -> EpisodeEntry:
     if end_reason not in END_REASONS:
         raise ValueError(f"{path} has the end_reason {end_reason!r}")
     meta = EpisodeMeta.from_strings(file["meta"])
-    tail = file.get("tail_sha256", "")
-    return EpisodeEntry(sha256, path, num_bytes, num_steps, end_reason, meta, tail)
+    model = file.get("mjcf_sha256", "")
+    if model and not _SHA256.fullmatch(model):
+        raise ValueError(f"{path} has the model {model!r}")
+    return EpisodeEntry(
+        sha256=sha256,
+        path=path,
+        bytes=num_bytes,
+        num_steps=num_steps,
+        end_reason=end_reason,
+        meta=meta,
+        tail_sha256=file.get("tail_sha256", ""),
+        mjcf_sha256=model,
+    )
+
+
+def models_of(entries: Iterable[EpisodeEntry]) -> list[str]:
+    """Hashes of the models that lie beside `entries`, each once, sorted."""
+    return sorted({entry.mjcf_sha256 for entry in entries} - {""})
 
 
 def line_hash(line: bytes) -> str | None:

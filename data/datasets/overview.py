@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from data.answers.answer_records import Answer, Pair
 
 from .dataset import Dataset
+from .manifest import models_of
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,7 @@ class Overview:
     hours: float
     """Hours of robot time."""
     bytes: int
+    """Of the episodes and of the models that lie beside them."""
     falls: int
     """Episodes that ended by a fall."""
     aborted: int
@@ -59,7 +61,8 @@ def overview(dataset: Dataset) -> Overview:
         episodes=len(entries),
         steps=sum(entry.num_steps for entry in entries),
         hours=sum(e.num_steps * e.meta.control_dt_s for e in entries) / 3600,
-        bytes=sum(entry.bytes for entry in entries),
+        bytes=sum(entry.bytes for entry in entries)
+        + sum(map(dataset.models.size, models_of(entries))),
         falls=sum(entry.end_reason == "terminated" for entry in entries),
         aborted=sum(entry.end_reason == "aborted" for entry in entries),
         robots=_counted(meta.robot for meta in metas),

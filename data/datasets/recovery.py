@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from data.episodes.model_store import MODELS
 from data.errors import DatasetError, EpisodeError, FileError
 from data.files.files import open_regular, read_file, sha256_bytes, sha256_file
 from data.files.limits import EPISODE_BYTES
@@ -42,8 +43,8 @@ def recover(root: Path) -> list[RecoveredFile]:
 
     Looks at files a killed writer left under a temporary name, at files whose bytes are
     not what the manifest promises, and at sound files the manifest does not know. A
-    manifest that is damaged itself is built anew. Files that still have a writer are
-    left alone.
+    manifest that is damaged itself is built anew. Models that are not what their names
+    say are taken away. Files that still have a writer are left alone.
 
     Raises:
         DatasetError: the directory is missing or not writable.
@@ -54,7 +55,8 @@ def recover(root: Path) -> list[RecoveredFile]:
             "episode file"
         )
     dataset = _opened(root)
-    found = [_recover_listed(dataset, entry) for entry in _damaged_entries(dataset)]
+    found = list(_set_models_aside(root))
+    found += [_recover_listed(dataset, entry) for entry in _damaged_entries(dataset)]
     for path in sorted((root / "rollouts").rglob(".*.tmp")):
         if path.is_file() and not _has_writer(path):
             found.append(_recover_file(dataset, path))
@@ -72,7 +74,8 @@ def recover_file(dataset: Dataset, path: Path) -> RecoveredFile:
         DatasetError: the data set is not writable.
         FileError, OSError: the file cannot be read.
     """
-    return _add(dataset, salvage(read_file(path, EPISODE_BYTES), path.name), path.name)
+    content, name = read_file(path, EPISODE_BYTES), path.name
+    return _add(dataset, salvage(content, name, model_of=dataset.models.text), name)
 
 
 def _opened(root: Path) -> Dataset:
@@ -101,7 +104,8 @@ def _recover_listed(dataset: Dataset, entry: EpisodeEntry) -> RecoveredFile:
     path = dataset.path_of(entry)
     content = read_file(path, EPISODE_BYTES) if path.is_file() else b""
     mjcf = _robot_of(dataset, entry)
-    saved = salvage(content, entry.sha256, entry=entry, mjcf=mjcf)
+    model_of = dataset.models.text
+    saved = salvage(content, entry.sha256, entry=entry, mjcf=mjcf, model_of=model_of)
     if path.is_file():
         _set_aside(dataset.root, path)
     dataset.unlist([entry.sha256])
@@ -118,7 +122,8 @@ def _recover_file(dataset: Dataset, path: Path) -> RecoveredFile:
         except EpisodeError as error:
             return RecoveredFile(name, (), 0, None, str(error))
         return RecoveredFile(name, (entry.sha256,), entry.num_steps, 0, "")
-    result = _add(dataset, salvage(content, path.name), name)
+    saved = salvage(content, path.name, model_of=dataset.models.text)
+    result = _add(dataset, saved, name)
     _set_aside(dataset.root, path)
     return result
 
@@ -136,11 +141,24 @@ def _robot_of(dataset: Dataset, lost: EpisodeEntry) -> str | None:
 
 
 def _add(dataset: Dataset, saved: Salvage, name: str) -> RecoveredFile:
-    added = dataset.add_episodes(saved.episodes)
+    # A whole file is made again to the letter, so that answers stay valid.
+    added = dataset.add_episodes(saved.episodes, models_apart=saved.models_apart)
     hashes = tuple(entry.sha256 for entry in added)
     return RecoveredFile(
         name, hashes, saved.kept_steps, saved.lost_steps, saved.problem
     )
+
+
+def _set_models_aside(root: Path) -> Iterator[RecoveredFile]:
+    """Take away models that are not what their names say, and those a writer left."""
+    folder = root / MODELS
+    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+        if not path.is_file() or _has_writer(path):
+            continue
+        if path.name != f"{sha256_file(path)}.xml":
+            _set_aside(root, path)
+            problem = "no model; put it back from a copy, or record the robot again"
+            yield RecoveredFile(f"{MODELS}/{path.name}", (), 0, 0, problem)
 
 
 def _set_aside(root: Path, path: Path) -> None:

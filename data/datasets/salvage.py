@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from io import BytesIO
 from typing import cast
@@ -19,8 +19,10 @@ from mcap.records import Attachment, Metadata
 
 from data.episodes import schema
 from data.episodes.chunks import FINAL_CHANNEL, STEP_CHANNEL
+from data.episodes.episode import named_model
 from data.episodes.episode_records import END_REASONS, EndReason, Episode, EpisodeMeta
 from data.episodes.mcap_records import chunk_content
+from data.errors import CorruptEpisode
 from data.features import features_sha256
 from data.files.limits import EPISODE_UNPACKED_BYTES
 
@@ -40,6 +42,8 @@ class Salvage:
     """Steps the file once had, if it still says so."""
     problem: str = ""
     """Why nothing could be saved, where steps were found or should have been."""
+    models_apart: bool = False
+    """Whether the file went without its model, and what was saved of it does."""
 
     @property
     def kept_steps(self) -> int:
@@ -60,6 +64,7 @@ def salvage(
     *,
     entry: EpisodeEntry | None = None,
     mjcf: str | None = None,
+    model_of: Callable[[str], str] | None = None,
 ) -> Salvage:
     """Whatever can be proved to be as it was written, as episodes.
 
@@ -71,6 +76,7 @@ def salvage(
         source: Where they come from; noted in every part.
         entry: What a manifest says of the file, believed before the file itself.
         mjcf: The robot from elsewhere, used if the file's is lost.
+        model_of: Gives the model of a robot by its hash, where files go without.
     """
     facts, found_mjcf, steps, final = _scan(content)
     promised = entry.num_steps if entry else _count(facts.get("n_steps"))
@@ -80,6 +86,9 @@ def salvage(
         meta = entry.meta if entry else EpisodeMeta.from_strings(facts)
     except (KeyError, ValueError):
         return Salvage((), promised, "its metadata is lost")
+    apart = entry.mjcf_sha256 if entry else _named_model(facts)
+    if apart and model_of is not None:
+        found_mjcf = _model(model_of, apart)
     mjcf = found_mjcf if found_mjcf is not None else mjcf
     if mjcf is None:
         return Salvage((), promised, "its robot model is lost")
@@ -104,7 +113,22 @@ def salvage(
                 mjcf,
             )
         )
-    return Salvage(tuple(episodes), promised)
+    return Salvage(tuple(episodes), promised, models_apart=bool(apart))
+
+
+def _named_model(facts: Mapping[str, str]) -> str:
+    """Hash of the model that a file goes without, as far as it says."""
+    try:
+        return named_model(facts)
+    except (KeyError, ValueError):
+        return ""
+
+
+def _model(model_of: Callable[[str], str], sha256: str) -> str | None:
+    try:
+        return model_of(sha256)
+    except CorruptEpisode:
+        return None
 
 
 def _scan(

@@ -13,11 +13,18 @@ from typing import Literal
 
 from data.answers.address import Address
 from data.answers.check import Asked, asked, damaged_rows
-from data.errors import AnswerError, AnswersUnreachable, DatasetError, FileError
+from data.episodes.model_store import MODELS, model_path
+from data.errors import (
+    AnswerError,
+    AnswersUnreachable,
+    DatasetError,
+    EpisodeError,
+    FileError,
+)
 from data.files.files import sha256_file
 
 from .dataset import ANSWERS_NAME, Dataset
-from .manifest import EpisodeEntry
+from .manifest import EpisodeEntry, models_of
 from .manifest_file import MANIFEST_NAME
 
 DamageKind = Literal["manifest", "missing", "changed", "link", "answers", "dangling"]
@@ -73,6 +80,7 @@ def verify(root: Path, *, answers: Address | None = None) -> Verified:
         answered, answer_damages = _answers(answers or root / ANSWERS_NAME)
         touched = _answers_by_episode(answered)
         damages += _files(entries.values(), files, touched)
+    damages += _models(dataset, entries.values(), touched)
     damages += answer_damages
     if entries:
         damages += _dangling(answered, entries)
@@ -96,6 +104,31 @@ def _files(
         for e, damage in zip(entries, found, strict=True)
         if damage is not None
     ]
+
+
+def _models(
+    dataset: Dataset,
+    entries: Iterable[EpisodeEntry],
+    touched: Mapping[str, tuple[str, ...]],
+) -> list[Damage]:
+    """Models that are not what episodes were recorded with."""
+    damages: list[Damage] = []
+    for model in models_of(entries):
+        try:
+            dataset.models.content(model)
+        except (DatasetError, EpisodeError, FileError, OSError) as error:
+            there = (dataset.root / model_path(model)).exists()
+            kind = "changed" if there else "missing"
+            answers = [
+                answer
+                for entry in entries
+                if entry.mjcf_sha256 == model
+                for answer in touched.get(entry.sha256, ())
+            ]
+            unique = tuple(dict.fromkeys(answers))
+            damage = Damage(kind, model_path(model), str(error), answers=unique)
+            damages.append(damage)
+    return damages
 
 
 def _file_damage(
@@ -174,6 +207,7 @@ def _left_over(root: Path, entries: Mapping[str, EpisodeEntry]) -> list[str]:
     files = [
         *(root / "rollouts").rglob(".*.tmp"),
         *root.glob(".*.tmp"),
+        *(root / MODELS).glob(".*.tmp"),
         *(p for p in (root / "rollouts").glob("??/*.mcap") if p.stem not in entries),
     ]
     return sorted(str(path.relative_to(root)) for path in files)

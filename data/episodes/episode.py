@@ -8,7 +8,8 @@ Shapes: T steps of the episode, F columns of the feature row.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +28,7 @@ from mcap.records import (
     Schema,
 )
 
-from data.errors import CorruptEpisode, EpisodeError, UnsupportedSchema
+from data.errors import CorruptEpisode, GaitprefError, UnsupportedSchema
 from data.features import features_sha256
 from data.files.files import read_file
 from data.files.limits import EPISODE_BYTES, EPISODE_UNPACKED_BYTES
@@ -40,10 +41,14 @@ from .episode_records import EndReason as EndReason
 from .episode_records import Episode as Episode
 from .episode_records import EpisodeMeta as EpisodeMeta
 from .mcap_records import checked_summary, chunk_messages, only, record_at
+from .model_store import ModelStore
+from .writer import MODEL_KEY
+
+_SHA256 = re.compile(r"[0-9a-f]{64}")
 
 
 def read_episode(path: Path) -> Episode:
-    """Read a whole episode.
+    """Read a whole episode; its model may lie in the data set that the file lies in.
 
     Raises:
         FileError, OSError: the file cannot be read.
@@ -51,14 +56,23 @@ def read_episode(path: Path) -> Episode:
         CorruptEpisode: the file is not what was written.
         UnsupportedSchema: another version, or another program, wrote the file.
     """
-    return decode_episode(read_file(path, EPISODE_BYTES), str(path))
+    # ROOT/rollouts/ab/FILE
+    models = ModelStore(path.resolve().parent.parent.parent)
+    return decode_episode(read_file(path, EPISODE_BYTES), str(path), models.text)
 
 
-def decode_episode(content: bytes, name: str) -> Episode:
-    """The episode in the bytes of a file; `name` is what errors call it.
+def decode_episode(
+    content: bytes, name: str, model_of: Callable[[str], str] | None = None
+) -> Episode:
+    """The episode in the bytes of a file.
+
+    Args:
+        content: The file.
+        name: What errors call it.
+        model_of: Gives the model of a robot by its hash, where it is not in the file.
 
     Raises:
-        EpisodeError: as for `read_episode`.
+        EpisodeError: as for `read_episode`, or nobody gives its model.
     """
     with corrupt_if_unreadable(name):
         parts = _open(content, name)
@@ -82,8 +96,33 @@ def decode_episode(content: bytes, name: str) -> Episode:
             **rows,
             end_reason=cast(EndReason, end_reason),
             meta=EpisodeMeta.from_strings(parts.metadata),
-            mjcf=_attachment(content, parts.summary).decode(),
+            mjcf=_mjcf(content, parts, name, model_of),
         )
+
+
+def model_apart(content: bytes, name: str) -> str:
+    """Hash of the model that the bytes of a file go without; empty if it is inside.
+
+    Raises:
+        EpisodeError: as for `read_episode`.
+    """
+    with corrupt_if_unreadable(name):
+        summary = checked_summary(content, name)
+        return named_model(_supported_metadata(content, summary, name))
+
+
+def named_model(metadata: Mapping[str, str]) -> str:
+    """Hash of the model that lies apart, by the metadata of an episode; or nothing.
+
+    Raises:
+        KeyError, ValueError: it should say, and does not.
+    """
+    if metadata["format_version"] != str(schema.APART_VERSION):
+        return ""
+    sha256 = metadata[MODEL_KEY]
+    if not _SHA256.fullmatch(sha256):
+        raise ValueError(f"{sha256[:80]!r} is no hash of a model")
+    return sha256
 
 
 def decode_features(content: bytes, name: str) -> np.ndarray:
@@ -103,7 +142,7 @@ def corrupt_if_unreadable(name: str) -> Iterator[None]:
     """Whatever parsing foreign bytes raises is one thing to a caller."""
     try:
         yield
-    except EpisodeError:
+    except GaitprefError:
         raise
     except Exception as error:
         found = " ".join(f"{type(error).__name__}: {error}".split())[:200]
@@ -225,6 +264,17 @@ def _supported_metadata(
     return metadata
 
 
-def _attachment(content: bytes, summary: list[McapRecord]) -> bytes:
-    offset = only(summary, AttachmentIndex).offset
-    return Attachment.read(record_at(content, offset, Opcode.ATTACHMENT)).data
+def _mjcf(
+    content: bytes, parts: _Parts, name: str, model_of: Callable[[str], str] | None
+) -> str:
+    """The model of the robot, out of the file or from beside it."""
+    sha256 = named_model(parts.metadata)
+    if sha256:
+        if model_of is None:
+            raise CorruptEpisode(
+                f"{name} goes without the model of its robot; read it in the data set "
+                "that it lies in, or with `read_episode`"
+            )
+        return model_of(sha256)
+    offset = only(parts.summary, AttachmentIndex).offset
+    return Attachment.read(record_at(content, offset, Opcode.ATTACHMENT)).data.decode()

@@ -17,7 +17,10 @@ from data.features import FEATURE_DIM, FEATURES, JOINTS, LEGS
 
 FORMAT_VERSION = 2
 """Version of the file layout around the messages; 1 had all of them in one chunk."""
-READABLE_VERSIONS = (1, 2)
+APART_VERSION = 3
+"""The same where the robot's model is not in the file but beside it, under the hash
+that the metadata `mjcf_sha256` says."""
+READABLE_VERSIONS = (1, 2, APART_VERSION)
 STEP_SCHEMA = "gaitpref/msg/StepV1"
 FINAL_SCHEMA = "gaitpref/msg/FinalV1"
 STEP_TOPIC = "/robot/step"

@@ -41,10 +41,13 @@ from .chunks import FINAL_CHANNEL, STEP_CHANNEL, Compression, encode_chunks
 from .chunks import step_times_ns as step_times_ns
 from .crc import combined
 from .episode_records import Episode
+from .model_store import model_sha256
 
 MJCF_NAME = "model/scene.xml"
 _MJCF_TYPE = "application/xml"
 METADATA_NAME = "episode"
+MODEL_KEY = "mjcf_sha256"
+"""Metadata of a file without its model: the hash of the model."""
 
 
 def write_episode(
@@ -58,22 +61,20 @@ def write_episode(
     write_atomically(path, encode_episode(episode, compression=compression))
 
 
-def encode_episode(episode: Episode, *, compression: Compression = "") -> bytes:
-    """The bytes of the episode's MCAP file."""
+def encode_episode(
+    episode: Episode, *, compression: Compression = "", model_apart: bool = False
+) -> bytes:
+    """The bytes of the episode's MCAP file.
+
+    With `model_apart` they only name the robot's model by its hash: who writes them
+    keeps it in a `ModelStore`.
+    """
     schemas, channels = _fixed_records()
-    attachment, attachment_size = _attachment(episode.mjcf)
-    metadata = Metadata(METADATA_NAME, _metadata(episode))
+    metadata = Metadata(METADATA_NAME, _metadata(episode, model_apart))
 
     section = _Section()
     section.append(MCAP0_MAGIC, _join([Header(profile="", library="gaitpref")]))
-    attachment_index = AttachmentIndex(
-        *section.append(attachment),
-        log_time=0,
-        create_time=0,
-        data_size=attachment_size,
-        name=MJCF_NAME,
-        media_type=_MJCF_TYPE,
-    )
+    attached = [] if model_apart else [_append_model(section, episode.mjcf)]
     metadata_index = MetadataIndex(*section.append(_join([metadata])), METADATA_NAME)
     chunk_indexes: list[ChunkIndex] = []
     for chunk in encode_chunks(episode, schemas + channels, compression):
@@ -85,12 +86,25 @@ def encode_episode(episode: Episode, *, compression: Compression = "") -> bytes:
     groups = [
         schemas,
         channels,
-        _join([_statistics(episode, chunk_indexes)]),
+        _join([_statistics(episode, chunk_indexes, len(attached))]),
         _join(chunk_indexes),
-        _join([attachment_index]),
+        *(_join([index]) for index in attached),
         _join([metadata_index]),
     ]
     return b"".join([*section.parts, _summary(groups, section.size)])
+
+
+def _append_model(section: _Section, mjcf: str) -> AttachmentIndex:
+    """Put the model of the robot into the file; gives where it is."""
+    attachment, size = _attachment(mjcf)
+    return AttachmentIndex(
+        *section.append(attachment),
+        log_time=0,
+        create_time=0,
+        data_size=size,
+        name=MJCF_NAME,
+        media_type=_MJCF_TYPE,
+    )
 
 
 class _Section:
@@ -151,20 +165,25 @@ def _fixed_records() -> tuple[bytes, bytes]:
     return _join(schemas), _join(channels)
 
 
-def _metadata(episode: Episode) -> dict[str, str]:
+def _metadata(episode: Episode, model_apart: bool) -> dict[str, str]:
+    version = schema.APART_VERSION if model_apart else schema.FORMAT_VERSION
+    apart = {MODEL_KEY: model_sha256(episode.mjcf)} if model_apart else {}
     return {
-        "format_version": str(schema.FORMAT_VERSION),
+        "format_version": str(version),
         "schema_sha256": schema.schema_sha256(),
         "features_sha256": features_sha256(),
         "end_reason": episode.end_reason,
         "n_steps": str(episode.num_steps),
+        **apart,
         **episode.meta.to_strings(),
     }
 
 
-def _statistics(episode: Episode, chunks: Sequence[ChunkIndex]) -> Statistics:
+def _statistics(
+    episode: Episode, chunks: Sequence[ChunkIndex], attachments: int
+) -> Statistics:
     return Statistics(
-        attachment_count=1,
+        attachment_count=attachments,
         channel_count=2,
         channel_message_counts={STEP_CHANNEL: episode.num_steps, FINAL_CHANNEL: 1},
         chunk_count=len(chunks),

@@ -35,6 +35,8 @@ REWARD_BYTES = 512 * 2**20
 """The tensors of a reward model."""
 FACTS_BYTES = 64 * 2**20
 """What a run or a reward says of itself in JSON or YAML."""
+MODEL_BYTES = 256 * 2**20
+"""A robot's model with its meshes in its text; 1 to 6 MB are usual."""
 ROBOT_BYTES = 64 * 2**20
 """The text of a robot's model, without its meshes."""
 TEXT_BYTES = 2**20

@@ -1,6 +1,7 @@
 """What is shared behind a URL: which files there are, and what they say.
 
     rollouts/ab/<sha256>.mcap       episodes
+    models/<sha256>.xml             large models of robots
     manifests/<sha256>.json         which of them there are
     answers/<sha256>.jsonl.zst      raters, pairs and answers, a line each
 

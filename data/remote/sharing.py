@@ -15,10 +15,11 @@ from typing import TypeVar
 
 from data.answers.address import Address
 from data.datasets.dataset import Dataset, EpisodeEntry
-from data.datasets.manifest import encode_manifest
+from data.datasets.manifest import encode_manifest, models_of
 from data.datasets.merged_rows import add_rows, rows_of
+from data.episodes.model_store import MODELS, model_path
 from data.errors import RemoteError
-from data.files.limits import EPISODE_BYTES
+from data.files.limits import EPISODE_BYTES, MODEL_BYTES
 
 from .listed import ANSWERS, MANIFESTS, ROLLOUTS, listed, name_of, named, together
 from .place import Place
@@ -65,6 +66,7 @@ def push(dataset: Dataset, place: Place, *, tell: Tell = _silent) -> Shared:
         rows = rows_of(store, str(dataset.root))
     sizes = place.sizes(ROLLOUTS)
     missing = [e for e in own.values() if sizes.get(e.path) != e.bytes]
+    _send_models(dataset, place, own.values())
 
     def send(entry: EpisodeEntry) -> None:
         place.send(entry.path, dataset.content(entry))
@@ -119,6 +121,10 @@ def pull(
         limit = min(entry.bytes, EPISODE_BYTES)
         dataset.put(entry, named(place, entry.path, limit))
 
+    for model in models_of(new):
+        if not dataset.models.holds(model):
+            content = named(place, model_path(model), MODEL_BYTES)
+            dataset.models.put(model, content)
     _each(take, missing, place.at_once, tell)
     dataset.add_stored(new)
     hashes = {entry.sha256 for entry in dataset.entries()}
@@ -133,6 +139,18 @@ def pull(
         left_out=sum(part.left_out for part in added),
         renamed={old: new for part in added for old, new in part.renamed.items()},
     )
+
+
+def _send_models(
+    dataset: Dataset, place: Place, entries: Iterable[EpisodeEntry]
+) -> None:
+    """Send the models that lie beside `entries` and that the place lacks."""
+    models = models_of(entries)
+    sizes = place.sizes(MODELS) if models else {}
+    for model in models:
+        content = dataset.models.content(model)
+        if sizes.get(model_path(model)) != len(content):
+            place.send(model_path(model), content)
 
 
 def _replace(

@@ -9,8 +9,12 @@ FR = "fr_toe"
 FR = [0.0, 0.8, -1.6]
 [servo]                                 # a number, or one for each of hip, thigh, calf
 kp = 35.0                               # N m/rad
-kd = 0.5                                # N m s/rad
+kd = 0.5                                # N m s/rad, all the damping there is
 torque_limit = [23.7, 23.7, 35.55]      # N m
+[joints]                                # what the bearings have, likewise
+damping = 0.1                           # N m s/rad, a part of kd
+friction = 0.2                          # N m
+speed_limit = 30.0                      # rad/s; told to motor drivers, not simulated
 ```
 
 Every table may be left out; one of legs, feet or home names all four legs.
@@ -24,18 +28,22 @@ from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import mujoco
 
-from data.errors import GaitprefError
+from data.errors import FileError, GaitprefError
 from data.features import LEGS
-from data.files.files import read_text
-from data.files.limits import TEXT_BYTES
+from data.files.files import read_file, read_text
+from data.files.limits import ROBOT_BYTES, TEXT_BYTES
 
+_MOST_FILES = 100
+"""Of one model, looked through for what is included."""
 TEXT_NAME = "gaitpref_hints"
 """The custom text of a flattened model that carries the hints along."""
 
 _SERVO = ("kp", "kd", "torque_limit")
+_JOINTS = ("damping", "friction", "speed_limit")
 
 
 class RobotError(GaitprefError):
@@ -59,21 +67,45 @@ class Hints:
     """Angles of the three joints of every leg, rad."""
     servo: dict[str, list[float]] | None = None
     """kp, kd and torque_limit, each for hip, thigh and calf."""
+    joints: dict[str, list[float]] | None = None
+    """damping, friction and speed_limit, likewise."""
 
 
-def hints_path(xml: Path) -> Path:
-    """Where the hints for a model are looked for."""
-    return xml.with_suffix(".toml")
+def find_hints(xml: Path) -> Path | None:
+    """The hints beside a model, or beside a file that it includes; None without any.
+
+    `go2.toml` is of `go2.xml`, and of the `scene.xml` that includes it.
+    """
+    seen: set[Path] = set()
+    files = [xml]
+    while files:
+        file = files.pop(0)
+        if file in seen or len(seen) == _MOST_FILES:
+            continue
+        seen.add(file)
+        beside = file.with_suffix(".toml")
+        if beside.exists():
+            return beside
+        files += [file.parent / name for name in _included(file)]
+    return None
+
+
+def _included(xml: Path) -> list[str]:
+    """The files that a file of MJCF includes or attaches."""
+    try:
+        root = ElementTree.fromstring(read_file(xml, ROBOT_BYTES))
+    except (ElementTree.ParseError, ValueError, LookupError, OSError, FileError):
+        return []
+    found = [*root.iter("include"), *root.iter("model")]
+    return [name for element in found if (name := element.get("file"))]
 
 
 def read_hints(path: Path) -> Hints:
-    """The hints in the file `path`; none if there is no such file.
+    """The hints in the file `path`.
 
     Raises:
         RobotError: the file cannot be read as the tables above.
     """
-    if not path.exists():
-        return Hints()
     try:
         tables = tomllib.loads(read_text(path, TEXT_BYTES))
     except (ValueError, RecursionError) as error:
@@ -90,7 +122,8 @@ def read_hints(path: Path) -> Hints:
         legs=_of_legs(path, "legs", tables, lambda v: _triple(v, str)),
         feet=_of_legs(path, "feet", tables, lambda v: isinstance(v, str)),
         home=_of_legs(path, "home", tables, lambda v: _triple(v, (int, float))),
-        servo=_servo(path, tables.get("servo")),
+        servo=_numbers(path, "servo", tables, _SERVO, may_be_zero=("kd",)),
+        joints=_numbers(path, "joints", tables, _JOINTS, may_be_zero=_JOINTS[:2]),
     )
 
 
@@ -102,8 +135,9 @@ def embedded_hints(spec: mujoco.MjSpec) -> Hints:
 
 def embed_hints(spec: mujoco.MjSpec, hints: Hints) -> None:
     """Let `spec` carry `hints`, where there are any."""
-    if hints != Hints():
-        spec.add_text(name=TEXT_NAME, data=json.dumps(asdict(hints)))
+    told = {name: table for name, table in asdict(hints).items() if name != "joints"}
+    if any(told.values()):
+        spec.add_text(name=TEXT_NAME, data=json.dumps(told))
 
 
 def table_of(name: str, legs: Iterable[object]) -> str:
@@ -137,20 +171,29 @@ def _of_legs(
     return table
 
 
-def _servo(path: Path, table: dict[str, Any] | None) -> dict[str, list[float]] | None:
+def _numbers(
+    path: Path,
+    title: str,
+    tables: dict[str, Any],
+    names: tuple[str, ...],
+    *,
+    may_be_zero: tuple[str, ...],
+) -> dict[str, list[float]] | None:
+    """A table of numbers for hip, thigh and calf."""
+    table = tables.get(title)
     if table is None:
         return None
     found: dict[str, list[float]] = {}
     for name, value in table.items():
         values = value if isinstance(value, list) else [value] * 3
         if (
-            name not in _SERVO
+            name not in names
             or not _triple(values, (int, float))
-            or not all(v > 0 or (name == "kd" and v == 0) for v in values)
+            or not all(0 < v < 1e6 or (name in may_be_zero and v == 0) for v in values)
         ):
             raise RobotError(
-                f"{path}: [servo] takes {', '.join(_SERVO)}, each a positive number or "
-                f"a list of three for hip, thigh and calf; it has {name} = {value!r}"
+                f"{path}: [{title}] takes {', '.join(names)}, each a positive number "
+                f"or a list of three for hip, thigh and calf; it has {name} = {value!r}"
             )
         found[name] = [float(v) for v in values]
     return found

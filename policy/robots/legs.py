@@ -20,7 +20,7 @@ STRETCHED_SHARE = 0.95
 FOLDED_SHARE = 0.4
 """A leg whose foot is not this far below the thigh's joint does not stand but lie."""
 
-STANDING_S = 1.0
+STANDING_S = 2.0
 """A pose is good if the robot still stands after this time."""
 
 
@@ -92,6 +92,11 @@ class Legs:
 
     def stands(self, qpos: np.ndarray) -> bool:
         """Whether the robot that holds `qpos` [nq] still stands after a while."""
+        return not self.falls(qpos)
+
+    def falls(self, qpos: np.ndarray) -> str:
+        """How the robot that holds `qpos` [nq] falls within a while; empty if it does
+        not."""
         mj_model, joints = self.skeleton.mj_model, self.skeleton.joints
         mj_data = mujoco.MjData(mj_model)
         mj_data.qpos[:] = qpos
@@ -101,6 +106,12 @@ class Legs:
         mujoco.mj_step(mj_model, mj_data, nstep=steps)
         # MuJoCo starts a simulation that blows up again, its clock included.
         finished = mj_data.time > STANDING_S / 2
+        if not finished:
+            return "the simulation blows up"
         _, x, y, _ = mj_data.qpos[3:7]
-        upright = 1 - 2 * (x * x + y * y) > 0.9
-        return bool(finished and upright and mj_data.qpos[2] > 0.6 * qpos[2])
+        cosine = 1 - 2 * (x * x + y * y)
+        if cosine <= 0.9:
+            return f"it tilts by {np.degrees(np.arccos(max(cosine, -1.0))):.0f} degrees"
+        if mj_data.qpos[2] <= 0.6 * qpos[2]:
+            return f"its base sinks from {qpos[2]:.2f} to {mj_data.qpos[2]:.2f} m"
+        return ""

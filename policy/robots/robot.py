@@ -26,16 +26,20 @@ from .additions import add_sites_and_sensors, is_complete
 from .anatomy import Skeleton, find_anatomy, find_base, find_joints
 from .frozen import freeze_other_joints, make_feet_collide
 from .ground_shape import ensure_floor, ground_of
-from .hints import Hints, embed_hints, embedded_hints, hints_path, read_hints
+from .hints import Hints, embed_hints, embedded_hints, find_hints, read_hints
 from .hints import RobotError as RobotError
 from .inline import flatten
-from .servos import ensure_servos
+from .mesh_files import mend_meshes
+from .servos import ensure_servos, set_joints
+from .speed_limits import speed_limits
 from .stance import ensure_home
-from .urdf import require_floating_base
+from .urdf import read_urdf, urdf_in
 
 SHIPPED_XML = Path(__file__).parent / "go1.xml"
 """The robot that is used when none is brought."""
 
+_NAME_CHARS = 60
+"""Of what a robot is called, which becomes the name of files."""
 MIN_ITERATIONS, MIN_LS_ITERATIONS = 10, 20
 """Fewer solver iterations than these make CPU and GPU physics differ visibly."""
 
@@ -88,6 +92,15 @@ class Robot:
         return self.mj_model.actuator_gainprm[self.actuator_ids, 0]
 
     @property
+    def speed_limit(self) -> np.ndarray:
+        """[12] rad/s that the joints turn at most; infinite where nobody says so.
+
+        MuJoCo holds no joint to it.
+        """
+        joints = self.mj_model.dof_jntid[self.qvel_adr]
+        return speed_limits(self.mj_model, joints.tolist())
+
+    @property
     def joint_damping(self) -> np.ndarray:
         """[12] N m s/rad that the model damps the joints with beside the servos' kd."""
         mj_model = self.mj_model
@@ -107,12 +120,20 @@ class Robot:
                 value.setflags(write=False)
 
 
-def load_robot(xml: Path | None = None, *, physics_dt_s: float) -> Robot:
-    """The robot in the file `xml`, by default the Go1 that ships.
+def load_robot(
+    xml: Path | None = None, *, physics_dt_s: float, without_visuals: bool = False
+) -> Robot:
+    """The robot in a file of MJCF or URDF.
+
+    Args:
+        xml: The file; by default the Go1 that ships.
+        physics_dt_s: Time step of the physics.
+        without_visuals: Leave out meshes that only are looked at.
 
     Raises:
         FileError: the path leads to no file, or to one that is too large.
-        RobotError: the file is missing, does not compile or is no quadruped.
+        RobotError: the file is missing, does not compile or is no quadruped, or the
+            robot does not stand in the pose that was said.
     """
     path = SHIPPED_XML if xml is None else xml
     if not path.exists():
@@ -120,21 +141,37 @@ def load_robot(xml: Path | None = None, *, physics_dt_s: float) -> Robot:
             f"{path}: there is no such file; give the path of an MJCF file"
         )
     require_regular(path, ROBOT_BYTES)
+    spec, told = _read(path, without_visuals=without_visuals)
+    hints_file = find_hints(path)
+    if hints_file is None:
+        # A model that was completed before carries what was said of it.
+        hints = _said_before(spec)
+    else:
+        hints = read_hints(hints_file)
+        told.append(f"{hints_file} says what the model leaves open")
+    robot = _completed(spec, hints, str(path), _name_of(spec, path), physics_dt_s)
+    return replace(robot, changes=(*told, *robot.changes))
+
+
+def _read(path: Path, *, without_visuals: bool) -> tuple[mujoco.MjSpec, list[str]]:
+    """The model in a file with meshes that are there, and what was changed."""
+    urdf = urdf_in(path)
     try:
+        if urdf is not None:
+            return read_urdf(urdf, path, without_visuals=without_visuals)
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
         raise _not_compiling(str(path), error) from None
-    require_floating_base(spec, path)
-    hints = read_hints(hints_path(path))
-    return _completed(spec, hints, str(path), _name_of(spec, path), physics_dt_s)
+    told = mend_meshes(spec, path, without_visuals=without_visuals)
+    return spec, [told] if told else []
 
 
 def _name_of(spec: mujoco.MjSpec, path: Path) -> str:
-    """What a robot is called: its file, or its model where the file is any scene."""
-    if path.stem.lower() != "scene":
-        return path.stem
+    """What a robot is called: its model, else its file, else its folder."""
     words = [w for w in re.findall(r"[\w-]+", spec.modelname) if w.lower() != "scene"]
-    return "_".join(words) if words and words != ["MuJoCo", "Model"] else path.stem
+    if words and words != ["MuJoCo", "Model"]:
+        return "_".join(words)[:_NAME_CHARS]
+    return path.stem if path.stem.lower() != "scene" else path.resolve().parent.name
 
 
 def load_robot_xml(text: str, *, name: str, physics_dt_s: float) -> Robot:
@@ -147,7 +184,12 @@ def load_robot_xml(text: str, *, name: str, physics_dt_s: float) -> Robot:
     # What was flattened before stays the same to the letter, and so does its hash.
     if is_complete(spec) and spec.option.timestep == physics_dt_s:
         return _describe(text, name, name)
-    return _completed(spec, embedded_hints(spec), name, name, physics_dt_s)
+    return _completed(spec, _said_before(spec), name, name, physics_dt_s)
+
+
+def _said_before(spec: mujoco.MjSpec) -> Hints:
+    """The hints that a completed model carries, less those that made its servos."""
+    return replace(embedded_hints(spec), servo=None)
 
 
 def _completed(
@@ -163,6 +205,7 @@ def _completed(
         freeze_other_joints,
         make_feet_collide,
         ensure_floor,
+        set_joints,
         ensure_servos,
         ensure_home,
     ):

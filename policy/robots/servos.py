@@ -6,14 +6,15 @@ limits, computed by MuJoCo in every physics step.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
 from .anatomy import Skeleton, actuators_of, is_position_servo
-from .hints import Hints
+from .hints import Hints, RobotError
 from .legs import Legs
+from .speed_limits import set_speed_limit
 
 STIFFNESS_PER_WEIGHT = 1.5
 """Weight times length of the standing leg that a servo makes of one radian: the legs
@@ -34,6 +35,37 @@ class _Gains:
     """Infinite where nothing limits it."""
 
 
+def set_joints(spec: mujoco.MjSpec, skeleton: Skeleton) -> str | None:
+    """Give the joints of the legs the damping and friction that was said; tells which.
+
+    Where all the damping is said, as kd of the servos, and not that of the joints, the
+    joints have none.
+    """
+    hints = skeleton.hints
+    said = dict(hints.joints or {})
+    if hints.servo and "kd" in hints.servo:
+        kd, damping = hints.servo["kd"], said.setdefault("damping", [0.0] * 3)
+        if any(part > whole for part, whole in zip(damping, kd, strict=True)):
+            raise RobotError(
+                f"{skeleton.source}: [joints] damping = {damping} is more than [servo] "
+                f"kd = {kd}, which is all the damping of a joint"
+            )
+    if not said:
+        return None
+    joints = {joint.id: joint for joint in spec.joints}
+    for index, number in enumerate(skeleton.joints):
+        joint, place = joints[number], index % 3
+        joint.name = joint.name or _name_of(number)
+        if "damping" in said:
+            joint.damping = [said["damping"][place], 0.0, 0.0]
+        if "friction" in said:
+            joint.frictionloss = said["friction"][place]
+        if "speed_limit" in said:
+            set_speed_limit(spec, joint.name, said["speed_limit"][place])
+    parts = [f"{name} {values}" for name, values in said.items()]
+    return f"joints were given {' and '.join(parts)} (hip, thigh, calf)"
+
+
 def ensure_servos(spec: mujoco.MjSpec, skeleton: Skeleton) -> str | None:
     """Make the actuators of the legs position servos; tells what was changed.
 
@@ -52,8 +84,9 @@ def ensure_servos(spec: mujoco.MjSpec, skeleton: Skeleton) -> str | None:
         if fits and not hints.servo:
             continue
         gains = _hinted(_gains(mj_model, joint, mine, kp_found), hints, index % 3)
+        gains = _without_bearings(gains, hints, index % 3)
         spec_joint = spec_joints[joint]
-        spec_joint.name = spec_joint.name or f"gaitpref_joint_{joint}"
+        spec_joint.name = spec_joint.name or _name_of(joint)
         for extra in mine[1:]:
             spec.delete(actuators[extra])
         if mine:
@@ -62,6 +95,8 @@ def ensure_servos(spec: mujoco.MjSpec, skeleton: Skeleton) -> str | None:
         else:
             servo, before = spec.add_actuator(name=spec_joint.name), "nothing"
         _make_servo(servo, spec_joint.name, gains)
+        if hints.servo and "kd" in hints.servo:
+            servo.damping = np.zeros_like(servo.damping)
         changes.append((before, gains))
     if len(mj_model.key_ctrl) and changes:
         # Their controls were meant for other actuators; the environment sets its own.
@@ -103,6 +138,19 @@ def _hinted(gains: _Gains, hints: Hints, place: int) -> _Gains:
         given.get("kd", gains.kd),
         given.get("torque_limit", gains.torque_limit),
     )
+
+
+def _name_of(joint: int) -> str:
+    """What a joint is called that had no name."""
+    return f"gaitpref_joint_{joint}"
+
+
+def _without_bearings(gains: _Gains, hints: Hints, place: int) -> _Gains:
+    """The servo's part of the damping, where all of it was said."""
+    if not (hints.servo and "kd" in hints.servo and hints.joints):
+        return gains
+    damping = hints.joints.get("damping", [0.0] * 3)[place]
+    return replace(gains, kd=gains.kd - damping)
 
 
 def _make_servo(servo: mujoco.MjsActuator, joint: str, gains: _Gains) -> None:

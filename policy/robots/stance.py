@@ -10,11 +10,11 @@ from itertools import product
 import mujoco
 import numpy as np
 
-from data.features import LEGS
+from data.features import JOINTS, LEGS
 
 from .anatomy import Skeleton, stored_home
 from .hints import RobotError, table_of
-from .legs import Legs
+from .legs import STANDING_S, Legs
 
 DROP_SHARE = 0.7
 """Height of the thigh's joint above the foot in a found pose, of the stretched leg."""
@@ -50,12 +50,12 @@ def _find_home(legs: Legs) -> tuple[np.ndarray, str]:
         qpos[skeleton.joint_qpos] = [
             a for leg in LEGS for a in skeleton.hints.home[leg]
         ]
-        return legs.on_floor(qpos), "home is that of the TOML file"
+        return _tried(legs, legs.on_floor(qpos)), "home is that of the TOML file"
     for key in range(mj_model.nkey):
         name = mj_model.key(key).name
         if name.lower().startswith(("home", "stand")):
             qpos = legs.on_floor(mj_model.key_qpos[key].copy(), GAP_M)
-            if legs.bent(qpos):
+            if legs.bent(qpos) and legs.stands(qpos):
                 return qpos, f"home is the keyframe {name!r}, put on the floor"
     for given, told in [
         *((qpos, "a keyframe") for qpos in mj_model.key_qpos),
@@ -70,10 +70,43 @@ def _find_home(legs: Legs) -> tuple[np.ndarray, str]:
     angles = qpos[skeleton.joint_qpos].reshape(4, 3).round(2)
     raise RobotError(
         f"{skeleton.source}: it has no keyframe to stand in, and it falls in the poses "
-        "that were tried; write a better one than the last, hip thigh calf in rad, "
-        "into a TOML file beside the model",
+        f"that were tried, in the last as {legs.falls(qpos)}{_too_soft(skeleton)}; "
+        "write a better one than the last, hip thigh calf in rad, into a TOML file "
+        "beside the model",
         table_of("home", angles.tolist()),
     )
+
+
+def _tried(legs: Legs, qpos: np.ndarray) -> np.ndarray:
+    """The pose `qpos` [nq] that somebody said, in which the robot stands.
+
+    Raises:
+        RobotError: it does not, or the pose is beyond the limits of a joint.
+    """
+    skeleton = legs.skeleton
+    mj_model = skeleton.mj_model
+    for name, joint in zip(JOINTS, skeleton.joints, strict=True):
+        angle = float(qpos[mj_model.jnt_qposadr[joint]])
+        low, high = map(float, mj_model.jnt_range[joint])
+        if mj_model.jnt_limited[joint] and not low <= angle <= high:
+            raise RobotError(
+                f"{skeleton.source}: [home] of its TOML file says {angle:g} rad for "
+                f"{name}, whose joint {mj_model.joint(joint).name!r} moves from "
+                f"{low:.3g} to {high:.3g}; give an angle within"
+            )
+    if fall := legs.falls(qpos):
+        raise RobotError(
+            f"{skeleton.source}: in the pose of [home] of its TOML file it does not "
+            f"stand for {STANDING_S:g} s: {fall}{_too_soft(skeleton)}; give another "
+            "pose, or leave [home] out to have one searched"
+        )
+    return qpos
+
+
+def _too_soft(skeleton: Skeleton) -> str:
+    """That the stiffness which was said may be the reason, if it was said."""
+    kp = (skeleton.hints.servo or {}).get("kp")
+    return f" (with the kp of [servo], {kp} N m/rad)" if kp else ""
 
 
 def search_home(legs: Legs) -> np.ndarray:

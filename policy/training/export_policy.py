@@ -22,20 +22,34 @@ from data.files.plain import to_plain
 from policy.env.feature_row import OBSERVATION, obs_column
 from policy.law.law import MEANINGS, Law
 from policy.law.own_law import own_law
+from policy.robots.motor_class import unusual_motors
 from policy.robots.robot import Robot
 
 from .checkpoint import Policy, PolicyInfo
 
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 """Version of policy.json. In 1, `kd_nm_s_per_rad` lacked the damping of the joints; in
-2, `law_record` was not there, which names everything a policy is brought in by."""
-STIFFEST = 3.5
-"""N m/rad per kg: stiffer servos than those of quadrupeds that walk outside. A Go2 of
-15 kg runs 20 to 40, an ANYmal of 50 kg runs 80."""
+2, `law_record` was not there, which names everything a policy is brought in by; in 3,
+`speed_limit_rad_s` and `conventions` were not."""
+CONVENTIONS = {
+    "units": "SI: m, s, rad, kg, N m; names end in their unit",
+    "base_frame": "x forward, y left, z up, in the body of the free joint",
+    "world_frame": "z up; gravity is along -z",
+    "quaternion": "w, x, y, z, of the base in the world",
+    "joint_order": (
+        "every list of twelve, and obs, action and joint_target, is in the order of "
+        "`joints`: FR is front right, RL rear left"
+    ),
+    "joint_sign": "as the model's own: positive about the axis of its joint",
+    "time": (
+        "every control_dt_s: read the sensors, fill obs, run the network, set the "
+        "joint targets; a whole number of physics_dt_s"
+    ),
+    "first_step": "the robot stands in home_joint_pos_rad, and last_action is 0",
+}
+"""What the numbers of policy.json mean."""
 _UNBOUNDED_RAD = 1e6
 """Bound of targets that have none: infinity is in no file of ours."""
-LEAST_DAMPING_S = 0.01
-"""kd over kp, below which a joint hardly is damped."""
 
 ONNX_NAME, SCRIPT_NAME = "policy.onnx", "policy.pt"
 JSON_NAME, MJCF_NAME = "policy.json", "robot.xml"
@@ -94,7 +108,7 @@ def export(policy: Policy, out: Path) -> list[Path]:
 def describe(info: PolicyInfo, robot: Robot, sha256: str) -> dict[str, Any]:
     """All that is needed to run the network on a robot, as plain values.
 
-    What is infinite, a joint without limits, is None.
+    What is infinite, a joint without limits, is None; so is what nobody said.
     """
     mj_model = robot.mj_model
     law = law_of(info, robot)
@@ -107,6 +121,7 @@ def describe(info: PolicyInfo, robot: Robot, sha256: str) -> dict[str, Any]:
         "format_version": FORMAT_VERSION,
         "policy_sha256": sha256,
         "robot": info.robot_name,
+        "conventions": CONVENTIONS,
         "control_dt_s": info.env.control_dt_s,
         "physics_dt_s": info.env.physics_dt_s,
         "joints": list(law.joints),
@@ -115,6 +130,7 @@ def describe(info: PolicyInfo, robot: Robot, sha256: str) -> dict[str, Any]:
         "home_base_height_m": float(robot.home_qpos[2]),
         "joint_range_rad": [_plain(row) for row in robot.joint_range[order]],
         "torque_limit_nm": _plain(robot.torque_limit[order]),
+        "speed_limit_rad_s": _plain(robot.speed_limit[order]),
         "kp_nm_per_rad": _plain(robot.kp[order]),
         "kd_nm_s_per_rad": _plain(robot.kd[order]),
         "action_scale_rad": (
@@ -144,7 +160,7 @@ def describe(info: PolicyInfo, robot: Robot, sha256: str) -> dict[str, Any]:
         },
         "observation": _observation(info.env.law),
         "law_record": to_plain(law, whole=True),
-        "warnings": gain_warnings(robot),
+        "warnings": unusual_motors(robot),
         "commands": {
             "forward_m_s": list(info.env.commands.forward_m_s),
             "left_m_s": list(info.env.commands.left_m_s),
@@ -163,24 +179,6 @@ def law_of(info: PolicyInfo, robot: Robot) -> Law:
         physics_dt_s=env.physics_dt_s,
         substeps=env.substeps,
     )
-
-
-def gain_warnings(robot: Robot) -> list[str]:
-    """What a motor driver should not be given unseen."""
-    mass_kg = float(robot.mj_model.body_subtreemass[robot.base_body_id])
-    found = []
-    if (stiffest := float(robot.kp.max()) / mass_kg) > STIFFEST:
-        found.append(
-            f"kp is up to {robot.kp.max():.0f} N m/rad for {mass_kg:.0f} kg, "
-            f"{stiffest:.1f} N m/rad per kg, where quadrupeds run 1 to 3: train with "
-            "the gains of the robot, [servo] of the TOML beside its model"
-        )
-    if float((robot.kd / robot.kp).min()) < LEAST_DAMPING_S:
-        found.append(
-            f"kd is {robot.kd.min():.3g} N m s/rad, less than {LEAST_DAMPING_S:g} s "
-            "times kp: the joints would swing"
-        )
-    return found
 
 
 def _observation(law: Law | None) -> list[dict[str, Any]]:

@@ -17,9 +17,10 @@ from benchmarks.visitor import Visitor
 from gaitpref.cli.commands.play import live_policy
 from labeling_ui.scene.live_robot import Drive, LiveState, StepFn
 from policy.env.env_cfg import EnvCfg
-from policy.robots.robot import load_robot
+from policy.robots.robot import SHIPPED_XML, load_robot
 from policy.training.ppo import PpoCfg
 from policy.training.train import TrainCfg, train
+from tests.helpers.foreign_robots import Drawing, mjcf
 
 LIMIT_S = 120.0
 """For anything to come: the machine may be busy."""
@@ -60,6 +61,20 @@ def test_command_push_and_reset_reach_the_robot(policies: list[Path]) -> None:
     moved = _after(one, STAND, 25)
     anew = one(Drive(command=STAND.command, reset=True))
     assert np.linalg.norm(anew.qpos[:2]) < np.linalg.norm(moved.qpos[:2])
+
+
+def test_another_robot_than_the_policys_is_told(
+    policies: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """On the page and in the terminal, and in what they differ; the same is not."""
+    xml = tmp_path / "stranger.xml"
+    xml.write_text(mjcf(Drawing()))
+    played = live_policy(policies[0], xml)
+    assert played.name.endswith(", on stranger, trained on go1")
+    said = capsys.readouterr().out
+    assert "stranger.xml is another robot: it has a mass of 15 kg instead of" in said
+    assert live_policy(policies[0], SHIPPED_XML).name.endswith("96 steps")
+    assert not capsys.readouterr().out
 
 
 def test_two_policies_are_driven_and_pushed_on_one_page(policies: list[Path]) -> None:

@@ -244,7 +244,7 @@ def test_meshes_travel_in_the_text_and_pictures_stay_behind(tmp_path: Path) -> N
     path = tmp_path / "mine.xml"
     path.write_text(text.replace("<asset>", asset))
     robot = load_robot(path, physics_dt_s=DT_S)
-    assert robot.name == "mine"
+    assert robot.name == "go1", "after its model, not its file"
     assert "shin.obj" not in robot.mjcf
     again = mujoco.MjModel.from_xml_string(robot.mjcf)
     original = mujoco.MjModel.from_xml_path(str(path))

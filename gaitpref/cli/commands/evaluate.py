@@ -9,7 +9,8 @@ from gaitpref.cli.options import options
 from gaitpref.raters.criterion_scores import criterion_context
 from gaitpref.report.return_text import return_text
 from gaitpref.training.total_reward import load_score
-from policy.rollouts.evaluate import evaluate
+from policy.rollouts.evaluate import rollout_features, summarise
+from policy.rollouts.walking import table, walking
 from policy.training.checkpoint import load_policy
 
 
@@ -20,11 +21,14 @@ def run(command: options.Evaluate) -> int:
     if command.terrain is not None:
         env = replace(env, terrain=replace(env.terrain, kind=command.terrain))
     score = load_score(command.reward, criterion_context(robot, env))
-    result = evaluate(
-        policy, score, episodes=command.episodes, seed=command.seed, env=env
+    features, lengths = rollout_features(
+        policy, robot, env, episodes=command.episodes, seed=command.seed
     )
+    result = summarise(features, lengths, score, control_dt_s=env.control_dt_s)
+    walked = walking(policy, robot, env, features, lengths, seed=command.seed)
     if command.json:
-        print(json.dumps(asdict(result)))
+        told = asdict(result) | asdict(walked) | {"walks": walked.walks}
+        print(json.dumps(told))
         return 0
     earned = return_text(result.return_mean, result.return_ci95)
     print(f"return          {earned} under {command.reward}")
@@ -34,4 +38,8 @@ def run(command: options.Evaluate) -> int:
         f"episode         {result.episode_length_s:.1f} s, {result.episodes} episodes"
     )
     print(f"power           {result.power_w:.0f} W")
+    if walked.commands:
+        verdict = "yes" if walked.walks else "NO"
+        print(f"walks           {verdict}, for each command and from rest")
+        print(f"\n{table(walked)}")
     return 0

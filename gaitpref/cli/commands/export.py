@@ -8,8 +8,9 @@ import onnxscript  # noqa: F401
 from gaitpref.cli.options import options
 from gaitpref.console.terminal import say
 from policy.imported.given_back import export_like
+from policy.robots.motor_class import unusual_motors
 from policy.training.checkpoint import load_policy
-from policy.training.export_policy import export, gain_warnings
+from policy.training.export_policy import export
 
 
 def run(command: options.Export) -> int:
@@ -20,6 +21,6 @@ def run(command: options.Export) -> int:
         return 0
     for path in export(policy, command.out):
         say(str(path))
-    for warning in gain_warnings(policy.robot()):
+    for warning in unusual_motors(policy.robot()):
         say(f"warning: {warning}")
     return 0

@@ -12,6 +12,7 @@ from data.errors import GaitprefError
 from data.features import column
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.serving import require_port, stoppable, wait_until_stopped
+from gaitpref.console.terminal import say
 from labeling_ui.play_server import PlayPage, play_site
 from labeling_ui.scene.geometry import robot_geometry
 from labeling_ui.scene.live_robot import Drive, LivePolicy, LiveState, StepFn
@@ -22,6 +23,7 @@ from policy.env.env_cfg import EnvCfg
 from policy.env.sim import BatchSim
 from policy.env.world import in_world
 from policy.law.driven import driven_by
+from policy.robots.differences import differences
 from policy.robots.robot import Robot, load_robot
 from policy.robots.shipped import WALK
 from policy.training.checkpoint import Policy, load_policy
@@ -80,18 +82,25 @@ def live_policy(path: Path, xml: Path | None) -> LivePolicy:
     """
     policy = load_policy(path)
     env = policy.info.env
-    robot = policy.robot()
+    robot = trained = policy.robot()
+    on_other = ""
     if xml is not None:
         robot = load_robot(xml, physics_dt_s=env.physics_dt_s)
         if env.law is not None:
             robot = driven_by(robot, env.law)
+        if differing := differences(trained, robot):
+            on_other = f", on {robot.name}, trained on {trained.name}"
+            say(
+                f"{path} was trained on {trained.name}, and {xml} is another robot: it "
+                f"has {'; '.join(differing)}. What it does there says little of it"
+            )
     robot = in_world(robot, env)
 
     def new_step() -> StepFn:
         return PolicyRunner(policy, robot)
 
     return LivePolicy(
-        name=f"{path.parent.name}/{path.name}, {policy.info.steps:,} steps",
+        name=f"{path.parent.name}/{path.name}, {policy.info.steps:,} steps{on_other}",
         geometry=robot_geometry(robot.mjcf),
         control_dt_s=env.control_dt_s,
         new_step=new_step,

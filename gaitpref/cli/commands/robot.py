@@ -12,12 +12,17 @@ from gaitpref.cli.options import options
 from gaitpref.console.terminal import say
 from gaitpref.report.robot_picture import draw
 from policy.env.env_cfg import EnvCfg
+from policy.robots.motor_class import unusual_motors
 from policy.robots.robot import Robot, load_robot
 
 
 def run(command: options.Robot) -> int:
     """Describe the robot and draw it; gives the exit code."""
-    robot = load_robot(command.xml, physics_dt_s=EnvCfg().physics_dt_s)
+    robot = load_robot(
+        command.xml,
+        physics_dt_s=EnvCfg().physics_dt_s,
+        without_visuals=command.without_visuals,
+    )
     say(describe(robot))
     folder = command.out or Path()
     folder.mkdir(parents=True, exist_ok=True)
@@ -52,6 +57,7 @@ def describe(robot: Robot) -> str:
     ]
     if not robot.changes:
         lines.append("changed    nothing but sites and sensors, which were added")
+    lines += (f"warning    {warning}" for warning in unusual_motors(robot))
     return "\n".join(lines)
 
 

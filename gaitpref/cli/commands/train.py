@@ -36,11 +36,15 @@ from policy.extensions.kl_penalty import KlPenaltyCfg
 from policy.law.law import Term
 from policy.law.own_law import OWN_TERMS, own_law
 from policy.parallel.ranks import Ranks
+from policy.rollouts.walking import from_rest
 from policy.training.checkpoint import PolicyError, load_policy
 from policy.training.ppo import ScoreFn
 from policy.training.setup import Setting, setting_of
 from policy.training.train import POLICY_NAME, RESUME_NAME, Engine, TrainCfg, train
 from rewardmodel.models.model import RewardModel
+
+_LOOK_S = 5.0
+"""A robot that has not set off by then does not."""
 
 
 def run(command: options.Train) -> int:
@@ -101,7 +105,25 @@ def _train(command: options.Train, ranks: Ranks) -> int:
             )
         return EXIT_INTERRUPTED
     console.print(f"the policy is {result.policy}")
+    if ranks.is_first and command.reward == "task" and not command.getup:
+        _tell_standing(result.policy)
     return 0
+
+
+def _tell_standing(file: Path) -> None:
+    """Say at which speeds a new walk stays where it is, which no mean of it shows.
+
+    Training sees it walk long before: with the noise of exploration it does.
+    """
+    policy = load_policy(file)
+    cfg = replace(policy.info.env, episode_s=_LOOK_S)
+    found = from_rest(policy, policy.robot(), cfg, seed=0)
+    standing = [f"{row.asked_m_s:.1f}" for row in found if row.never_set_off]
+    if standing:
+        console.print(
+            f"without the noise of training it does not set off from rest at "
+            f"{', '.join(standing)} m/s: train on, with --resume and more --steps"
+        )
 
 
 def _engine(command: options.Train, ranks: Ranks) -> Engine | None:

@@ -131,7 +131,9 @@ class Record:
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluate:
-    """Roll a policy out over a fixed grid of commands and measure it."""
+    """Roll a policy out over a fixed grid of commands and measure it: the means, and
+    for each command what is tracked, how many robots never set off, and what comes of a
+    start exactly at home."""
 
     policy: Path
     """Policy file."""
@@ -212,12 +214,15 @@ class Export:
 
 @dataclass(frozen=True, kw_only=True)
 class Robot:
-    """Show what was found in a foreign MJCF, before anything is trained on it."""
+    """Show what was found in a foreign robot, before anything is trained on it."""
 
     action: tyro.conf.Positional[Literal["inspect"]]
     """inspect prints legs, feet, home pose, limits, masses and servos, and draws it."""
     xml: tyro.conf.Positional[Path]
-    """MJCF of the robot."""
+    """MJCF or URDF of the robot."""
+    without_visuals: bool = False
+    """Leave out meshes that only are looked at, as where they are not beside the model;
+    other commands take the completed model of --out."""
     out: Path | None = None
     """Directory that gets NAME.png and the completed model NAME.xml; the working
     directory gets the picture alone by default."""
