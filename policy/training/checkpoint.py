@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -97,7 +98,7 @@ def policy_bytes(alg: RewardPpo, info: PolicyInfo) -> bytes:
     told = to_plain(info)
     told["ppo"] = as_written(told["ppo"])
     infos = {"gaitpref": json.dumps(told)}
-    return _saved({**alg.save(), "iter": 0, "infos": infos})
+    return _saved(on_cpu({**alg.save(), "iter": 0, "infos": infos}))
 
 
 def holding_home(path: Path) -> bytes:
@@ -114,6 +115,24 @@ def holding_home(path: Path) -> bytes:
     for name in [name for name in actor if name.startswith("mlp.")][-2:]:
         actor[name].zero_()
     return _saved(payload)
+
+
+def on_cpu(state: Any) -> Any:
+    """`state` with its tensors on the CPU: a file is the same wherever it was made, and
+    can be read where there is no GPU."""
+    match state:
+        case Tensor():
+            return state.cpu()
+        case dict():
+            # A copy keeps what torch notes on a dictionary of weights.
+            moved = copy(state)
+            moved.update((key, on_cpu(value)) for key, value in state.items())
+            return moved
+        case list():
+            return [on_cpu(value) for value in state]
+        case tuple():
+            return tuple(on_cpu(value) for value in state)
+    return state
 
 
 def save_policy(path: Path, alg: RewardPpo, info: PolicyInfo) -> None:

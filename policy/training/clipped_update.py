@@ -10,7 +10,10 @@ Shapes: B steps of a minibatch.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from functools import partial
 
 import torch
 from rsl_rl.algorithms import PPO
@@ -38,14 +41,13 @@ def clipped_update(alg: PPO, mirror: Mirror | None = None) -> dict[str, float]:
     batches = list(alg.storage.mini_batch_generator(alg.num_mini_batches, 1))
     if mirror is not None:
         batches = [_with_mirrored(batch, mirror) for batch in batches]
-    sums = torch.zeros(3, dtype=torch.float64)
-    threads = torch.get_num_threads()
-    with ThreadPoolExecutor(1, "critic", torch.set_num_threads, (threads,)) as pool:
+    sums = torch.zeros(3, dtype=torch.float64, device=alg.device)
+    with _beside(alg) as beside:
         for batch in batches * alg.num_learning_epochs:
             alg.optimizer.zero_grad()
-            critic = pool.submit(_critic_gradients, alg, batch)
+            critic = beside(_critic_gradients, alg, batch)
             surrogate, entropy = _actor_gradients(alg, batch)
-            sums += torch.tensor([critic.result(), surrogate, entropy])
+            sums += torch.stack([critic(), surrogate, entropy])
             alg.optimizer.step()
     obs = alg.storage.observations.flatten(0, 1)
     alg.actor.update_normalization(obs)
@@ -53,6 +55,21 @@ def clipped_update(alg: PPO, mirror: Mirror | None = None) -> dict[str, float]:
     alg.storage.clear()
     means = (sums / (len(batches) * alg.num_learning_epochs)).tolist()
     return dict(zip(("value", "surrogate", "entropy"), means, strict=True))
+
+
+_Beside = Callable[..., Callable[[], Tensor]]
+
+
+@contextmanager
+def _beside(alg: PPO) -> Iterator[_Beside]:
+    """Gives a way to start a function, and of what it gives to wait for it: in a thread
+    of its own on a CPU; a GPU works through one queue."""
+    if torch.device(alg.device).type != "cpu":
+        yield lambda function, *arguments: partial(function, *arguments)
+        return
+    threads = torch.get_num_threads()
+    with ThreadPoolExecutor(1, "critic", torch.set_num_threads, (threads,)) as pool:
+        yield lambda function, *arguments: pool.submit(function, *arguments).result
 
 
 def _with_mirrored(batch: Batch, mirror: Mirror) -> Batch:
@@ -77,7 +94,7 @@ def _twice(values: Tensor | None) -> Tensor:
     return torch.cat([values, values])
 
 
-def _actor_gradients(alg: PPO, batch: Batch) -> tuple[float, float]:
+def _actor_gradients(alg: PPO, batch: Batch) -> tuple[Tensor, Tensor]:
     """Set the actor's gradients and the learning rate; surrogate loss and entropy."""
     assert batch.actions is not None
     assert batch.old_distribution_params is not None
@@ -97,10 +114,10 @@ def _actor_gradients(alg: PPO, batch: Batch) -> tuple[float, float]:
     surrogate = torch.max(gain * ratio, gain * clipped).mean()
     (surrogate - alg.entropy_coef * entropy).backward()
     nn.utils.clip_grad_norm_(alg.actor.parameters(), alg.max_grad_norm)
-    return float(surrogate.detach()), float(entropy.detach())
+    return surrogate.detach(), entropy.detach()
 
 
-def _critic_gradients(alg: PPO, batch: Batch) -> float:
+def _critic_gradients(alg: PPO, batch: Batch) -> Tensor:
     """Set the critic's gradients; its loss."""
     assert batch.values is not None
     assert batch.returns is not None
@@ -112,7 +129,7 @@ def _critic_gradients(alg: PPO, batch: Batch) -> float:
     loss = losses.mean()
     (alg.value_loss_coef * loss).backward()
     nn.utils.clip_grad_norm_(alg.critic.parameters(), alg.max_grad_norm)
-    return float(loss.detach())
+    return loss.detach()
 
 
 def _adapt_rate(alg: PPO, kl: float, desired: float) -> None:

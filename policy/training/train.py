@@ -22,8 +22,17 @@ from policy.env.env_cfg import EnvCfg
 from policy.env.randomise import make_env
 from policy.env.seeding import spawned
 from policy.robots.robot import Robot
+from policy.sim.device_memory import told_of_memory
+from policy.sim.making import SimCfg
 
-from .checkpoint import PolicyError, PolicyInfo, policy_info, read_plain, save_policy
+from .checkpoint import (
+    PolicyError,
+    PolicyInfo,
+    on_cpu,
+    policy_info,
+    read_plain,
+    save_policy,
+)
 from .identity import content_of, differences
 from .ppo import IterationStats, PpoCfg, Runner, ScoreFn
 from .written import as_written
@@ -55,6 +64,8 @@ class TrainCfg:
     final_std: float | None = None
     """The most exploration noise there may be at the end, come down to linearly; a gait
     that only noise sets going is no gait."""
+    sim: SimCfg = field(default=SimCfg(), metadata=ADDED_LATER)
+    """Where it runs."""
     calm_from: float = field(default=0.0, metadata=ADDED_LATER)
     """Share of the training after which it comes down, from the algorithm's `init_std`;
     at 0 from `exploration_std`, if that is given."""
@@ -122,10 +133,11 @@ def train(
         PolicyError: `init` or the state to resume cannot be used.
     """
     out.mkdir(parents=True, exist_ok=True)
+    cfg.sim.require()
     torch_seed, env_seed = spawned(cfg.seed, 2)
-    with torch.random.fork_rng(devices=[]):
+    with _own_chance(cfg.sim.device), told_of_memory(cfg.ppo.num_envs):
         torch.manual_seed(torch_seed)
-        env = make_env(robot, cfg.env, cfg.ppo.num_envs, seed=env_seed)
+        env = make_env(robot, cfg.env, cfg.ppo.num_envs, seed=env_seed, sim=cfg.sim)
         runner = Runner(env, cfg.ppo)
         runner.alg.reward_fn = reward_fn
         session = _Session(out, robot, cfg, runner, reward_name)
@@ -186,7 +198,7 @@ class _Session:
         buffer = io.BytesIO()
         torch.save(self.runner.alg.get_policy().state_dict(), buffer)
         buffer.seek(0)
-        with torch.random.fork_rng(devices=[]):
+        with _own_chance(self.cfg.sim.device):
             reference = Runner(self.runner.env, self.cfg.ppo).alg.get_policy()
         reference.load_state_dict(torch.load(buffer, weights_only=True))
         self.runner.alg.reference = reference.eval()
@@ -236,6 +248,8 @@ class _Session:
         runner.current_learning_iteration = int(state["iteration"])
         runner.env.restore(state["env"])
         torch.set_rng_state(state["torch_rng"])
+        if "device_rng" in state:
+            torch.cuda.set_rng_state(state["device_rng"])
         return True
 
     def run(self, on_iteration: Callable[[IterationStats], None]) -> TrainResult:
@@ -288,6 +302,9 @@ class _Session:
         settings = to_plain(self.cfg, whole=True)
         for free in ("steps", "checkpoints", "save_every"):
             del settings[free]
+        if self.cfg.sim == SimCfg():
+            # Where older runs were, which do not say so.
+            del settings["sim"]
         settings["ppo"] = as_written(settings["ppo"])
         told = {
             **settings,
@@ -326,7 +343,9 @@ class _Session:
             "env": runner.env.snapshot(),
             "torch_rng": torch.get_rng_state(),
         }
-        torch.save(state, buffer)
+        if self.cfg.sim.device == "cuda":
+            state["device_rng"] = torch.cuda.get_rng_state()
+        torch.save(on_cpu(state), buffer)
         write_atomically(self.out / RESUME_NAME, buffer.getvalue())
 
     def _save_policy(self, path: Path, steps: int) -> None:
@@ -341,6 +360,14 @@ class _Session:
             robot_mjcf=self.robot.mjcf,
         )
         save_policy(path, self.runner.alg, info)
+
+
+@contextmanager
+def _own_chance(device: str) -> Iterator[None]:
+    """Leave PyTorch's chance outside as it was, on the device too."""
+    devices = [torch.cuda.current_device()] if device == "cuda" else []
+    with torch.random.fork_rng(devices=devices):
+        yield
 
 
 @contextmanager
