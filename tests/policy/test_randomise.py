@@ -16,6 +16,7 @@ from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import RANDOMISE, EnvCfg, NoiseCfg, RandomiseCfg, ResetCfg
 from policy.env.randomise import RandomisedEnv, make_env
 from policy.robots.robot import Robot, load_robot
+from policy.sim.rows import Listed
 from policy.training.checkpoint import PolicyError, load_policy
 from policy.training.ppo import PpoCfg
 from policy.training.train import TrainCfg, train
@@ -84,7 +85,7 @@ def test_less_friction_slides_farther(robot: Robot) -> None:
     """The same shove moves feet on ice, and none on rubber."""
     env = _env(robot, 12, friction=(0.05, 1.5))
     _held(env, 20)
-    env.sim.push(torch.arange(12), torch.tensor([[0.0, 0.8]]).repeat(12, 1))
+    env.sim.push(Listed(torch.arange(12)), torch.tensor([[0.0, 0.8]]).repeat(12, 1))
     slid_m = torch.zeros(12)
     for _ in range(20):
         rows = env.step(torch.zeros(12, 12))[3]["features"]
@@ -172,7 +173,7 @@ def test_the_critic_sees_how_the_robot_differs(robot: Robot) -> None:
 def test_a_new_episode_is_a_new_robot_and_the_others_stay(robot: Robot) -> None:
     env = _env(robot, 4, mass=(0.8, 1.2))
     before = env.sim.draw.columns.clone()
-    env._reset(torch.tensor([1, 3]))
+    env._reset(Listed(torch.tensor([1, 3])))
     changed = (env.sim.draw.columns != before).any(dim=1)
     assert changed.tolist() == [False, True, False, True]
 
