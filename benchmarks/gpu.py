@@ -19,7 +19,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 import torch
 import tyro
@@ -43,9 +43,6 @@ from .harness import Figure
 
 ENV = EnvCfg()
 Part = Literal[
-    "first", "parity", "reset", "diverged", "bare", "env", "varied", "ppo", "walk"
-]
-PARTS: tuple[Part, ...] = (
     "first",
     "parity",
     "reset",
@@ -55,7 +52,9 @@ PARTS: tuple[Part, ...] = (
     "varied",
     "ppo",
     "walk",
-)
+    "profile",
+]
+PARTS: tuple[Part, ...] = get_args(Part)
 MOST_APART = 1e-3
 """Largest difference of a feature, as a share of one plus its size."""
 Row = dict[str, Figure]
@@ -342,6 +341,24 @@ def ppo(bench: Bench) -> None:
     )
 
 
+def profile(bench: Bench) -> None:
+    """Where the time of one iteration of PPO goes, as a table of kernels."""
+    env = make_env(bench.robot, ENV, bench.options.envs, seed=0, sim=bench.cfg)
+    runner = Runner(env, PpoCfg(num_envs=bench.options.envs))
+    runner.learn(3, lambda stats: True)
+    bench.wait()
+    with torch.profiler.profile() as told:
+        runner.learn(4, lambda stats: True)
+        bench.wait()
+    by = "self_cuda_time_total" if bench.cuda else "self_cpu_time_total"
+    table = told.key_averages().table(
+        sort_by=by, row_limit=40, max_name_column_width=60
+    )
+    bench.options.out.mkdir(parents=True, exist_ok=True)
+    (bench.options.out / "profile.txt").write_text(table)
+    print(table, flush=True)
+
+
 def walk(bench: Bench) -> None:
     """From nothing to a policy that walks, on the task's reward."""
     options = bench.options
@@ -399,6 +416,7 @@ DONE_BY: dict[Part, Callable[[Bench], None]] = {
     "varied": partial(environment, varied=True),
     "ppo": ppo,
     "walk": walk,
+    "profile": profile,
 }
 
 
