@@ -180,8 +180,7 @@ class QuadrupedEnv(VecEnv):
         """
         previous, starts = self.action, self._starting
         self.action = actions.clamp(-self.cfg.action_limit, self.cfg.action_limit)
-        targets = self._rest_joint_pos + self.action_scale_rad * self.action
-        targets = targets.clamp(self._target_low, self._target_high)
+        targets = self.targets(self.action)
         if self._encoder is not None:
             self._encoder.advance()
         self.sim.set_targets(targets)
@@ -229,6 +228,11 @@ class QuadrupedEnv(VecEnv):
         self._starting = dones
         self._obs = self._observe(state, base)
         return self.get_observations(), rewards, dones, extras
+
+    def targets(self, action: Tensor) -> Tensor:
+        """Joint positions [N, 12] that `action` [N, 12] asks for, rad."""
+        targets = self._rest_joint_pos + self.action_scale_rad * action
+        return targets.clamp(self._target_low, self._target_high)
 
     def snapshot(self) -> dict[str, Tensor]:
         """All state as plain tensors, so that a killed run goes on bit for bit."""

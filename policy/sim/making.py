@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import dataclass
 from typing import Literal
 
@@ -95,7 +96,10 @@ def make_varied_sim(
 
 def _require_warp() -> None:
     try:
-        import mujoco_warp
+        import warp
+
+        # Before it greets.
+        warp.config.log_level = warp.LOG_WARNING
+        importlib.import_module("mujoco_warp")
     except ImportError as error:
         raise SimError(f"--sim warp needs MuJoCo Warp ({error}): {INSTALL}") from None
-    del mujoco_warp

@@ -13,6 +13,8 @@ from contextlib import contextmanager
 import mujoco_warp as mjw
 import warp as wp
 
+from .warp_kernels import compile_kernels
+
 
 class Graphs:
     """The work on one model and its worlds.
@@ -37,6 +39,11 @@ class Graphs:
     def constants(self) -> None:
         """Bring up to date what follows from masses; `forward` has to follow."""
         self._run("constants", self._constants)
+
+    def compile(self) -> None:
+        """Compile all kernels, and leave the worlds in no useful state."""
+        with wp.ScopedDevice(self._device):
+            compile_kernels(lambda: self._steps(1), self._device)
 
     def forget(self) -> None:
         """Capture anew: a graph goes on writing into arrays that were replaced."""

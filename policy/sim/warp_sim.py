@@ -40,7 +40,6 @@ class WarpSim:
             SimError: the robot has parts that MuJoCo Warp does not know.
             DeviceMemoryError: so many worlds do not fit.
         """
-        wp.config.quiet = True
         self.robot = robot
         self.num_envs = num_envs
         self.device = torch.device(device)
@@ -56,7 +55,11 @@ class WarpSim:
         )
         self._bind()
         self._graphs = Graphs(self._model, self._data, device)
-        self._current = False
+        self._graphs.compile()
+        everyone = Masked(torch.ones(num_envs, dtype=torch.bool, device=self.device))
+        home = torch.from_numpy(self._mj_model.qpos0.copy()).to(self.device)
+        at_rest = torch.zeros_like(self._qvel)
+        WarpSim.reset(self, everyone, home.repeat(num_envs, 1), at_rest)
 
     def _own_fields(self) -> tuple[str, ...]:
         """Fields of the model that every world has for itself."""

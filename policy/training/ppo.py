@@ -173,7 +173,7 @@ class Runner(OnPolicyRunner):
         if cfg.bonus is not None:
             self.alg.bonus = cfg.bonus.make(step_dt_s=env.step_dt, ranks=ranks)
         if cfg.mirror:
-            self.alg.mirror = mirror_of(env.robot).to(env.device)
+            self.alg.mirror = mirror_of(env.robot).to(torch.device(self.device))
         if cfg.kl_penalty is not None:
             self.alg.penalise(cfg.kl_penalty.make(ranks))
 
@@ -202,7 +202,7 @@ class Runner(OnPolicyRunner):
     def snapshot(self) -> dict[str, Any]:
         """What beside networks and iterations a training goes on from."""
         state = {"env": self.env.snapshot(), "torch_rng": torch.get_rng_state()}
-        if self.env.device.type == "cuda":
+        if torch.device(self.device).type == "cuda":
             state["device_rng"] = torch.cuda.get_rng_state()
         return state
 

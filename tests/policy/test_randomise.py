@@ -16,6 +16,7 @@ from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import RANDOMISE, EnvCfg, NoiseCfg, RandomiseCfg, ResetCfg
 from policy.env.randomise import RandomisedEnv, make_env
 from policy.robots.robot import Robot, load_robot
+from policy.sim.batch_sim import VariedBatchSim
 from policy.sim.rows import Listed
 from policy.training.checkpoint import PolicyError, load_policy
 from policy.training.ppo import PpoCfg
@@ -44,6 +45,12 @@ def _env(robot: Robot, num_envs: int, **options: Any) -> RandomisedEnv:
     return env
 
 
+def _model(env: RandomisedEnv, index: int) -> Any:
+    """The MuJoCo model of one robot."""
+    assert isinstance(env.sim, VariedBatchSim)
+    return env.sim._batch.get_model(index)
+
+
 def _held(env: QuadrupedEnv, steps: int) -> torch.Tensor:
     """The last feature rows after holding the home pose."""
     extras: dict[str, Any] = {}
@@ -61,7 +68,7 @@ def test_a_heavier_robot_sinks_deeper_and_weighs_more(robot: Robot) -> None:
     """Each simulation has its own masses, within the range, and feels them."""
     env = _env(robot, 16, mass=(0.8, 1.2))
     masses = np.array(
-        [env.sim._batch.get_model(i).body_subtreemass[0] for i in range(16)]
+        [_model(env, i).body_subtreemass[0] for i in range(16)]
     )
     factors = env.sim.draw.mass[:, 0].numpy()
     assert masses == pytest.approx(12.744 * factors)
@@ -76,7 +83,7 @@ def test_a_stronger_robot_stands_higher(robot: Robot) -> None:
     height = _held(env, 40)[:, column("base_height")][:, 0].numpy()
     assert np.corrcoef(factors, height)[0, 1] > 0.95
     limits = np.array(
-        [env.sim._batch.get_model(i).actuator_forcerange[0, 1] for i in range(16)]
+        [_model(env, i).actuator_forcerange[0, 1] for i in range(16)]
     )
     assert limits == pytest.approx(23.7 * factors)
 
@@ -94,7 +101,7 @@ def test_less_friction_slides_farther(robot: Robot) -> None:
     factors = env.sim.draw.friction[:, 0]
     assert slid_m[factors.argmin()] > 3 * slid_m[factors.argmax()]
     friction = [
-        env.sim._batch.get_model(i).geom("floor").friction[0] for i in range(12)
+        _model(env, i).geom("floor").friction[0] for i in range(12)
     ]
     assert friction == pytest.approx((0.8 * factors).tolist())
 
