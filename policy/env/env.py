@@ -32,6 +32,10 @@ from .terrain import Starts, near_edge
 from .world import in_world
 
 
+Bounds = Range | tuple[Tensor, Tensor]
+"""A range whose ends may depend on how far a curriculum has come."""
+
+
 class QuadrupedEnv(VecEnv):
     """N quadrupeds following velocity commands.
 
@@ -397,7 +401,7 @@ class QuadrupedEnv(VecEnv):
     def _uniform(self, rows: int, width: int, interval: Range) -> Tensor:
         return self._uniforms(rows, (width, interval))[0]
 
-    def _uniforms(self, rows: int, *parts: tuple[int, Range]) -> list[Tensor]:
+    def _uniforms(self, rows: int, *parts: tuple[int, Bounds]) -> list[Tensor]:
         """Uniform draws [rows, width] for each (width, interval), made at once."""
         sizes = [rows * width for width, _ in parts]
         units = torch.rand(sum(sizes), generator=self._rng, device=self.device)

@@ -67,9 +67,7 @@ def test_off_is_the_plain_environment(robot: Robot) -> None:
 def test_a_heavier_robot_sinks_deeper_and_weighs_more(robot: Robot) -> None:
     """Each simulation has its own masses, within the range, and feels them."""
     env = _env(robot, 16, mass=(0.8, 1.2))
-    masses = np.array(
-        [_model(env, i).body_subtreemass[0] for i in range(16)]
-    )
+    masses = np.array([_model(env, i).body_subtreemass[0] for i in range(16)])
     factors = env.sim.draw.mass[:, 0].numpy()
     assert masses == pytest.approx(12.744 * factors)
     assert ((factors > 0.8) & (factors < 1.2)).all()
@@ -82,9 +80,7 @@ def test_a_stronger_robot_stands_higher(robot: Robot) -> None:
     factors = env.sim.draw.strength[:, 0].numpy()
     height = _held(env, 40)[:, column("base_height")][:, 0].numpy()
     assert np.corrcoef(factors, height)[0, 1] > 0.95
-    limits = np.array(
-        [_model(env, i).actuator_forcerange[0, 1] for i in range(16)]
-    )
+    limits = np.array([_model(env, i).actuator_forcerange[0, 1] for i in range(16)])
     assert limits == pytest.approx(23.7 * factors)
 
 
@@ -100,9 +96,7 @@ def test_less_friction_slides_farther(robot: Robot) -> None:
         slid_m += (rows[:, column("foot_speed")] * touching).sum(dim=1) * env.step_dt
     factors = env.sim.draw.friction[:, 0]
     assert slid_m[factors.argmin()] > 3 * slid_m[factors.argmax()]
-    friction = [
-        _model(env, i).geom("floor").friction[0] for i in range(12)
-    ]
+    friction = [_model(env, i).geom("floor").friction[0] for i in range(12)]
     assert friction == pytest.approx((0.8 * factors).tolist())
 
 
