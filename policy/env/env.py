@@ -31,7 +31,6 @@ from .task_reward import task_reward_for, weighted
 from .terrain import Starts, near_edge
 from .world import in_world
 
-
 Bounds = Range | tuple[Tensor, Tensor]
 """A range whose ends may depend on how far a curriculum has come."""
 
