@@ -12,6 +12,7 @@ import torch
 
 from policy.env.randomise import make_env
 from policy.robots.robot import Robot
+from policy.sim.making import SimCfg
 from policy.training.ppo import IterationStats, Runner
 from policy.training.train import TrainCfg
 
@@ -206,6 +207,11 @@ def _require_possible(cfg: TrainCfg, actors: ActorsCfg) -> None:
         raise ActorsError(
             "a curriculum widens the commands of all environments together, and those "
             "of actors do not know of one another: leave out --curriculum, or --actors"
+        )
+    if cfg.sim != SimCfg():
+        raise ActorsError(
+            "actors simulate on the threads of their processors: leave out --device "
+            "and --sim, or --actors"
         )
     ppo = cfg.ppo
     if actors.update == "gradients" and (ppo.bonus or ppo.kl_penalty or ppo.mirror):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,8 +23,17 @@ from policy.env.seeding import spawned
 from policy.law.origin import Origin
 from policy.parallel.ranks import ALONE, Ranks, others_alive
 from policy.robots.robot import Robot
+from policy.sim.device_memory import told_of_memory
+from policy.sim.making import SimCfg
 
-from .checkpoint import PolicyError, PolicyInfo, policy_info, read_plain, save_policy
+from .checkpoint import (
+    PolicyError,
+    PolicyInfo,
+    policy_info,
+    read_plain,
+    save_policy,
+    saved_bytes,
+)
 from .identity import content_of, differences
 from .interrupts import interrupts
 from .ppo import IterationStats, PpoCfg, Runner, ScoreFn
@@ -58,6 +68,8 @@ class TrainCfg:
     final_std: float | None = None
     """The most exploration noise there may be at the end, come down to linearly; a gait
     that only noise sets going is no gait."""
+    sim: SimCfg = field(default=SimCfg(), metadata=ADDED_LATER)
+    """Where it runs."""
     calm_from: float = field(default=0.0, metadata=ADDED_LATER)
     """Share of the training after which it comes down, from the algorithm's `init_std`;
     at 0 from `exploration_std`, if that is given."""
@@ -138,8 +150,10 @@ def train(
             not given the same.
     """
     out.mkdir(parents=True, exist_ok=True)
+    cfg.sim.require()
     torch_seed, env_seed = spawned(cfg.seed, 2)
-    with torch.random.fork_rng(devices=[]), others_alive():
+    share = ranks.share_of(cfg.ppo.num_envs)
+    with _own_chance(cfg.sim.device), told_of_memory(share), others_alive():
         torch.manual_seed(torch_seed)
         if engine is None:
             runner = _runner_here(robot, cfg, _of_rank(env_seed, ranks), ranks)
@@ -164,6 +178,7 @@ def _runner_here(robot: Robot, cfg: TrainCfg, seed: int, ranks: Ranks) -> Runner
         cfg.env,
         ranks.share_of(cfg.ppo.num_envs),
         seed=seed,
+        sim=cfg.sim,
         threads=ranks.threads,
         ranks=ranks,
     )
@@ -233,7 +248,7 @@ class _Session:
         buffer = io.BytesIO()
         torch.save(self.runner.alg.get_policy().state_dict(), buffer)
         buffer.seek(0)
-        with torch.random.fork_rng(devices=[]):
+        with _own_chance(self.cfg.sim.device):
             reference = Runner(self.runner.env, self.cfg.ppo).alg.get_policy()
         reference.load_state_dict(torch.load(buffer, weights_only=True))
         self.runner.alg.reference = reference.eval()
@@ -349,6 +364,9 @@ class _Session:
         settings = to_plain(self.cfg, whole=True)
         for free in ("steps", "checkpoints", "save_every"):
             del settings[free]
+        if self.cfg.sim == SimCfg():
+            # Where older runs were, which do not say so.
+            del settings["sim"]
         settings["ppo"] = as_written(settings["ppo"])
         told = {
             **settings,
@@ -391,9 +409,9 @@ class _Session:
         if self.ranks.size > 1:
             of_rank = runner.alg.OF_RANK
             own |= {name: learned[name] for name in of_rank if name in learned}
-            state["others"] = self.ranks.gathered(_written(own))[1:]
+            state["others"] = self.ranks.gathered(saved_bytes(own))[1:]
         if self.ranks.is_first:
-            write_atomically(self.out / RESUME_NAME, _written(state))
+            write_atomically(self.out / RESUME_NAME, saved_bytes(state))
 
     def _save_policy(self, path: Path, steps: int) -> None:
         if not self.ranks.is_first:
@@ -412,7 +430,9 @@ class _Session:
         save_policy(path, self.runner.alg, info)
 
 
-def _written(state: dict[str, Any]) -> bytes:
-    buffer = io.BytesIO()
-    torch.save(state, buffer)
-    return buffer.getvalue()
+@contextmanager
+def _own_chance(device: str) -> Iterator[None]:
+    """Leave PyTorch's chance outside as it was, on the device too."""
+    devices = [torch.cuda.current_device()] if device == "cuda" else []
+    with torch.random.fork_rng(devices=devices):
+        yield
