@@ -34,6 +34,7 @@ from .checkpoint import (
     save_policy,
 )
 from .identity import content_of, differences
+from .on_device import on_device
 from .ppo import IterationStats, PpoCfg, Runner, ScoreFn
 from .written import as_written
 
@@ -131,9 +132,15 @@ def train(
 
     Raises:
         PolicyError: `init` or the state to resume cannot be used.
+        GaitprefError: what `cfg.sim` asks for cannot be had here.
     """
     out.mkdir(parents=True, exist_ok=True)
     cfg.sim.require()
+    if cfg.sim.device == "cuda" and cfg.ppo.bonus is not None:
+        raise PolicyError(
+            "the bonus for motion that is new is computed on the processor alone: "
+            "leave --exploration out, or --device cuda"
+        )
     torch_seed, env_seed = spawned(cfg.seed, 2)
     with _own_chance(cfg.sim.device), told_of_memory(cfg.ppo.num_envs):
         torch.manual_seed(torch_seed)
@@ -141,6 +148,7 @@ def train(
         runner = Runner(env, cfg.ppo)
         runner.alg.reward_fn = reward_fn
         session = _Session(out, robot, cfg, runner, reward_name)
+        runner.alg.reward_fn = on_device(reward_fn, env.device)
         if init is not None:
             session.start_from(init)
         if not (resume and session.resume()):

@@ -18,6 +18,7 @@ from gaitpref.cli.shared.by_hand import (
     stage_of,
     told_without_method,
 )
+from gaitpref.cli.shared.simulator import sim_of
 from gaitpref.console.progress import console, training_bar
 from gaitpref.console.terminal import EXIT_INTERRUPTED
 from gaitpref.raters.criterion_scores import criterion_context
@@ -121,6 +122,7 @@ def _plain_cfg(command: options.Train, setting: Setting) -> TrainCfg:
         ),
         seed=command.seed,
         checkpoints=command.checkpoints,
+        sim=sim_of(command),
     )
 
 

@@ -89,6 +89,12 @@ class Loop:
     """Sets what is not given: quick takes about ten minutes on two cores."""
     robot: Path | None = None
     """MJCF of the robot; the Go1 that ships by default."""
+    device: Literal["cpu", "cuda"] = "cpu"
+    """Where policies are trained: the processor, or an NVIDIA GPU, for which the extra
+    `gpu` is installed."""
+    sim: Literal["auto", "threads", "warp"] = "auto"
+    """Simulator: MuJoCo on the processor's threads, or MuJoCo Warp, which also runs,
+    slowly, without a GPU; what suits the device by default."""
     answers: str | None = None
     """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
     file by default."""
