@@ -341,7 +341,7 @@ class QuadrupedEnv(VecEnv):
     def _uniform(self, rows: int, width: int, interval: Range) -> Tensor:
         return self._uniforms(rows, (width, interval))[0]
 
-    def _uniforms(self, rows: int, *parts: tuple[int, Range]) -> list[Tensor]:
+    def _uniforms(self, rows: int, *parts: tuple[int, Interval]) -> list[Tensor]:
         """Uniform draws [rows, width] for each (width, interval), made at once."""
         sizes = [rows * width for width, _ in parts]
         units = torch.rand(sum(sizes), generator=self._rng, device=self.device)
@@ -358,6 +358,10 @@ class QuadrupedEnv(VecEnv):
 
     def _constant(self, values: Any) -> Tensor:
         return torch.tensor(values, dtype=torch.float32, device=self.device)
+
+
+Interval = Range | tuple[Tensor, Tensor]
+"""Ends of what is drawn: numbers, or tensors of one number on the device."""
 
 
 def _overwrite(record: SimState | BaseState, rows: Rows, fresh: Any) -> None:

@@ -153,7 +153,7 @@ class Runner(OnPolicyRunner):
         if cfg.bonus is not None:
             self.alg.bonus = cfg.bonus.make(step_dt_s=env.step_dt)
         if cfg.mirror:
-            self.alg.mirror = mirror_of(env.robot).to(env.device)
+            self.alg.mirror = mirror_of(env.robot).to(env.sim.device)
         if cfg.kl_penalty is not None:
             self.alg.penalise(cfg.kl_penalty.make())
 

@@ -148,7 +148,7 @@ def train(
         runner = Runner(env, cfg.ppo)
         runner.alg.reward_fn = reward_fn
         session = _Session(out, robot, cfg, runner, reward_name)
-        runner.alg.reward_fn = on_device(reward_fn, env.device)
+        runner.alg.reward_fn = on_device(reward_fn, env.sim.device)
         if init is not None:
             session.start_from(init)
         if not (resume and session.resume()):

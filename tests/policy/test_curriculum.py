@@ -37,7 +37,7 @@ def _rows(error_m_s: float) -> torch.Tensor:
 def _observed(curriculum: Curriculum, error_m_s: float, steps: int) -> float:
     for _ in range(steps):
         curriculum.observe(_rows(error_m_s))
-    return curriculum.share
+    return float(curriculum.share)
 
 
 def test_it_widens_by_one_step_for_every_window_of_good_tracking() -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from mujoco.batch import Batch
 
 from data.features import column
 from gaitpref.cli.main import main
@@ -16,6 +17,7 @@ from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import RANDOMISE, EnvCfg, NoiseCfg, RandomiseCfg, ResetCfg
 from policy.env.randomise import RandomisedEnv, make_env
 from policy.robots.robot import Robot, load_robot
+from policy.sim.batch_sim import VariedBatchSim
 from policy.sim.rows import Listed
 from policy.training.checkpoint import PolicyError, load_policy
 from policy.training.ppo import PpoCfg
@@ -52,6 +54,11 @@ def _held(env: QuadrupedEnv, steps: int) -> torch.Tensor:
     return extras["features"]
 
 
+def _batch(env: RandomisedEnv) -> Batch:
+    assert isinstance(env.sim, VariedBatchSim)
+    return env.sim._batch
+
+
 def test_off_is_the_plain_environment(robot: Robot) -> None:
     assert RANDOMISE["off"] == EnvCfg().randomise
     assert type(make_env(robot, EnvCfg(), 2, seed=0)) is QuadrupedEnv
@@ -60,9 +67,7 @@ def test_off_is_the_plain_environment(robot: Robot) -> None:
 def test_a_heavier_robot_sinks_deeper_and_weighs_more(robot: Robot) -> None:
     """Each simulation has its own masses, within the range, and feels them."""
     env = _env(robot, 16, mass=(0.8, 1.2))
-    masses = np.array(
-        [env.sim._batch.get_model(i).body_subtreemass[0] for i in range(16)]
-    )
+    masses = np.array([_batch(env).get_model(i).body_subtreemass[0] for i in range(16)])
     factors = env.sim.draw.mass[:, 0].numpy()
     assert masses == pytest.approx(12.744 * factors)
     assert ((factors > 0.8) & (factors < 1.2)).all()
@@ -76,7 +81,7 @@ def test_a_stronger_robot_stands_higher(robot: Robot) -> None:
     height = _held(env, 40)[:, column("base_height")][:, 0].numpy()
     assert np.corrcoef(factors, height)[0, 1] > 0.95
     limits = np.array(
-        [env.sim._batch.get_model(i).actuator_forcerange[0, 1] for i in range(16)]
+        [_batch(env).get_model(i).actuator_forcerange[0, 1] for i in range(16)]
     )
     assert limits == pytest.approx(23.7 * factors)
 
@@ -93,9 +98,7 @@ def test_less_friction_slides_farther(robot: Robot) -> None:
         slid_m += (rows[:, column("foot_speed")] * touching).sum(dim=1) * env.step_dt
     factors = env.sim.draw.friction[:, 0]
     assert slid_m[factors.argmin()] > 3 * slid_m[factors.argmax()]
-    friction = [
-        env.sim._batch.get_model(i).geom("floor").friction[0] for i in range(12)
-    ]
+    friction = [_batch(env).get_model(i).geom("floor").friction[0] for i in range(12)]
     assert friction == pytest.approx((0.8 * factors).tolist())
 
 
