@@ -16,8 +16,8 @@ from torch import Tensor
 from data.features import column
 from policy.robots.robot import Robot
 from policy.sim.batch_sim import BatchSim
+from policy.sim.chosen import Rows
 from policy.sim.field import Field
-from policy.sim.rows import Rows
 from policy.sim.sim import Sim, SimState
 
 from .curriculum import Curriculum

@@ -18,7 +18,7 @@ from policy.env.env_cfg import RANDOMISE, EnvCfg, NoiseCfg, RandomiseCfg, ResetC
 from policy.env.randomise import RandomisedEnv, make_env
 from policy.robots.robot import Robot, load_robot
 from policy.sim.batch_sim import VariedBatchSim
-from policy.sim.rows import Listed
+from policy.sim.chosen import Listed
 from policy.training.checkpoint import PolicyError, load_policy
 from policy.training.ppo import PpoCfg
 from policy.training.train import TrainCfg, train

@@ -22,9 +22,9 @@ from policy.env.env_cfg import RANDOMISE, EnvCfg
 from policy.env.feature_row import base_state
 from policy.env.randomise import RandomisedEnv, make_env
 from policy.robots.robot import Robot, load_robot
+from policy.sim.chosen import Rows
 from policy.sim.draw import Draw
 from policy.sim.making import SimCfg, SimError
-from policy.sim.rows import Rows
 from policy.training.checkpoint import load_policy
 from policy.training.ppo import PpoCfg
 from policy.training.train import TrainCfg, train

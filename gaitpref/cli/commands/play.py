@@ -22,7 +22,7 @@ from policy.env.env_cfg import EnvCfg
 from policy.env.world import in_world
 from policy.robots.robot import Robot, load_robot
 from policy.sim.batch_sim import BatchSim
-from policy.sim.rows import Listed
+from policy.sim.chosen import Listed
 from policy.training.checkpoint import Policy, load_policy
 
 _FOREVER_S = 1e6
