@@ -18,8 +18,8 @@ from policy.law.encoder import Encoder
 from policy.parallel.ranks import ALONE, Ranks
 from policy.robots.robot import Robot
 from policy.sim.batch_sim import BatchSim
+from policy.sim.chosen import Rows
 from policy.sim.field import Field
-from policy.sim.rows import Rows
 from policy.sim.sim import Sim, SimState
 
 from .curriculum import Curriculum
@@ -417,6 +417,10 @@ class QuadrupedEnv(VecEnv):
 
     def _constant(self, values: Any) -> Tensor:
         return torch.tensor(values, dtype=torch.float32, device=self.device)
+
+
+Interval = Range | tuple[Tensor, Tensor]
+"""Ends of what is drawn: numbers, or tensors of one number on the device."""
 
 
 def _overwrite(record: SimState | BaseState, rows: Rows, fresh: Any) -> None:

@@ -18,8 +18,8 @@ from torch import Tensor
 from policy.robots.robot import Robot, load_robot_xml
 from policy.robots.solid import make_legs_solid
 from policy.sim.batch_sim import BatchSim
+from policy.sim.chosen import Listed
 from policy.sim.field import Field
-from policy.sim.rows import Listed
 
 from .terrain import Starts
 

@@ -19,9 +19,9 @@ from data.features import LEGS
 from policy.parallel.ranks import ALONE, Ranks
 from policy.robots.robot import Robot
 from policy.sim.batch_sim import VariedBatchSim
+from policy.sim.chosen import Rows
 from policy.sim.draw import DRAWN_DIM, Draw
 from policy.sim.making import SimCfg, make_sim, make_varied_sim
-from policy.sim.rows import Rows
 from policy.sim.sim import SimState, VariedSim
 
 from .env import QuadrupedEnv

@@ -17,8 +17,8 @@ from policy.robots.bare import bare_model
 from policy.robots.robot import Robot
 
 from .addresses import addresses_of
+from .chosen import Listed, Rows, listed
 from .draw import Draw, factors, varied_fields
-from .rows import Listed, Rows, listed
 from .sim import SimState, require_fits
 
 logger = logging.getLogger(__name__)

@@ -13,7 +13,11 @@ _SHARE = 0.8
 """Of the memory that is counted on: it comes in pieces, and some stay empty."""
 
 
-class DeviceMemoryError(GaitprefError):
+class SimError(GaitprefError):
+    """A simulator that cannot be had here."""
+
+
+class DeviceMemoryError(SimError):
     """More robots than fit into the memory of a GPU."""
 
 

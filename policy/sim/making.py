@@ -8,20 +8,16 @@ from typing import Literal
 
 import torch
 
-from data.errors import GaitprefError
 from policy.robots.robot import Robot
 
 from .batch_sim import BatchSim, VariedBatchSim
+from .device_memory import SimError as SimError
 from .sim import Sim, VariedSim
 
 Device = Literal["cpu", "cuda"]
 SimKind = Literal["auto", "threads", "warp"]
 
 INSTALL = "pip install 'gaitpref[gpu]'"
-
-
-class SimError(GaitprefError):
-    """A simulator that cannot be had here."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,8 +15,8 @@ from torch import Tensor
 
 from policy.robots.robot import Robot
 
+from .chosen import Rows
 from .draw import Draw
-from .rows import Rows
 
 
 @dataclass(frozen=True, eq=False)

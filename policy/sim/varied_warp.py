@@ -11,8 +11,8 @@ from torch import Tensor
 
 from policy.robots.robot import Robot
 
+from .chosen import Rows
 from .draw import Draw, factors, varied_fields
-from .rows import Rows
 from .warp_sim import WarpSim
 
 _FOLLOWING = (

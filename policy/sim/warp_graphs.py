@@ -68,6 +68,7 @@ class Graphs:
             if key not in self._captured:
                 with _no_collection(), wp.ScopedCapture() as capture:
                     work()
+                assert capture.graph is not None
                 self._captured[key] = capture.graph
             wp.capture_launch(self._captured[key])
 

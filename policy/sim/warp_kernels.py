@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -41,9 +41,15 @@ def _only_noted() -> Iterator[Kinds]:
     noted: Kinds = defaultdict(set)
 
     def launch(
-        kernel: Any, *arguments: Any, block_dim: int | None = None, **named: Any
+        kernel: Any,
+        dim: Any,
+        *arguments: Any,
+        block_dim: int | None = None,
+        **named: Any,
     ) -> None:
-        noted[block_dim].add(kernel.module)
+        # Of what the robot has none, no kernel is compiled.
+        if 0 not in (dim if isinstance(dim, Iterable) else (dim,)):
+            noted[block_dim].add(kernel.module)
 
     def loop(condition: Any, while_body: Callable[..., None], **named: Any) -> None:
         while_body(**named)

@@ -11,8 +11,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from .device_memory import too_many
-from .making import SimError
+from .device_memory import SimError, too_many
 
 _GEOM = mujoco.mjtGeom
 _CONTACTS = {

@@ -20,8 +20,8 @@ from policy.robots.bare import bare_model
 from policy.robots.robot import Robot
 
 from .addresses import Columns, addresses_of
+from .chosen import Masked, Rows
 from .field import Field
-from .rows import Masked, Rows
 from .sim import SimState, require_fits
 from .warp_graphs import Graphs
 from .warp_memory import made_worlds

@@ -173,7 +173,7 @@ class Runner(OnPolicyRunner):
         if cfg.bonus is not None:
             self.alg.bonus = cfg.bonus.make(step_dt_s=env.step_dt, ranks=ranks)
         if cfg.mirror:
-            self.alg.mirror = mirror_of(env.robot).to(torch.device(self.device))
+            self.alg.mirror = mirror_of(env.robot).to(env.sim.device)
         if cfg.kl_penalty is not None:
             self.alg.penalise(cfg.kl_penalty.make(ranks))
 

@@ -36,6 +36,7 @@ from .checkpoint import (
 )
 from .identity import content_of, differences
 from .interrupts import interrupts
+from .on_device import on_device
 from .ppo import IterationStats, PpoCfg, Runner, ScoreFn
 from .written import as_written
 
@@ -147,10 +148,15 @@ def train(
         PolicyError: `init` or the state to resume cannot be used.
         RankLost: another rank is gone.
         GaitprefError: the environments cannot be shared by the ranks, or these were
-            not given the same.
+            not given the same, or what `cfg.sim` asks for cannot be had here.
     """
     out.mkdir(parents=True, exist_ok=True)
     cfg.sim.require()
+    if cfg.sim.device == "cuda" and cfg.ppo.bonus is not None:
+        raise PolicyError(
+            "the bonus for motion that is new is computed on the processor alone: "
+            "leave --exploration out, or --device cuda"
+        )
     torch_seed, env_seed = spawned(cfg.seed, 2)
     share = ranks.share_of(cfg.ppo.num_envs)
     with _own_chance(cfg.sim.device), told_of_memory(share), others_alive():
@@ -161,6 +167,7 @@ def train(
             runner = engine(robot, cfg, env_seed)
         runner.alg.reward_fn = reward_fn
         session = _Session(out, robot, cfg, runner, reward_name)
+        runner.alg.reward_fn = on_device(reward_fn, torch.device(runner.device))
         if init is not None:
             session.start_from(init)
         if ranks.size > 1:

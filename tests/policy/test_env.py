@@ -18,7 +18,7 @@ from policy.env.task_reward import TaskRewardCfg, task_reward_for, task_score, w
 from policy.robots.bare import bare_model
 from policy.robots.robot import Robot, load_robot
 from policy.sim.batch_sim import BatchSim
-from policy.sim.rows import Listed
+from policy.sim.chosen import Listed
 
 CFG = EnvCfg(commands=CommandCfg(resample_s=math.inf))
 

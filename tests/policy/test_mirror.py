@@ -14,7 +14,7 @@ from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg
 from policy.env.feature_row import OBSERVATION, in_order, obs_column
 from policy.robots.robot import Robot, RobotError, load_robot
-from policy.sim.rows import Listed
+from policy.sim.chosen import Listed
 from policy.training.checkpoint import load_policy
 from policy.training.mirror import Mirror, has_mirror, mirror_of, mirrored
 from policy.training.ppo import PpoCfg

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from mujoco.batch import Batch
 
 from data.features import column
 from gaitpref.cli.main import main
@@ -17,7 +18,7 @@ from policy.env.env_cfg import RANDOMISE, EnvCfg, NoiseCfg, RandomiseCfg, ResetC
 from policy.env.randomise import RandomisedEnv, make_env
 from policy.robots.robot import Robot, load_robot
 from policy.sim.batch_sim import VariedBatchSim
-from policy.sim.rows import Listed
+from policy.sim.chosen import Listed
 from policy.training.checkpoint import PolicyError, load_policy
 from policy.training.ppo import PpoCfg
 from policy.training.train import TrainCfg, train
@@ -57,6 +58,11 @@ def _held(env: QuadrupedEnv, steps: int) -> torch.Tensor:
     for _ in range(steps):
         extras = env.step(torch.zeros(env.num_envs, 12))[3]
     return extras["features"]
+
+
+def _batch(env: RandomisedEnv) -> Batch:
+    assert isinstance(env.sim, VariedBatchSim)
+    return env.sim._batch
 
 
 def test_off_is_the_plain_environment(robot: Robot) -> None:

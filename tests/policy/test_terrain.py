@@ -26,7 +26,7 @@ from policy.env.env_cfg import RANDOMISE, EnvCfg
 from policy.env.randomise import make_env
 from policy.env.terrain import EDGE_M, TerrainCfg, heights, on_terrain, turned
 from policy.robots.robot import Robot, load_robot, load_robot_xml
-from policy.sim.rows import Listed
+from policy.sim.chosen import Listed
 from policy.training.checkpoint import load_policy
 from tests.helpers.foreign_robots import Drawing, mjcf
 

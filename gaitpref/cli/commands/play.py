@@ -24,7 +24,7 @@ from policy.law.driven import driven_by
 from policy.robots.robot import Robot, load_robot
 from policy.robots.shipped import WALK
 from policy.sim.batch_sim import BatchSim
-from policy.sim.rows import Listed
+from policy.sim.chosen import Listed
 from policy.training.checkpoint import Policy, load_policy
 
 _FOREVER_S = 1e6

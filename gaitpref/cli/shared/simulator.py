@@ -1,0 +1,23 @@
+"""The simulator a command asks for."""
+
+from __future__ import annotations
+
+from gaitpref.cli.options import options
+from gaitpref.console.progress import console
+from policy.sim.making import SimCfg
+
+
+def sim_of(command: options.Train | options.Loop) -> SimCfg:
+    """Where the command trains, seen to be there before anything else is done.
+
+    Raises:
+        SimError: there is no GPU, or a package is not installed.
+    """
+    cfg = SimCfg(device=command.device, kind=command.sim)
+    cfg.require()
+    if cfg.on_warp:
+        console.print(
+            "MuJoCo Warp compiles its kernels the first time it runs on a machine, "
+            "which takes some minutes"
+        )
+    return cfg
