@@ -7,14 +7,10 @@ from contextlib import contextmanager
 
 import torch
 
-from data.errors import GaitprefError
+from .sim import SimError
 
 _SHARE = 0.8
 """Of the memory that is counted on: it comes in pieces, and some stay empty."""
-
-
-class SimError(GaitprefError):
-    """A simulator that cannot be had here."""
 
 
 class DeviceMemoryError(SimError):

@@ -11,13 +11,12 @@ import torch
 from policy.robots.robot import Robot
 
 from .batch_sim import BatchSim, VariedBatchSim
-from .device_memory import SimError as SimError
-from .sim import Sim, VariedSim
+from .sim import Sim, SimError, VariedSim
 
 Device = Literal["cpu", "cuda"]
 SimKind = Literal["auto", "threads", "warp"]
 
-INSTALL = "pip install 'gaitpref[gpu]'"
+INSTALL = "pip install -e '.[gpu]' -c constraints.txt"
 
 
 @dataclass(frozen=True, kw_only=True)

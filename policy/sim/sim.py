@@ -13,10 +13,15 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
+from data.errors import GaitprefError
 from policy.robots.robot import Robot
 
 from .chosen import Rows
 from .draw import Draw
+
+
+class SimError(GaitprefError):
+    """A simulator that cannot be had here."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,8 @@ import numpy as np
 import torch
 import warp as wp
 
-from .device_memory import SimError, too_many
+from .device_memory import too_many
+from .sim import SimError
 
 _GEOM = mujoco.mjtGeom
 _CONTACTS = {

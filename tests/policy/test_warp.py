@@ -24,7 +24,8 @@ from policy.env.randomise import RandomisedEnv, make_env
 from policy.robots.robot import Robot, load_robot
 from policy.sim.chosen import Rows
 from policy.sim.draw import Draw
-from policy.sim.making import SimCfg, SimError
+from policy.sim.making import SimCfg
+from policy.sim.sim import SimError
 from policy.training.checkpoint import load_policy
 from policy.training.ppo import PpoCfg
 from policy.training.train import TrainCfg, train
@@ -182,5 +183,5 @@ def test_a_package_that_is_not_installed_is_told_with_its_extra(
     told = ["train", "--out", str(tmp_path / "run"), "--reward", "task"]
     assert main([*told, "--sim", "warp"]) == 2
     line = capsys.readouterr().err.strip()
-    assert "pip install 'gaitpref[gpu]'" in line
+    assert "pip install -e '.[gpu]'" in line
     assert "\n" not in line
