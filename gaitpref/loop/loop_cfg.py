@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from data.errors import GaitprefError
-from data.files.plain import ADDED_LATER
+from data.files.plain import NONE_AS_BEFORE
 from gaitpref.method.method import Method
 from gaitpref.raters.rater_cfg import RaterCfg
 from policy.env.env_cfg import EnvCfg
@@ -82,8 +82,9 @@ class LoopCfg:
     """The environment."""
     ppo: PpoCfg = field(default_factory=PpoCfg)
     """The algorithm."""
-    sim: SimCfg = field(default=SimCfg(), metadata=ADDED_LATER)
-    """Where policies are trained; they are recorded and evaluated on the CPU."""
+    sim: SimCfg | None = field(default=None, metadata=NONE_AS_BEFORE)
+    """Where policies are trained, None is the CPU; they are recorded and evaluated on
+    the CPU."""
 
     def __post_init__(self) -> None:
         if self.rounds < 1:

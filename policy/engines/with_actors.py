@@ -12,7 +12,6 @@ import torch
 
 from policy.env.randomise import make_env
 from policy.robots.robot import Robot
-from policy.sim.making import SimCfg
 from policy.training.ppo import IterationStats, Runner
 from policy.training.train import TrainCfg
 
@@ -208,7 +207,7 @@ def _require_possible(cfg: TrainCfg, actors: ActorsCfg) -> None:
             "a curriculum widens the commands of all environments together, and those "
             "of actors do not know of one another: leave out --curriculum, or --actors"
         )
-    if cfg.sim != SimCfg():
+    if cfg.sim is not None:
         raise ActorsError(
             "actors simulate on the threads of their processors: leave out --device "
             "and --sim, or --actors"

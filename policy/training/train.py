@@ -15,7 +15,7 @@ from torch import Tensor
 from torch.utils.tensorboard.writer import SummaryWriter
 
 from data.files.files import sha256_file, write_atomically
-from data.files.plain import ADDED_LATER, to_plain
+from data.files.plain import ADDED_LATER, NONE_AS_BEFORE, to_plain
 from data.files.weights import misfits, not_finite
 from policy.env.env_cfg import EnvCfg
 from policy.env.randomise import make_env
@@ -24,7 +24,7 @@ from policy.law.origin import Origin
 from policy.parallel.ranks import ALONE, Ranks, others_alive
 from policy.robots.robot import Robot
 from policy.sim.device_memory import told_of_memory
-from policy.sim.making import SimCfg
+from policy.sim.making import Device, SimCfg
 
 from .checkpoint import (
     PolicyError,
@@ -69,8 +69,8 @@ class TrainCfg:
     final_std: float | None = None
     """The most exploration noise there may be at the end, come down to linearly; a gait
     that only noise sets going is no gait."""
-    sim: SimCfg = field(default=SimCfg(), metadata=ADDED_LATER)
-    """Where it runs."""
+    sim: SimCfg | None = field(default=None, metadata=NONE_AS_BEFORE)
+    """Where it runs; None is the CPU, on its threads."""
     calm_from: float = field(default=0.0, metadata=ADDED_LATER)
     """Share of the training after which it comes down, from the algorithm's `init_std`;
     at 0 from `exploration_std`, if that is given."""
@@ -151,15 +151,10 @@ def train(
             not given the same, or what `cfg.sim` asks for cannot be had here.
     """
     out.mkdir(parents=True, exist_ok=True)
-    cfg.sim.require()
-    if cfg.sim.device == "cuda" and cfg.ppo.bonus is not None:
-        raise PolicyError(
-            "the bonus for motion that is new is computed on the processor alone: "
-            "leave --exploration out, or --device cuda"
-        )
+    device = _device_of(cfg)
     torch_seed, env_seed = spawned(cfg.seed, 2)
     share = ranks.share_of(cfg.ppo.num_envs)
-    with _own_chance(cfg.sim.device), told_of_memory(share), others_alive():
+    with _own_chance(device), told_of_memory(share), others_alive():
         torch.manual_seed(torch_seed)
         if engine is None:
             runner = _runner_here(robot, cfg, _of_rank(env_seed, ranks), ranks)
@@ -177,6 +172,23 @@ def train(
             session.start_fresh()
         session.require_same()
         return session.run(on_iteration)
+
+
+def _device_of(cfg: TrainCfg) -> Device:
+    """Where it runs, seen to be there.
+
+    Raises:
+        GaitprefError: it is not, or something of the training cannot be there.
+    """
+    if cfg.sim is None:
+        return "cpu"
+    cfg.sim.require()
+    if cfg.sim.device == "cuda" and cfg.ppo.bonus is not None:
+        raise PolicyError(
+            "the bonus for motion that is new is computed on the processor alone: "
+            "leave --exploration out, or --device cuda"
+        )
+    return cfg.sim.device
 
 
 def _runner_here(robot: Robot, cfg: TrainCfg, seed: int, ranks: Ranks) -> Runner:
@@ -255,7 +267,7 @@ class _Session:
         buffer = io.BytesIO()
         torch.save(self.runner.alg.get_policy().state_dict(), buffer)
         buffer.seek(0)
-        with _own_chance(self.cfg.sim.device):
+        with _own_chance(self.runner.device):
             reference = Runner(self.runner.env, self.cfg.ppo).alg.get_policy()
         reference.load_state_dict(torch.load(buffer, weights_only=True))
         self.runner.alg.reference = reference.eval()
@@ -371,9 +383,6 @@ class _Session:
         settings = to_plain(self.cfg, whole=True)
         for free in ("steps", "checkpoints", "save_every"):
             del settings[free]
-        if self.cfg.sim == SimCfg():
-            # Where older runs were, which do not say so.
-            del settings["sim"]
         settings["ppo"] = as_written(settings["ppo"])
         told = {
             **settings,
@@ -440,6 +449,6 @@ class _Session:
 @contextmanager
 def _own_chance(device: str) -> Iterator[None]:
     """Leave PyTorch's chance outside as it was, on the device too."""
-    devices = [torch.cuda.current_device()] if device == "cuda" else []
+    devices = [] if device == "cpu" else [torch.cuda.current_device()]
     with torch.random.fork_rng(devices=devices):
         yield
