@@ -8,7 +8,7 @@ from torch import Tensor
 from policy.env.randomise import make_env
 
 from .gpu_bench import ENV, Bench
-from .gpu_parity import MOST_APART, nudged, run_of
+from .gpu_parity import MOST_APART, converging, nudged, run_of
 
 
 @torch.inference_mode()
@@ -18,8 +18,9 @@ def parity(bench: Bench) -> None:
     count, steps = bench.options.envs, 50
     rng = torch.Generator().manual_seed(1)
     actions = 0.5 * torch.randn(steps, count, 12, generator=rng)
-    ours = make_env(bench.robot, ENV, count, seed=0, sim=bench.cfg)
-    theirs = make_env(bench.robot, ENV, count, seed=0)
+    robot = converging(bench.robot)
+    ours = make_env(robot, ENV, count, seed=0, sim=bench.cfg)
+    theirs = make_env(robot, ENV, count, seed=0)
     start, command = theirs.sim.raw_state(), theirs.command.clone()
     run = run_of(theirs, start, command, actions, watch=True)
     again = run_of(theirs, nudged(start, 1e-7, rng=rng), command, actions)

@@ -25,6 +25,8 @@ _RATE, _SHARE, _TIME = "{:,.0f} steps/s", "{:.2%}", "{:.0f} s"
 ROWS: tuple[tuple[str, str, str, str, str], ...] = (
     ("first", "make_s", "kernels compiled, once a machine", "{:.0f} s", ""),
     ("parity", "within_1e-3", "robots within 1e-3 after 50 steps", _SHARE, "99.9 %"),
+    ("parity", "cpu_itself_within_1e-3", "the CPU's own, 1e-7 off", _SHARE, ""),
+    ("parity", "decided_within_1e-3", "where no digit decides", _SHARE, "99.9 %"),
     ("parity", "contacts_alike", "feet on the ground alike", _SHARE, ""),
     ("reset", "others_alike", "a reset leaves the others alone", "{}", "True"),
     ("diverged", "sound", "a robot that diverged is ended", "{}", "True"),

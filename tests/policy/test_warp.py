@@ -15,7 +15,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from benchmarks.gpu_parity import MOST_APART, nudged, run_of
+from benchmarks.gpu_parity import MOST_APART, converging, nudged, run_of
 from data.features import column
 from gaitpref.cli.main import main
 from policy.env.env import QuadrupedEnv
@@ -41,7 +41,7 @@ WARP = SimCfg(kind="warp")
 
 @pytest.fixture(scope="module")
 def robot() -> Robot:
-    return load_robot(physics_dt_s=ENV.physics_dt_s)
+    return converging(load_robot(physics_dt_s=ENV.physics_dt_s))
 
 
 @pytest.fixture(scope="module")
