@@ -7,9 +7,9 @@ part, be they of Warp and MuJoCo or of MuJoCo and itself, started as little apar
 robots whose touchdowns no last digit decides are held to MuJoCo's features; how many
 of all part is told, and how many of MuJoCo's own.
 
-The second cause is the solver. The robot allows it 10 iterations, which now and then are
-too few for four feet that land at once: MuJoCo then stops 0.4 away from the velocities
-it was after, Warp somewhere else. Both are compared where they may go on to the end.
+The second cause is the solver. The robot allows it 10 iterations, now and then too few
+for four feet that land at once: MuJoCo was seen to stop 0.4 away from the velocities it
+was after, Warp somewhere else. They are compared where both may go on to the end.
 
 Shapes: N robots, T control steps, F feature columns.
 """
