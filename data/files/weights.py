@@ -51,7 +51,8 @@ def _arrays(state: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, np.nda
         if isinstance(value, Mapping):
             yield from _arrays(value, f"{name}.")
         elif hasattr(value, "shape"):
-            array = np.asarray(value)
+            # NumPy does not reach into a GPU.
+            array = np.asarray(value.cpu() if hasattr(value, "cpu") else value)
             if array.dtype.kind == "f":
                 yield name, array
 

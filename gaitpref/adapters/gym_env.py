@@ -21,9 +21,9 @@ from data.features import JOINTS
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg
 from policy.env.feature_row import OBS_DIM
-from policy.env.sim import BatchSim
 from policy.env.world import in_world
 from policy.robots.robot import load_robot
+from policy.sim.batch_sim import BatchSim
 
 from .frames import frames_for, metadata_of
 from .step_reward import StepReward, reward_named

@@ -12,9 +12,11 @@ from collections.abc import Collection, Generator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from gaitpref.console.extras import require
+from policy.parallel.ray_connection import connected
+
 from .gpu_slots import require_gpus
-from .pieces import DEVICES, Outcome, Piece, attempt, died, unpacked
-from .ray_connection import connected
+from .pieces import DEVICES, Outcome, Piece, attempt, cores, died, unpacked
 
 _STOP_S = 15.0
 """How long a task may take to save what it was at."""
@@ -33,13 +35,15 @@ class RayTasks:
         """The outcome of every piece, in the order they end.
 
         Raises:
-            ClusterError: no Ray can be used.
+            MissingExtra: Ray is not installed.
+            RayError: none can be used.
             PieceError: a piece asks for more GPUs than the cluster has.
         """
         if not pieces:
             return
         packed = [piece.packed() for piece in pieces]
-        with connected(self.address) as ray:
+        require("ray", "scale")
+        with connected(self.address, cores=cores()) as ray:
             there = ray.cluster_resources().get("GPU", 0.0)
             require_gpus(pieces, there, f"the cluster at {self.address}")
             task, here = ray.remote(_in_place), os.getcwd()

@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Literal
 
 from data.errors import GaitprefError
+from data.files.plain import NONE_AS_BEFORE
 from gaitpref.method.method import Method
 from gaitpref.raters.rater_cfg import RaterCfg
 from policy.env.env_cfg import EnvCfg
 from policy.robots.shipped import WALK
 from policy.rollouts.record import RecordCfg
+from policy.sim.making import SimCfg
 from policy.training.ppo import PpoCfg
 from rewardmodel.answers.answered_pairs import MIN_ANSWERS
 from rewardmodel.asking.clip_questions import ClipCfg
@@ -80,6 +82,9 @@ class LoopCfg:
     """The environment."""
     ppo: PpoCfg = field(default_factory=PpoCfg)
     """The algorithm."""
+    sim: SimCfg | None = field(default=None, metadata=NONE_AS_BEFORE)
+    """Where policies are trained, None is the CPU; they are recorded and evaluated on
+    the CPU."""
 
     def __post_init__(self) -> None:
         if self.rounds < 1:

@@ -207,6 +207,11 @@ def _require_possible(cfg: TrainCfg, actors: ActorsCfg) -> None:
             "a curriculum widens the commands of all environments together, and those "
             "of actors do not know of one another: leave out --curriculum, or --actors"
         )
+    if cfg.sim is not None:
+        raise ActorsError(
+            "actors simulate on the threads of their processors: leave out --device "
+            "and --sim, or --actors"
+        )
     ppo = cfg.ppo
     if actors.update == "gradients" and (ppo.bonus or ppo.kl_penalty or ppo.mirror):
         raise ActorsError(

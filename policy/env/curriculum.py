@@ -43,18 +43,24 @@ class CurriculumCfg:
 
 
 class Curriculum:
-    """How far the commands have come."""
+    """How far the commands have come; kept on the environment's own device."""
 
     def __init__(
-        self, cfg: CurriculumCfg, *, control_dt_s: float, ranks: Ranks = ALONE
+        self,
+        cfg: CurriculumCfg,
+        *,
+        control_dt_s: float,
+        device: torch.device,
+        ranks: Ranks = ALONE,
     ) -> None:
         self._cfg, self._ranks = cfg, ranks
         self._window = max(1, round(cfg.window_s / control_dt_s))
-        self.share = cfg.start
-        self._sum, self._steps = 0.0, 0
+        self.share = torch.tensor(cfg.start, dtype=torch.float64, device=device)
+        """[] of the configured ranges."""
+        self._sum, self._steps = torch.zeros_like(self.share), 0
 
-    def range(self, full: tuple[float, float]) -> tuple[float, float]:
-        """The part of the configured range `full` that is asked for now."""
+    def range(self, full: tuple[float, float]) -> tuple[Tensor, Tensor]:
+        """The part of the configured range `full` that is asked for now, each []."""
         slowest = min(max(0.0, full[0]), full[1])
         low, high = (slowest + self.share * (end - slowest) for end in full)
         return low, high
@@ -63,20 +69,21 @@ class Curriculum:
         """Take note of how the commands of one step [N, F] were followed."""
         error = features[:, column("command")] - features[:, column("base_lin_vel_b")]
         square = error[:, :2].square().sum(dim=-1)
-        self._sum += float(torch.exp(-square / 0.25).mean())
+        self._sum = self._sum + torch.exp(-square / 0.25).mean()
         self._steps += 1
         if self._steps < self._window:
             return
-        told = {"followed": self._sum / self._steps}
-        if self._ranks.means(told)["followed"] >= self._cfg.good:
-            self.share = min(self._cfg.end, self.share + self._cfg.widen)
-        self._sum, self._steps = 0.0, 0
+        followed = self._ranks.mean(self._sum / self._steps)
+        wider = (self.share + self._cfg.widen).clamp(max=self._cfg.end)
+        self.share = torch.where(followed >= self._cfg.good, wider, self.share)
+        self._sum, self._steps = torch.zeros_like(self._sum), 0
 
     def snapshot(self) -> Tensor:
         """All state [3], to go on from."""
-        return torch.tensor([self.share, self._sum, self._steps], dtype=torch.float64)
+        steps = self.share.new_tensor(self._steps)
+        return torch.stack([self.share, self._sum, steps])
 
     def restore(self, snapshot: Tensor) -> None:
         """Go on from `snapshot`."""
-        share, total, steps = snapshot.tolist()
-        self.share, self._sum, self._steps = share, total, int(steps)
+        self.share, self._sum, steps = snapshot.to(self.share.device).unbind()
+        self._steps = int(steps)

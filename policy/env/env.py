@@ -17,16 +17,22 @@ from data.features import column
 from policy.law.encoder import Encoder
 from policy.parallel.ranks import ALONE, Ranks
 from policy.robots.robot import Robot
+from policy.sim.batch_sim import BatchSim
+from policy.sim.chosen import Rows
+from policy.sim.field import Field
+from policy.sim.sim import Sim, SimState
 
 from .curriculum import Curriculum
 from .env_cfg import EnvCfg, Range
 from .feature_row import OBS_DIM, BaseState, base_state, feature_row, observation
 from .getup import Lying
 from .seeding import spawned
-from .sim import BatchSim, Sim, SimState
 from .task_reward import task_reward_for, weighted
 from .terrain import Starts, near_edge
 from .world import in_world
+
+Bounds = Range | tuple[Tensor, Tensor]
+"""A range whose ends may depend on how far a curriculum has come."""
 
 
 class QuadrupedEnv(VecEnv):
@@ -74,16 +80,17 @@ class QuadrupedEnv(VecEnv):
         home_qpos = torch.tensor(robot.home_qpos, dtype=torch.float64)
         self._home_qpos = home_qpos.to(self.device)
         law = cfg.law
-        self._encoder = None if law is None else Encoder(law, num_envs)
+        self._encoder = None
         self.action_scale_rad: float | Tensor = cfg.action_scale_rad
         """Joint offset that an action of 1 asks for; [12] where joints differ."""
         self._rest_joint_pos = self._home_joint_pos
         if law is not None:
+            self._encoder = Encoder(law, num_envs, device=self.device)
             scale, rest = law.action_scale_rad, law.action_offset_rad
             self.action_scale_rad = self._constant(law.canonical(scale))
             self._rest_joint_pos = self._constant(law.canonical(rest))
-        self._joint_qpos = torch.tensor(robot.qpos_adr)
-        self._joint_qvel = torch.tensor(robot.qvel_adr)
+        self._joint_qpos = torch.tensor(robot.qpos_adr, device=self.device)
+        self._joint_qvel = torch.tensor(robot.qvel_adr, device=self.device)
         self._joint_low, self._joint_high = self._constant(robot.joint_range).unbind(-1)
         self._target_low, self._target_high = self._joint_low, self._joint_high
         if law is not None:
@@ -92,14 +99,18 @@ class QuadrupedEnv(VecEnv):
             self._target_low, self._target_high = self._constant(bounds).unbind(-1)
         self._foot_radius = self._constant(robot.foot_radius)
         ground = robot.ground
-        self._starts = None if ground is None else Starts(robot, ground)
+        self._field = None if ground is None else Field(ground, self.device)
+        self._starts = None if self._field is None else Starts(robot, self._field)
         self._lying = None
         if cfg.getup is not None:
-            self._lying = Lying(robot, cfg.getup, seed=dropped_seed)
+            self._lying = Lying(robot, cfg.getup, seed=dropped_seed, device=self.device)
         self._curriculum = None
         if cfg.curriculum is not None:
             self._curriculum = Curriculum(
-                cfg.curriculum, control_dt_s=cfg.control_dt_s, ranks=ranks
+                cfg.curriculum,
+                control_dt_s=cfg.control_dt_s,
+                device=self.device,
+                ranks=ranks,
             )
         self._fall_height = cfg.fall.height_ratio * float(robot.home_qpos[2])
         self._fall_cosine = float(torch.cos(torch.tensor(cfg.fall.tilt_rad)))
@@ -115,7 +126,7 @@ class QuadrupedEnv(VecEnv):
         self._commands_fixed = False
         self._keep_final = keep_final
         self._true_obs = torch.zeros(num_envs, OBS_DIM, device=self.device)
-        self._reset(torch.arange(num_envs, device=self.device))
+        self._reset_all()
         self._obs = self._observe(self.sim.read())
 
     @property
@@ -155,7 +166,7 @@ class QuadrupedEnv(VecEnv):
     def reset(self, *, seed: int) -> TensorDict:
         """Start new episodes everywhere, the same for the same `seed`."""
         self._rng.manual_seed(spawned(seed, 2)[0])
-        self._reset(torch.arange(self.num_envs, device=self.device))
+        self._reset_all()
         self._starting = torch.ones_like(self._starting)
         self._obs = self._observe(self.sim.read())
         return self.get_observations()
@@ -172,8 +183,7 @@ class QuadrupedEnv(VecEnv):
         """
         previous, starts = self.action, self._starting
         self.action = actions.clamp(-self.cfg.action_limit, self.cfg.action_limit)
-        targets = self._rest_joint_pos + self.action_scale_rad * self.action
-        targets = targets.clamp(self._target_low, self._target_high)
+        targets = self.targets(self.action)
         if self._encoder is not None:
             self._encoder.advance()
         self.sim.set_targets(targets)
@@ -184,19 +194,18 @@ class QuadrupedEnv(VecEnv):
         base = base_state(state)
         features, fallen, finite = self._features(base, state, previous)
         aborted |= ~finite
-        if aborted.any():
-            # A diverged simulation was reset behind our back: nothing is usable.
-            features[aborted] = 0.0
-            fallen &= ~aborted
+        # A diverged simulation was reset behind our back: nothing is usable.
+        features.masked_fill_(aborted[:, None], 0.0)
+        fallen &= ~aborted
         ends = self.episode_length_buf >= self.max_episode_length
-        if self.robot.ground is not None:
-            ends |= near_edge(self.robot.ground, state.base_pos_w)
+        if self._field is not None:
+            ends |= near_edge(self._field, state.base_pos_w)
         time_outs = ends & ~fallen
         dones = fallen | time_outs | aborted
         rewards, log = self.score(features) if score else (self._no_reward, {})
         if self._curriculum is not None:
             self._curriculum.observe(features)
-            log["command/share"] = torch.tensor(self._curriculum.share)
+            log["command/share"] = self._curriculum.share
         extras = {
             "features": features,
             "starts": starts,
@@ -210,15 +219,23 @@ class QuadrupedEnv(VecEnv):
         if self._keep_final:
             extras["final"] = (*self.sim.raw_state(), self._own_obs(state, base))
         self._resample_commands()
-        if dones.any():
-            ids = dones.nonzero().flatten()
-            self._reset(ids)
-            fresh = self.sim.read(ids)
-            _overwrite(state, ids, fresh)
-            _overwrite(base, ids, base_state(fresh))
+        rows = self.sim.rows(dones)
+        if rows is not None:
+            self._reset(rows)
+            fresh = self.sim.read(rows)
+            if rows.count == self.num_envs:
+                state, base = fresh, base_state(fresh)
+            else:
+                _overwrite(state, rows, fresh)
+                _overwrite(base, rows, base_state(fresh))
         self._starting = dones
         self._obs = self._observe(state, base)
         return self.get_observations(), rewards, dones, extras
+
+    def targets(self, action: Tensor) -> Tensor:
+        """Joint positions [N, 12] that `action` [N, 12] asks for, rad."""
+        targets = self._rest_joint_pos + self.action_scale_rad * action
+        return targets.clamp(self._target_low, self._target_high)
 
     def snapshot(self) -> dict[str, Tensor]:
         """All state as plain tensors, so that a killed run goes on bit for bit."""
@@ -240,11 +257,11 @@ class QuadrupedEnv(VecEnv):
     def restore(self, snapshot: dict[str, Tensor]) -> None:
         """Go on from `snapshot` of an environment of equal configuration."""
         self.sim.restore(snapshot["sim"])
-        self.episode_length_buf = snapshot["episode_length"].clone()
-        self.command = snapshot["command"].clone()
-        self.action = snapshot["action"].clone()
-        self._air_time = snapshot["air_time"].clone()
-        self._starting = snapshot["starting"].clone()
+        self.episode_length_buf = self._own(snapshot["episode_length"])
+        self.command = self._own(snapshot["command"])
+        self.action = self._own(snapshot["action"])
+        self._air_time = self._own(snapshot["air_time"])
+        self._starting = self._own(snapshot["starting"])
         self._rng.set_state(snapshot["rng"])
         if self._curriculum is not None:
             self._curriculum.restore(snapshot["curriculum"])
@@ -314,9 +331,9 @@ class QuadrupedEnv(VecEnv):
         if self._commands_fixed or self.cfg.commands.resample_s == float("inf"):
             return
         period = max(1, round(self.cfg.commands.resample_s / self.step_dt))
-        due = (self.episode_length_buf % period == 0).nonzero().flatten()
-        if len(due):
-            self.command[due] = self._draw_commands(len(due))
+        due = self.sim.rows(self.episode_length_buf % period == 0)
+        if due is not None:
+            due.put(self.command, self._draw_commands(due.count))
 
     def _draw_commands(self, count: int) -> Tensor:
         cfg = self.cfg.commands
@@ -325,20 +342,30 @@ class QuadrupedEnv(VecEnv):
             ranges = tuple(map(self._curriculum.range, ranges))
         return torch.cat(self._uniforms(count, *((1, r) for r in ranges)), dim=-1)
 
-    def _reset(self, ids: Tensor) -> None:
-        """Start new episodes in the environments `ids` [K]."""
-        self.sim.reset(ids, *self._start_states(len(ids)))
-        self.episode_length_buf[ids] = 0
+    def _reset_all(self) -> None:
+        """Start new episodes everywhere."""
+        self._reset(self._everyone())
+
+    def _everyone(self) -> Rows:
+        rows = self.sim.rows(torch.ones_like(self._starting))
+        assert rows is not None
+        return rows
+
+    def _reset(self, rows: Rows) -> None:
+        """Start new episodes in the environments `rows`."""
+        self.sim.reset(rows, *self._start_states(rows.count))
+        rows.put(self.episode_length_buf, 0)
         self.action = self.action.clone()
-        self.action[ids] = 0.0
-        self._air_time[ids] = 0.0
+        rows.put(self.action, 0.0)
+        rows.put(self._air_time, 0.0)
         if not self._commands_fixed:
-            self.command[ids] = self._draw_commands(len(ids))
+            rows.put(self.command, self._draw_commands(rows.count))
 
     def _start_states(self, count: int) -> tuple[Tensor, Tensor]:
         """States [K, nq] and [K, nv] that episodes begin in."""
         cfg = self.cfg.reset
-        qvel = torch.zeros(count, self.robot.mj_model.nv, dtype=torch.float64)
+        nv = self.robot.mj_model.nv
+        qvel = torch.zeros(count, nv, dtype=torch.float64, device=self.device)
         if self._lying is not None:
             return self._lying.draw(count, self._rng), qvel
         offsets, lift, half_tilts, lin_vel, ang_vel, joint_vel = self._uniforms(
@@ -373,7 +400,7 @@ class QuadrupedEnv(VecEnv):
     def _uniform(self, rows: int, width: int, interval: Range) -> Tensor:
         return self._uniforms(rows, (width, interval))[0]
 
-    def _uniforms(self, rows: int, *parts: tuple[int, Range]) -> list[Tensor]:
+    def _uniforms(self, rows: int, *parts: tuple[int, Bounds]) -> list[Tensor]:
         """Uniform draws [rows, width] for each (width, interval), made at once."""
         sizes = [rows * width for width, _ in parts]
         units = torch.rand(sum(sizes), generator=self._rng, device=self.device)
@@ -384,14 +411,22 @@ class QuadrupedEnv(VecEnv):
             )
         ]
 
+    def _own(self, values: Tensor) -> Tensor:
+        """A copy of `values` where the environment is."""
+        return values.to(self.device, copy=True)
+
     def _constant(self, values: Any) -> Tensor:
         return torch.tensor(values, dtype=torch.float32, device=self.device)
 
 
-def _overwrite(record: SimState | BaseState, ids: Tensor, fresh: Any) -> None:
-    """Put the rows [K] of `fresh` into the rows `ids` [K] of every tensor."""
+Interval = Range | tuple[Tensor, Tensor]
+"""Ends of what is drawn: numbers, or tensors of one number on the device."""
+
+
+def _overwrite(record: SimState | BaseState, rows: Rows, fresh: Any) -> None:
+    """Put the rows [K] of `fresh` into their rows of every tensor."""
     for item in fields(record):
-        getattr(record, item.name)[ids] = getattr(fresh, item.name)
+        rows.put(getattr(record, item.name), getattr(fresh, item.name))
 
 
 def _around_zero(amplitude: float) -> Range:

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import torch
 from torch import Tensor
 
 from data.features import FEATURES, Feature
-
-from .sim import SimState
+from policy.sim.sim import SimState
 
 OBSERVATION = (
     Feature("base_lin_vel_b", 3, "m/s", "velocity of the base in its own frame"),
@@ -87,9 +87,19 @@ _UNIT = torch.eye(3).flatten()
 
 def rotation_matrix(wxyz: Tensor) -> Tensor:
     """Body-to-world rotation [..., 3, 3] of unit quaternions [..., 4]."""
+    first, second, sign, factor, unit = _entries(wxyz.device, wxyz.dtype)
     products = (wxyz[..., :, None] * wxyz[..., None, :]).flatten(-2)
-    sums = products[..., _FIRST] + _SIGN.to(wxyz) * products[..., _SECOND]
-    return (_UNIT.to(wxyz) + _FACTOR.to(wxyz) * sums).unflatten(-1, (3, 3))
+    sums = products[..., first] + sign * products[..., second]
+    return (unit + factor * sums).unflatten(-1, (3, 3))
+
+
+@cache
+def _entries(device: torch.device, dtype: torch.dtype) -> tuple[Tensor, ...]:
+    """The constants of `rotation_matrix` where they are needed: copied once."""
+    # What is made in inference mode could not be used outside it.
+    with torch.inference_mode(False):
+        ids = (_FIRST.to(device), _SECOND.to(device))
+        return (*ids, *(each.to(device, dtype) for each in (_SIGN, _FACTOR, _UNIT)))
 
 
 def base_state(state: SimState) -> BaseState:

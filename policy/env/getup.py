@@ -17,8 +17,10 @@ from torch import Tensor
 
 from policy.robots.robot import Robot, load_robot_xml
 from policy.robots.solid import make_legs_solid
+from policy.sim.batch_sim import BatchSim
+from policy.sim.chosen import Listed
+from policy.sim.field import Field
 
-from .sim import BatchSim
 from .terrain import Starts
 
 _LIMP = 4
@@ -46,8 +48,10 @@ class GetupCfg:
 class Lying:
     """Poses of robots that came to lie."""
 
-    def __init__(self, robot: Robot, cfg: GetupCfg, *, seed: int) -> None:
-        """Drop robots and keep those that lie.
+    def __init__(
+        self, robot: Robot, cfg: GetupCfg, *, seed: int, device: torch.device
+    ) -> None:
+        """Drop robots, on the CPU, and keep those that lie, on `device`.
 
         Raises:
             ValueError: none of them does.
@@ -55,7 +59,8 @@ class Lying:
         rng = torch.Generator().manual_seed(seed)
         sim = BatchSim(robot, cfg.drops)
         at_rest = torch.zeros(cfg.drops, robot.mj_model.nv, dtype=torch.float64)
-        sim.reset(torch.arange(cfg.drops), _dropped(robot, cfg, rng), at_rest)
+        everyone = Listed(torch.arange(cfg.drops))
+        sim.reset(everyone, _dropped(robot, cfg, rng), at_rest)
         bad = torch.zeros(cfg.drops, dtype=torch.bool)
         for _ in range(round(cfg.settle_s / robot.mj_model.opt.timestep / _LIMP)):
             # Servos that follow hold nothing: the motors are off.
@@ -65,14 +70,16 @@ class Lying:
         x, y = state.base_wxyz_w[:, 1:3].unbind(-1)
         turned_over = 1 - 2 * (x * x + y * y) < cfg.lying_cosine
         low = state.base_height < cfg.lying_ratio * float(robot.home_qpos[2])
-        self.qpos = torch.from_numpy(sim.raw_state()[0])[~bad & (turned_over | low)]
+        self.qpos = sim.raw_state()[0][~bad & (turned_over | low)].to(device)
         """[P, nq]"""
         if not len(self.qpos):
             raise ValueError(f"none of {cfg.drops} robots came to lie when dropped")
 
     def draw(self, count: int, rng: torch.Generator) -> Tensor:
         """Poses [K, nq] of `count` of them."""
-        return self.qpos[torch.randint(len(self.qpos), (count,), generator=rng)]
+        poses = len(self.qpos)
+        chosen = torch.randint(poses, (count,), generator=rng, device=self.qpos.device)
+        return self.qpos[chosen]
 
 
 def _dropped(robot: Robot, cfg: GetupCfg, rng: torch.Generator) -> Tensor:
@@ -80,7 +87,7 @@ def _dropped(robot: Robot, cfg: GetupCfg, rng: torch.Generator) -> Tensor:
     count = cfg.drops
     qpos = torch.from_numpy(robot.home_qpos.copy()).repeat(count, 1)
     if robot.ground is not None:
-        Starts(robot, robot.ground).place(
+        Starts(robot, Field(robot.ground, qpos.device)).place(
             qpos, lambda *shape: 2 * torch.rand(shape, generator=rng) - 1
         )
     qpos[:, 2] += cfg.drop_m

@@ -9,7 +9,6 @@ Shapes: N environments, K of them being reset, P columns of the critic's own gro
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -18,122 +17,20 @@ from torch import Tensor
 
 from data.features import LEGS
 from policy.parallel.ranks import ALONE, Ranks
-from policy.robots.anatomy import bodies_below
 from policy.robots.robot import Robot
+from policy.sim.batch_sim import VariedBatchSim
+from policy.sim.chosen import Rows
+from policy.sim.draw import DRAWN_DIM, Draw
+from policy.sim.making import SimCfg, make_sim, make_varied_sim
+from policy.sim.sim import SimState, VariedSim
 
 from .env import QuadrupedEnv
 from .env_cfg import EnvCfg, NoiseCfg, RandomiseCfg
 from .feature_row import OBS_DIM, BaseState, obs_column
-from .sim import BatchSim, SimState
 from .world import in_world
 
-DRAWN = {
-    "friction": 1,
-    "mass": 1,
-    "com_m": 3,
-    "strength": 1,
-    "delayed": 1,
-    "encoder_bias_rad": 12,
-}
-"""Columns of what differs between robots, in their order."""
-DRAWN_DIM = sum(DRAWN.values())
 PRIVILEGED_DIM = OBS_DIM + 1 + 2 * len(LEGS) + DRAWN_DIM
 """Columns of the critic's own group."""
-
-
-@dataclass(frozen=True, eq=False)
-class Draw:
-    """How robots differ, one row for each."""
-
-    friction: Tensor
-    """[K, 1] times that of the model"""
-    mass: Tensor
-    """[K, 1] times that of the model, inertia alike"""
-    com_m: Tensor
-    """[K, 3] shift of the base's centre of mass"""
-    strength: Tensor
-    """[K, 1] of gains and torque limits, times those of the model"""
-    delayed: Tensor
-    """[K, 1] 1 where targets arrive one control step late"""
-    encoder_bias_rad: Tensor
-    """[K, 12] what every joint's encoder adds to the angle"""
-
-    @property
-    def columns(self) -> Tensor:
-        """[K, 19] all of it, in the order of `DRAWN`."""
-        return torch.cat([getattr(self, name) for name in DRAWN], dim=-1)
-
-    @staticmethod
-    def of_columns(columns: Tensor) -> Draw:
-        """The draws in `columns` [K, 19]."""
-        parts = columns.split(list(DRAWN.values()), dim=-1)
-        return Draw(**dict(zip(DRAWN, parts, strict=True)))
-
-
-class VariedSim(BatchSim):
-    """MuJoCo on the CPU, with fields of the model that differ between simulations."""
-
-    def __init__(self, robot: Robot, num_envs: int, *, threads: int = 0) -> None:
-        """See `BatchSim`."""
-        super().__init__(robot, num_envs, threads=threads)
-        mj_model, batch = self._mj_model, self._batch
-        self._bodies = bodies_below(mj_model, robot.base_body_id)
-        names = ("geom_friction", "body_mass", "body_inertia", "body_ipos")
-        names += ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange")
-        names += ("pair_friction",) if mj_model.npair else ()
-        self._nominal = {name: getattr(mj_model, name).copy() for name in names}
-        self._fields = {name: batch.expand(name) for name in names}
-        nobody = {name: torch.zeros(num_envs, width) for name, width in DRAWN.items()}
-        for factor in ("friction", "mass", "strength"):
-            nobody[factor] += 1.0
-        self.draw = Draw(**nobody)
-        home = torch.tensor(robot.home_joint_pos, dtype=torch.float32)
-        self.late_targets = home.repeat(num_envs, 1)
-
-    def vary(self, ids: Tensor, draw: Draw) -> None:
-        """Make the robots `ids` [K] as `draw` says, from their next reset on."""
-        columns = self.draw.columns
-        columns[ids] = draw.columns
-        self.draw = Draw.of_columns(columns)
-        rows, nominal, fields = ids.numpy(), self._nominal, self._fields
-
-        def scaled(name: str, by: Tensor, columns: Any = slice(None)) -> None:
-            value = nominal[name][..., columns]
-            shape = (len(rows), *([1] * value.ndim))
-            fields[name][rows, ..., columns] = (
-                by.double().numpy().reshape(shape) * value
-            )
-
-        scaled("geom_friction", draw.friction, slice(0, 1))
-        if "pair_friction" in fields:
-            scaled("pair_friction", draw.friction, slice(0, 2))
-        scaled("body_mass", draw.mass)
-        scaled("body_inertia", draw.mass)
-        base = self.robot.base_body_id
-        fields["body_ipos"][rows, base] = (
-            nominal["body_ipos"][base] + draw.com_m.numpy()
-        )
-        for name in ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange"):
-            scaled(name, draw.strength)
-        self._batch.set_const(rows)
-
-    def set_targets(self, joint_pos: Tensor) -> None:
-        """See `Sim.set_targets`; encoders lie to servos as they do to the policy."""
-        late = self.draw.delayed > 0
-        arriving = torch.where(late, self.late_targets, joint_pos)
-        self.late_targets = joint_pos.clone()
-        super().set_targets(arriving - self.draw.encoder_bias_rad)
-
-    def reset(self, ids: Tensor, qpos: Tensor, qvel: Tensor) -> None:
-        """See `Sim.reset`."""
-        super().reset(ids, qpos, qvel)
-        home = torch.tensor(self.robot.home_joint_pos, dtype=torch.float32)
-        self.late_targets[ids] = home
-
-    def push(self, ids: Tensor, velocity_m_s: Tensor) -> None:
-        """Change the horizontal velocities of the bases `ids` [K] by [K, 2]."""
-        first = self._base_adr[1]
-        self._qvel[ids.numpy(), first : first + 2] += velocity_m_s.numpy()
 
 
 class RandomisedEnv(QuadrupedEnv):
@@ -152,22 +49,23 @@ class RandomisedEnv(QuadrupedEnv):
         num_envs: int,
         *,
         seed: int,
+        sim: VariedSim | None = None,
         keep_final: bool = False,
         threads: int = 0,
         ranks: Ranks = ALONE,
     ) -> None:
         """See `QuadrupedEnv`."""
-        self._cfg = cfg.randomise
-        self._amplitudes = _amplitudes(self._cfg.noise)
-        self._foot_radii = torch.tensor(robot.foot_radius, dtype=torch.float32)
-        self._privileged = torch.zeros(num_envs, PRIVILEGED_DIM)
         robot = in_world(robot, cfg)
+        sim = sim or VariedBatchSim(robot, num_envs, threads=threads)
+        self._cfg = cfg.randomise
+        self._amplitudes = _amplitudes(self._cfg.noise).to(sim.device)
+        self._privileged = torch.zeros(num_envs, PRIVILEGED_DIM, device=sim.device)
         super().__init__(
             robot,
             cfg,
             num_envs,
             seed=seed,
-            sim=VariedSim(robot, num_envs, threads=threads),
+            sim=sim,
             keep_final=keep_final,
             ranks=ranks,
         )
@@ -186,9 +84,9 @@ class RandomisedEnv(QuadrupedEnv):
         if cfg.push_m_s > 0:
             period = max(1, round(cfg.push_every_s / self.step_dt))
             due = self.episode_length_buf % period == period - 1
-            ids = due.nonzero().flatten()
-            if len(ids):
-                self.sim.push(ids, self._noise(len(ids), 2, cfg.push_m_s))
+            rows = self.sim.rows(due)
+            if rows is not None:
+                self.sim.push(rows, self._noise(rows.count, 2, cfg.push_m_s))
         return super().step(actions, score=score)
 
     def snapshot(self) -> dict[str, Tensor]:
@@ -202,18 +100,18 @@ class RandomisedEnv(QuadrupedEnv):
 
     def restore(self, snapshot: dict[str, Tensor]) -> None:
         """See `QuadrupedEnv.restore`."""
-        everyone = torch.arange(self.num_envs)
-        self.sim.vary(everyone, Draw.of_columns(snapshot["draw"].clone()))
+        draw = Draw.of_columns(self._own(snapshot["draw"]))
+        self.sim.vary(self._everyone(), draw)
         super().restore(snapshot)
-        self.sim.late_targets = snapshot["late_targets"].clone()
+        self.sim.late_targets = self._own(snapshot["late_targets"])
         # Observing draws noise: what was seen is taken over, and so is the generator.
-        self._obs = snapshot["obs"].clone()
-        self._privileged = snapshot["privileged"].clone()
+        self._obs = self._own(snapshot["obs"])
+        self._privileged = self._own(snapshot["privileged"])
         self._rng.set_state(snapshot["rng"])
 
-    def _reset(self, ids: Tensor) -> None:
-        self.sim.vary(ids, self._draw(len(ids)))
-        super()._reset(ids)
+    def _reset(self, rows: Rows) -> None:
+        self.sim.vary(rows, self._draw(rows.count))
+        super()._reset(rows)
 
     def _draw(self, count: int) -> Draw:
         cfg = self._cfg
@@ -234,7 +132,7 @@ class RandomisedEnv(QuadrupedEnv):
                 true,
                 state.base_height[:, None],
                 state.foot_contact,
-                state.foot_height - self._foot_radii,
+                state.foot_height - self._foot_radius,
                 draw.columns,
             ),
             dim=-1,
@@ -251,19 +149,34 @@ def make_env(
     num_envs: int,
     *,
     seed: int,
+    sim: SimCfg | None = None,
     keep_final: bool = False,
     threads: int = 0,
     ranks: Ranks = ALONE,
 ) -> QuadrupedEnv:
-    """The environment `cfg` asks for: robots all alike, or robots that differ."""
-    kind = QuadrupedEnv if cfg.randomise == RandomiseCfg() else RandomisedEnv
-    return kind(
+    """The environment `cfg` asks for: robots all alike, or robots that differ.
+
+    Raises:
+        SimError: the simulator `sim` asks for cannot be had here.
+    """
+    robot, where = in_world(robot, cfg), sim or SimCfg()
+    if cfg.randomise == RandomiseCfg():
+        return QuadrupedEnv(
+            robot,
+            cfg,
+            num_envs,
+            seed=seed,
+            sim=make_sim(robot, num_envs, where, threads=threads),
+            keep_final=keep_final,
+            ranks=ranks,
+        )
+    return RandomisedEnv(
         robot,
         cfg,
         num_envs,
         seed=seed,
+        sim=make_varied_sim(robot, num_envs, where, threads=threads),
         keep_final=keep_final,
-        threads=threads,
         ranks=ranks,
     )
 

@@ -18,11 +18,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.ground import Ground
 from policy.robots.anatomy import bodies_below
 from policy.robots.foot import collides
 from policy.robots.ground_shape import TERRAIN_NAME, forget
 from policy.robots.robot import Robot, RobotError, load_robot_xml
+from policy.sim.field import Field
 
 from .task_reward import size_of
 
@@ -160,10 +160,11 @@ def _floor_of(spec: mujoco.MjSpec, robot: Robot) -> mujoco.MjsGeom:
 class Starts:
     """Where on a field robots start."""
 
-    def __init__(self, robot: Robot, ground: Ground) -> None:
-        self._ground = ground
+    def __init__(self, robot: Robot, field: Field) -> None:
+        self._field = field
         feet_w = robot.home_foot_pos_w[:, :2]
-        self._feet = feet_w - feet_w.mean(axis=0)  # [4, 2] from their middle
+        feet = torch.from_numpy(feet_w - feet_w.mean(axis=0))
+        self._feet = feet.to(field.device)  # [4, 2] from their middle
 
     def place(self, qpos: Tensor, draw: Callable[[int, int], Tensor]) -> None:
         """Move the states `qpos` [K, nq] of robots at the origin onto the field.
@@ -175,24 +176,48 @@ class Starts:
             qpos: Changed in place.
             draw: Gives [rows, width] of uniform draws in [-1, 1].
         """
-        ground, count = self._ground, len(qpos)
-        draws = draw(count, 3).double().numpy()
-        reach = ground.half_m - 2 * EDGE_M
-        there = ground.middle_m + reach * draws[:, :2]
-        away = there - ground.middle_m
-        yaw = np.arctan2(-away[:, 1], -away[:, 0]) + _TURN_RAD * draws[:, 2]
-        c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
+        field = self._field
+        draws = draw(len(qpos), 3).double()
+        reach = field.half_m - 2 * EDGE_M
+        there = field.middle_m + reach * draws[:, :2]
+        away = there - field.middle_m
+        yaw = _direction_rad(-away) + _TURN_RAD * draws[:, 2]
+        c, s = (each[:, None] for each in _cos_sin(yaw))
         x, y = self._feet.T
-        feet = np.stack([c * x - s * y, s * x + c * y], axis=-1) + there[:, None]
-        below = ground.height_m(feet)  # [K, 4]
-        up_x, up_y = below @ (x / (x @ x)), below @ (y / (y @ y))
-        plane = np.outer(up_x, x) + np.outer(up_y, y)
-        qpos[:, :2] = torch.from_numpy(there)
-        qpos[:, 2] += torch.from_numpy((below - plane).max(axis=1)) + _LIFT_M
+        feet = torch.stack([c * x - s * y, s * x + c * y], dim=-1) + there[:, None]
+        below = field.height_m(feet)  # [K, 4]
+        up_x, up_y = (_times(below, each / (each @ each)) for each in (x, y))
+        plane = torch.outer(up_x, x) + torch.outer(up_y, y)
+        qpos[:, :2] = there
+        qpos[:, 2] += (below - plane).amax(dim=1) + _LIFT_M
         attitude = qpos[:, 3:7]
-        for axis, angle in enumerate((np.arctan(up_y), -np.arctan(up_x), yaw)):
-            attitude = turned(attitude, torch.from_numpy(angle), axis=axis)
+        for axis, angle in enumerate((torch.atan(up_y), -torch.atan(up_x), yaw)):
+            attitude = turned(attitude, angle, axis=axis)
         qpos[:, 3:7] = attitude
+
+
+# The last bit of a sine or a sum in NumPy is not PyTorch's, and where a robot starts on
+# the CPU is to stay what it was.
+
+
+def _times(matrix: Tensor, vector: Tensor) -> Tensor:
+    if matrix.device.type == "cpu":
+        return torch.from_numpy(matrix.numpy() @ vector.numpy())
+    return matrix @ vector
+
+
+def _direction_rad(vector: Tensor) -> Tensor:
+    x, y = vector.unbind(-1)
+    if x.device.type == "cpu":
+        return torch.from_numpy(np.arctan2(y.numpy(), x.numpy()))
+    return torch.atan2(y, x)
+
+
+def _cos_sin(angle_rad: Tensor) -> tuple[Tensor, Tensor]:
+    if angle_rad.device.type == "cpu":
+        angle = angle_rad.numpy()
+        return torch.from_numpy(np.cos(angle)), torch.from_numpy(np.sin(angle))
+    return torch.cos(angle_rad), torch.sin(angle_rad)
 
 
 def turned(wxyz: Tensor, angle_rad: Tensor, *, axis: int) -> Tensor:
@@ -206,7 +231,6 @@ def turned(wxyz: Tensor, angle_rad: Tensor, *, axis: int) -> Tensor:
     return torch.cat((scalar, c * vector + w * by + by.cross(vector, dim=-1)), dim=-1)
 
 
-def near_edge(ground: Ground, base_pos_w: Tensor) -> Tensor:
+def near_edge(field: Field, base_pos_w: Tensor) -> Tensor:
     """Which of the bases at `base_pos_w` [N, 3] have come to the edge, [N]."""
-    inside = ground.inside(base_pos_w[:, :2].double().numpy(), margin_m=EDGE_M)
-    return torch.from_numpy(~inside)
+    return ~field.inside(base_pos_w[:, :2].double(), margin_m=EDGE_M)

@@ -29,7 +29,7 @@ class Encoder:
     What came before an episode is its first frame, as many times as it takes.
     """
 
-    def __init__(self, law: Law, num_envs: int) -> None:
+    def __init__(self, law: Law, num_envs: int, *, device: torch.device) -> None:
         self._limit = law.obs_limit
         columns, scales, lows, highs = [], [], [], []
         for term in law.terms:
@@ -41,12 +41,14 @@ class Encoder:
             low, high = term.clip or (-torch.inf, torch.inf)
             lows.append(torch.full((term.width,), low))
             highs.append(torch.full((term.width,), high))
-        self._columns, self._scale = torch.cat(columns), torch.cat(scales)
-        self._low, self._high = torch.cat(lows), torch.cat(highs)
+        self._columns, self._scale, self._low, self._high = (
+            torch.cat(parts).to(device) for parts in (columns, scales, lows, highs)
+        )
         frames = max(term.frames for term in law.terms)
-        self._order = _order(law, frames)
-        self._past = torch.zeros(num_envs, frames - 1, law.frame_dim)
-        self._latest = torch.zeros(num_envs, law.frame_dim)
+        self._order = _order(law, frames).to(device)
+        shape = (num_envs, frames - 1, law.frame_dim)
+        self._past = torch.zeros(shape, device=device)
+        self._latest = torch.zeros(num_envs, law.frame_dim, device=device)
 
     def advance(self) -> None:
         """The frame observed last becomes one of those before."""
@@ -77,7 +79,9 @@ class Encoder:
 
     def restore(self, saved: dict[str, Tensor]) -> None:
         """Go on from a `snapshot`."""
-        self._past, self._latest = saved["past"].clone(), saved["latest"].clone()
+        device = self._latest.device
+        self._past = saved["past"].to(device, copy=True)
+        self._latest = saved["latest"].to(device, copy=True)
 
 
 def _order(law: Law, frames: int) -> Tensor:

@@ -282,16 +282,16 @@ def _episode(
     """The first episode of environment `index`: its `rows` [T, ...] up to `last`."""
     if last.final is None:
         raise ValueError("recording needs an environment made with keep_final=True")
-    final_qpos, final_qvel, final_obs = last.final
+    qpos, qvel, obs = (each[index].numpy()[None] for each in last.final)
     end: EndReason = "truncated"
     if last.aborted[index]:
         end = "aborted"
     elif last.fallen[index]:
         end = "terminated"
     return Episode(
-        qpos=np.concatenate([rows["qpos"], final_qpos[index][None]]),
-        qvel=np.concatenate([rows["qvel"], final_qvel[index][None]]),
-        obs=np.concatenate([rows["obs"], final_obs[index].numpy()[None]]),
+        qpos=np.concatenate([rows["qpos"], qpos]),
+        qvel=np.concatenate([rows["qvel"], qvel]),
+        obs=np.concatenate([rows["obs"], obs]),
         action=rows["action"],
         ctrl=rows["targets"],
         features=rows["features"],

@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -33,9 +32,9 @@ def hold_home(obs: Tensor, noise: Tensor | None = None) -> Tensor:
 class RolloutStep:
     """What one control step started from and led to, for all environments."""
 
-    qpos: np.ndarray
+    qpos: Tensor
     """[N, nq] before the step, full precision"""
-    qvel: np.ndarray
+    qvel: Tensor
     """[N, nv] before the step"""
     obs: Tensor
     """[N, 48] before the step, as policies of this project see it"""
@@ -53,7 +52,7 @@ class RolloutStep:
     """[N] this step ended that episode by a fall"""
     aborted: Tensor
     """[N] this step ended it because the simulation diverged"""
-    final: tuple[np.ndarray, np.ndarray, Tensor] | None
+    final: tuple[Tensor, Tensor, Tensor] | None
     """qpos, qvel, obs after the step and before any reset, where the env keeps them"""
 
 

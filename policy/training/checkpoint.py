@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from copy import copy
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -109,7 +110,7 @@ def payload_bytes(states: dict[str, Any], info: PolicyInfo) -> bytes:
     told = to_plain(info)
     told["ppo"] = as_written(told["ppo"])
     infos = {"gaitpref": json.dumps(told)}
-    return _saved({**states, "iter": 0, "infos": infos})
+    return saved_bytes({**states, "iter": 0, "infos": infos})
 
 
 def holding_home(path: Path) -> bytes:
@@ -125,7 +126,7 @@ def holding_home(path: Path) -> bytes:
     actor = payload["actor_state_dict"]
     for name in [name for name in actor if name.startswith("mlp.")][-2:]:
         actor[name].zero_()
-    return _saved(payload)
+    return saved_bytes(payload)
 
 
 def without_optimizer(path: Path) -> bytes:
@@ -136,7 +137,7 @@ def without_optimizer(path: Path) -> bytes:
         PolicyError: the file is missing, damaged, or not ours.
     """
     payload = read_plain(path)
-    return _saved({**payload, "optimizer_state_dict": {}})
+    return saved_bytes({**payload, "optimizer_state_dict": {}})
 
 
 def save_policy(path: Path, alg: RewardPpo, info: PolicyInfo) -> None:
@@ -244,7 +245,25 @@ def policy_info(path: Path, payload: dict[str, Any]) -> PolicyInfo:
         ) from None
 
 
-def _saved(payload: dict[str, Any]) -> bytes:
+def saved_bytes(payload: dict[str, Any]) -> bytes:
+    """The contents of a file of `payload`: the same wherever it was made, and readable
+    where there is no GPU."""
     buffer = io.BytesIO()
-    torch.save(payload, buffer)
+    torch.save(_on_cpu(payload), buffer)
     return buffer.getvalue()
+
+
+def _on_cpu(state: Any) -> Any:
+    match state:
+        case Tensor():
+            return state.cpu()
+        case dict():
+            # A copy keeps what torch notes on a dictionary of weights.
+            moved = copy(state)
+            moved.update((key, _on_cpu(value)) for key, value in state.items())
+            return moved
+        case list():
+            return [_on_cpu(value) for value in state]
+        case tuple():
+            return tuple(_on_cpu(value) for value in state)
+    return state

@@ -10,7 +10,10 @@ Shapes: B steps of a minibatch.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from functools import partial
 
 import torch
 from rsl_rl.algorithms import PPO
@@ -48,16 +51,16 @@ def clipped_update(
     batches = list(alg.storage.mini_batch_generator(alg.num_mini_batches, 1))
     if mirror is not None:
         batches = [_with_mirrored(batch, mirror) for batch in batches]
-    sums = torch.zeros(3, dtype=torch.float64)
-    threads = torch.get_num_threads()
-    with ThreadPoolExecutor(1, "critic", torch.set_num_threads, (threads,)) as pool:
+    sums = torch.zeros(3, dtype=torch.float64, device=alg.device)
+    none = torch.zeros(2, device=alg.device)
+    with _beside(alg) as beside:
         for batch in batches * alg.num_learning_epochs:
             alg.optimizer.zero_grad()
-            critic = pool.submit(_critic_gradients, alg, batch)
-            surrogate, entropy, kl = 0.0, 0.0, None
+            critic = beside(_critic_gradients, alg, batch)
+            surrogate, entropy, kl = *none, None
             if actor:
                 surrogate, entropy, kl = _actor_gradients(alg, batch)
-            sums += torch.tensor([critic.result(), surrogate, entropy])
+            sums += torch.stack([critic(), surrogate, entropy])
             _step(alg, kl, ranks)
     obs = alg.storage.observations.flatten(0, 1)
     alg.actor.update_normalization(obs)
@@ -65,6 +68,21 @@ def clipped_update(
     alg.storage.clear()
     means = (sums / (len(batches) * alg.num_learning_epochs)).tolist()
     return dict(zip(("value", "surrogate", "entropy"), means, strict=True))
+
+
+_Beside = Callable[..., Callable[[], Tensor]]
+
+
+@contextmanager
+def _beside(alg: PPO) -> Iterator[_Beside]:
+    """Gives a way to start a function, and of what it gives to wait for it: in a thread
+    of its own on a CPU; a GPU works through one queue."""
+    if torch.device(alg.device).type != "cpu":
+        yield lambda function, *arguments: partial(function, *arguments)
+        return
+    threads = torch.get_num_threads()
+    with ThreadPoolExecutor(1, "critic", torch.set_num_threads, (threads,)) as pool:
+        yield lambda function, *arguments: pool.submit(function, *arguments).result
 
 
 def _with_mirrored(batch: Batch, mirror: Mirror) -> Batch:
@@ -89,7 +107,7 @@ def _twice(values: Tensor | None) -> Tensor:
     return torch.cat([values, values])
 
 
-def _actor_gradients(alg: PPO, batch: Batch) -> tuple[float, float, Tensor]:
+def _actor_gradients(alg: PPO, batch: Batch) -> tuple[Tensor, Tensor, Tensor]:
     """Set the actor's gradients; surrogate loss, entropy, and the KL from the policy
     that acted."""
     assert batch.actions is not None
@@ -107,10 +125,10 @@ def _actor_gradients(alg: PPO, batch: Batch) -> tuple[float, float, Tensor]:
     clipped = ratio.clamp(1.0 - alg.clip_param, 1.0 + alg.clip_param)
     surrogate = torch.max(gain * ratio, gain * clipped).mean()
     (surrogate - alg.entropy_coef * entropy).backward()
-    return float(surrogate.detach()), float(entropy.detach()), kl
+    return surrogate.detach(), entropy.detach(), kl
 
 
-def _critic_gradients(alg: PPO, batch: Batch) -> float:
+def _critic_gradients(alg: PPO, batch: Batch) -> Tensor:
     """Set the critic's gradients; its loss."""
     assert batch.values is not None
     assert batch.returns is not None
@@ -121,7 +139,7 @@ def _critic_gradients(alg: PPO, batch: Batch) -> float:
         losses = torch.max(losses, (batch.values + change - batch.returns).pow(2))
     loss = losses.mean()
     (alg.value_loss_coef * loss).backward()
-    return float(loss.detach())
+    return loss.detach()
 
 
 def _step(alg: PPO, kl: Tensor | None, ranks: Ranks) -> None:

@@ -10,7 +10,7 @@ Shapes: 48 numbers of an observation, 12 joints of an action, F feature columns.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import mujoco
 import numpy as np
@@ -70,6 +70,12 @@ class Mirror:
     """[F] where each column of a feature row comes from."""
     row_sign: Tensor
     """[F]"""
+
+    def to(self, device: torch.device) -> Mirror:
+        """The same on `device`."""
+        return Mirror(
+            **{each.name: getattr(self, each.name).to(device) for each in fields(self)}
+        )
 
     def obs(self, obs: Tensor) -> Tensor:
         """Observations [..., 48] of the mirrored robot."""

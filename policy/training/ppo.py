@@ -173,7 +173,7 @@ class Runner(OnPolicyRunner):
         if cfg.bonus is not None:
             self.alg.bonus = cfg.bonus.make(step_dt_s=env.step_dt, ranks=ranks)
         if cfg.mirror:
-            self.alg.mirror = mirror_of(env.robot)
+            self.alg.mirror = mirror_of(env.robot).to(env.sim.device)
         if cfg.kl_penalty is not None:
             self.alg.penalise(cfg.kl_penalty.make(ranks))
 
@@ -201,12 +201,17 @@ class Runner(OnPolicyRunner):
 
     def snapshot(self) -> dict[str, Any]:
         """What beside networks and iterations a training goes on from."""
-        return {"env": self.env.snapshot(), "torch_rng": torch.get_rng_state()}
+        state = {"env": self.env.snapshot(), "torch_rng": torch.get_rng_state()}
+        if torch.device(self.device).type == "cuda":
+            state["device_rng"] = torch.cuda.get_rng_state()
+        return state
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Go on from what `snapshot` gave, among other things."""
         self.env.restore(snapshot["env"])
         torch.set_rng_state(snapshot["torch_rng"])
+        if "device_rng" in snapshot:
+            torch.cuda.set_rng_state(snapshot["device_rng"])
 
     def learn(  # type: ignore[override]
         self,

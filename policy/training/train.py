@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from torch import Tensor
 from torch.utils.tensorboard.writer import SummaryWriter
 
 from data.files.files import sha256_file, write_atomically
-from data.files.plain import ADDED_LATER, to_plain
+from data.files.plain import ADDED_LATER, NONE_AS_BEFORE, to_plain
 from data.files.weights import misfits, not_finite
 from policy.env.env_cfg import EnvCfg
 from policy.env.randomise import make_env
@@ -22,10 +23,20 @@ from policy.env.seeding import spawned
 from policy.law.origin import Origin
 from policy.parallel.ranks import ALONE, Ranks, others_alive
 from policy.robots.robot import Robot
+from policy.sim.device_memory import told_of_memory
+from policy.sim.making import Device, SimCfg
 
-from .checkpoint import PolicyError, PolicyInfo, policy_info, read_plain, save_policy
+from .checkpoint import (
+    PolicyError,
+    PolicyInfo,
+    policy_info,
+    read_plain,
+    save_policy,
+    saved_bytes,
+)
 from .identity import content_of, differences
 from .interrupts import interrupts
+from .on_device import on_device
 from .ppo import IterationStats, PpoCfg, Runner, ScoreFn
 from .written import as_written
 
@@ -58,6 +69,8 @@ class TrainCfg:
     final_std: float | None = None
     """The most exploration noise there may be at the end, come down to linearly; a gait
     that only noise sets going is no gait."""
+    sim: SimCfg | None = field(default=None, metadata=NONE_AS_BEFORE)
+    """Where it runs; None is the CPU, on its threads."""
     calm_from: float = field(default=0.0, metadata=ADDED_LATER)
     """Share of the training after which it comes down, from the algorithm's `init_std`;
     at 0 from `exploration_std`, if that is given."""
@@ -135,11 +148,13 @@ def train(
         PolicyError: `init` or the state to resume cannot be used.
         RankLost: another rank is gone.
         GaitprefError: the environments cannot be shared by the ranks, or these were
-            not given the same.
+            not given the same, or what `cfg.sim` asks for cannot be had here.
     """
     out.mkdir(parents=True, exist_ok=True)
+    device = _device_of(cfg)
     torch_seed, env_seed = spawned(cfg.seed, 2)
-    with torch.random.fork_rng(devices=[]), others_alive():
+    share = ranks.share_of(cfg.ppo.num_envs)
+    with _own_chance(device), told_of_memory(share), others_alive():
         torch.manual_seed(torch_seed)
         if engine is None:
             runner = _runner_here(robot, cfg, _of_rank(env_seed, ranks), ranks)
@@ -147,6 +162,7 @@ def train(
             runner = engine(robot, cfg, env_seed)
         runner.alg.reward_fn = reward_fn
         session = _Session(out, robot, cfg, runner, reward_name)
+        runner.alg.reward_fn = on_device(reward_fn, torch.device(runner.device))
         if init is not None:
             session.start_from(init)
         if ranks.size > 1:
@@ -158,12 +174,30 @@ def train(
         return session.run(on_iteration)
 
 
+def _device_of(cfg: TrainCfg) -> Device:
+    """Where it runs, seen to be there.
+
+    Raises:
+        GaitprefError: it is not, or something of the training cannot be there.
+    """
+    if cfg.sim is None:
+        return "cpu"
+    cfg.sim.require()
+    if cfg.sim.device == "cuda" and cfg.ppo.bonus is not None:
+        raise PolicyError(
+            "the bonus for motion that is new is computed on the processor alone: "
+            "leave --exploration out, or --device cuda"
+        )
+    return cfg.sim.device
+
+
 def _runner_here(robot: Robot, cfg: TrainCfg, seed: int, ranks: Ranks) -> Runner:
     env = make_env(
         robot,
         cfg.env,
         ranks.share_of(cfg.ppo.num_envs),
         seed=seed,
+        sim=cfg.sim,
         threads=ranks.threads,
         ranks=ranks,
     )
@@ -233,7 +267,7 @@ class _Session:
         buffer = io.BytesIO()
         torch.save(self.runner.alg.get_policy().state_dict(), buffer)
         buffer.seek(0)
-        with torch.random.fork_rng(devices=[]):
+        with _own_chance(self.runner.device):
             reference = Runner(self.runner.env, self.cfg.ppo).alg.get_policy()
         reference.load_state_dict(torch.load(buffer, weights_only=True))
         self.runner.alg.reference = reference.eval()
@@ -391,9 +425,9 @@ class _Session:
         if self.ranks.size > 1:
             of_rank = runner.alg.OF_RANK
             own |= {name: learned[name] for name in of_rank if name in learned}
-            state["others"] = self.ranks.gathered(_written(own))[1:]
+            state["others"] = self.ranks.gathered(saved_bytes(own))[1:]
         if self.ranks.is_first:
-            write_atomically(self.out / RESUME_NAME, _written(state))
+            write_atomically(self.out / RESUME_NAME, saved_bytes(state))
 
     def _save_policy(self, path: Path, steps: int) -> None:
         if not self.ranks.is_first:
@@ -412,7 +446,9 @@ class _Session:
         save_policy(path, self.runner.alg, info)
 
 
-def _written(state: dict[str, Any]) -> bytes:
-    buffer = io.BytesIO()
-    torch.save(state, buffer)
-    return buffer.getvalue()
+@contextmanager
+def _own_chance(device: str) -> Iterator[None]:
+    """Leave PyTorch's chance outside as it was, on the device too."""
+    devices = [] if device == "cpu" else [torch.cuda.current_device()]
+    with torch.random.fork_rng(devices=devices):
+        yield

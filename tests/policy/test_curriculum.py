@@ -37,12 +37,12 @@ def _rows(error_m_s: float) -> torch.Tensor:
 def _observed(curriculum: Curriculum, error_m_s: float, steps: int) -> float:
     for _ in range(steps):
         curriculum.observe(_rows(error_m_s))
-    return curriculum.share
+    return float(curriculum.share)
 
 
 def test_it_widens_by_one_step_for_every_window_of_good_tracking() -> None:
     """Not before the window is over, not for poor tracking, and not beyond the end."""
-    curriculum = Curriculum(CFG, control_dt_s=0.02)
+    curriculum = Curriculum(CFG, control_dt_s=0.02, device=torch.device("cpu"))
     assert _observed(curriculum, 0.1, 4) == 0.4
     assert _observed(curriculum, 0.1, 1) == pytest.approx(0.6)
     # exp(-0.3^2 / 0.25) is 0.70.
@@ -51,7 +51,7 @@ def test_it_widens_by_one_step_for_every_window_of_good_tracking() -> None:
 
 
 def test_ranges_grow_from_the_slowest_command() -> None:
-    curriculum = Curriculum(CFG, control_dt_s=0.02)
+    curriculum = Curriculum(CFG, control_dt_s=0.02, device=torch.device("cpu"))
     assert curriculum.range((0.2, 1.2)) == pytest.approx((0.2, 0.6))
     assert curriculum.range((-0.5, 0.5)) == pytest.approx((-0.2, 0.2))
     assert curriculum.range((-2.0, -1.0)) == pytest.approx((-1.4, -1.0))

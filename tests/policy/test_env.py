@@ -14,10 +14,11 @@ from data.features import FEATURE_DIM, column
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import CommandCfg, EnvCfg
 from policy.env.feature_row import OBS_DIM
-from policy.env.sim import BatchSim
 from policy.env.task_reward import TaskRewardCfg, task_reward_for, task_score, weighted
 from policy.robots.bare import bare_model
 from policy.robots.robot import Robot, load_robot
+from policy.sim.batch_sim import BatchSim
+from policy.sim.chosen import Listed
 
 CFG = EnvCfg(commands=CommandCfg(resample_s=math.inf))
 
@@ -63,7 +64,7 @@ def test_velocities_are_in_the_body_frame(robot: Robot) -> None:
     qpos[0, 3:7] = torch.tensor([math.cos(math.pi / 4), 0, 0, math.sin(math.pi / 4)])
     qvel = torch.zeros(1, robot.mj_model.nv, dtype=torch.float64)
     qvel[0, 1] = 0.7
-    env.sim.reset(torch.tensor([0]), qpos, qvel)
+    env.sim.reset(Listed(torch.tensor([0])), qpos, qvel)
     _, _, _, extras = env.step(torch.zeros(1, 12))
     velocity = extras["features"][0, column("base_lin_vel_b")]
     assert velocity[0] == pytest.approx(0.7, abs=0.03)
@@ -99,7 +100,7 @@ def test_a_robot_on_its_back_has_fallen(robot: Robot) -> None:
     qpos = torch.from_numpy(robot.home_qpos.copy())[None]
     qpos[0, 3:7] = torch.tensor([0.0, 1.0, 0.0, 0.0])
     qvel = torch.zeros(1, robot.mj_model.nv, dtype=torch.float64)
-    env.sim.reset(torch.tensor([1]), qpos, qvel)
+    env.sim.reset(Listed(torch.tensor([1])), qpos, qvel)
     obs, reward, dones, extras = env.step(torch.zeros(2, 12))
     assert dones.tolist() == [False, True]
     assert extras["time_outs"].tolist() == [False, False]
@@ -133,7 +134,7 @@ def test_a_reset_leaves_nothing_of_what_was_before(robot: Robot) -> None:
     qpos = torch.from_numpy(robot.home_qpos.copy())[None]
     qvel = torch.full((1, robot.mj_model.nv), 0.1, dtype=torch.float64)
     for sim in (used, new):
-        sim.reset(torch.tensor([1]), qpos, qvel)
+        sim.reset(Listed(torch.tensor([1])), qpos, qvel)
         sim.advance(4)
     assert used.snapshot()[1].equal(new.snapshot()[1])
     assert not used.snapshot()[0].equal(new.snapshot()[0])

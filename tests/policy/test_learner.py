@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from data.errors import GaitprefError
 from policy.engines.actor import Actor, ActorPlan, weights_of
 from policy.engines.actors_cfg import ActorsCfg, ActorsError
 from policy.engines.asynchronous import absorb, apply_gradients, moments_of
@@ -133,7 +134,7 @@ def test_a_gradient_is_a_step_towards_what_paid(robot: Robot) -> None:
         (ActorsCfg(actors=3), CFG, "give --envs 9"),
         (ActorsCfg(actors=4, cores=2), CFG, r"has 2: give --actors 2"),
         (ActorsCfg(actors=1, address="here"), CFG, "takes HOST:PORT"),
-        (ActorsCfg(actors=1, address="127.0.0.1:9"), CFG, "nothing answers"),
+        (ActorsCfg(actors=1, address="127.0.0.1:9"), CFG, "no Ray answers"),
         (
             ActorsCfg(actors=1),
             replace(CFG, env=replace(ENV, curriculum=CurriculumCfg())),
@@ -149,7 +150,7 @@ def test_a_gradient_is_a_step_towards_what_paid(robot: Robot) -> None:
 def test_what_actors_cannot_do_is_told(
     robot: Robot, tmp_path: Path, actors: ActorsCfg, settings: TrainCfg, told: str
 ) -> None:
-    with pytest.raises(ActorsError, match=told) as caught:
+    with pytest.raises(GaitprefError, match=told) as caught:
         train(tmp_path, robot, settings, engine=WithActors(cfg=actors))
     assert "\n" not in str(caught.value)
 

@@ -14,6 +14,7 @@ from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg
 from policy.env.feature_row import OBSERVATION, in_order, obs_column
 from policy.robots.robot import Robot, RobotError, load_robot
+from policy.sim.chosen import Listed
 from policy.training.checkpoint import load_policy
 from policy.training.mirror import Mirror, has_mirror, mirror_of, mirrored
 from policy.training.ppo import PpoCfg
@@ -44,7 +45,7 @@ def test_what_is_mirrored_twice_is_what_it_was(mirror: Mirror) -> None:
 def _mirrored_pair(robot: Robot, mirror: Mirror) -> QuadrupedEnv:
     """Two robots, the second one the image of the first."""
     env = QuadrupedEnv(robot, ENV, 2, seed=3)
-    qpos, qvel = (torch.from_numpy(state[:1]).float() for state in env.sim.raw_state())
+    qpos, qvel = (state[:1].float() for state in env.sim.raw_state())
     joints = mirror.action(qpos[:, 7:]), mirror.action(qvel[:, 6:])
     qpos = torch.cat(
         [qpos[:, :7] * qpos.new_tensor([1, -1, 1, 1, -1, 1, -1]), joints[0]], 1
@@ -52,7 +53,7 @@ def _mirrored_pair(robot: Robot, mirror: Mirror) -> QuadrupedEnv:
     qvel = torch.cat(
         [qvel[:, :6] * qvel.new_tensor([1, -1, 1, -1, 1, -1]), joints[1]], 1
     )
-    env.sim.reset(torch.tensor([1]), qpos, qvel)
+    env.sim.reset(Listed(torch.tensor([1])), qpos, qvel)
     env.fix_commands(torch.tensor([[0.5, 0.1, 0.2], [0.5, -0.1, -0.2]]))
     return env
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from mujoco.batch import Batch
 
 from data.features import column
 from gaitpref.cli.main import main
@@ -16,6 +17,8 @@ from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import RANDOMISE, EnvCfg, NoiseCfg, RandomiseCfg, ResetCfg
 from policy.env.randomise import RandomisedEnv, make_env
 from policy.robots.robot import Robot, load_robot
+from policy.sim.batch_sim import VariedBatchSim
+from policy.sim.chosen import Listed
 from policy.training.checkpoint import PolicyError, load_policy
 from policy.training.ppo import PpoCfg
 from policy.training.train import TrainCfg, train
@@ -43,12 +46,23 @@ def _env(robot: Robot, num_envs: int, **options: Any) -> RandomisedEnv:
     return env
 
 
+def _model(env: RandomisedEnv, index: int) -> Any:
+    """The MuJoCo model of one robot."""
+    assert isinstance(env.sim, VariedBatchSim)
+    return env.sim._batch.get_model(index)
+
+
 def _held(env: QuadrupedEnv, steps: int) -> torch.Tensor:
     """The last feature rows after holding the home pose."""
     extras: dict[str, Any] = {}
     for _ in range(steps):
         extras = env.step(torch.zeros(env.num_envs, 12))[3]
     return extras["features"]
+
+
+def _batch(env: RandomisedEnv) -> Batch:
+    assert isinstance(env.sim, VariedBatchSim)
+    return env.sim._batch
 
 
 def test_off_is_the_plain_environment(robot: Robot) -> None:
@@ -59,9 +73,7 @@ def test_off_is_the_plain_environment(robot: Robot) -> None:
 def test_a_heavier_robot_sinks_deeper_and_weighs_more(robot: Robot) -> None:
     """Each simulation has its own masses, within the range, and feels them."""
     env = _env(robot, 16, mass=(0.8, 1.2))
-    masses = np.array(
-        [env.sim._batch.get_model(i).body_subtreemass[0] for i in range(16)]
-    )
+    masses = np.array([_model(env, i).body_subtreemass[0] for i in range(16)])
     factors = env.sim.draw.mass[:, 0].numpy()
     assert masses == pytest.approx(12.744 * factors)
     assert ((factors > 0.8) & (factors < 1.2)).all()
@@ -74,9 +86,7 @@ def test_a_stronger_robot_stands_higher(robot: Robot) -> None:
     factors = env.sim.draw.strength[:, 0].numpy()
     height = _held(env, 40)[:, column("base_height")][:, 0].numpy()
     assert np.corrcoef(factors, height)[0, 1] > 0.95
-    limits = np.array(
-        [env.sim._batch.get_model(i).actuator_forcerange[0, 1] for i in range(16)]
-    )
+    limits = np.array([_model(env, i).actuator_forcerange[0, 1] for i in range(16)])
     assert limits == pytest.approx(23.7 * factors)
 
 
@@ -84,7 +94,7 @@ def test_less_friction_slides_farther(robot: Robot) -> None:
     """The same shove moves feet on ice, and none on rubber."""
     env = _env(robot, 12, friction=(0.05, 1.5))
     _held(env, 20)
-    env.sim.push(torch.arange(12), torch.tensor([[0.0, 0.8]]).repeat(12, 1))
+    env.sim.push(Listed(torch.arange(12)), torch.tensor([[0.0, 0.8]]).repeat(12, 1))
     slid_m = torch.zeros(12)
     for _ in range(20):
         rows = env.step(torch.zeros(12, 12))[3]["features"]
@@ -92,9 +102,7 @@ def test_less_friction_slides_farther(robot: Robot) -> None:
         slid_m += (rows[:, column("foot_speed")] * touching).sum(dim=1) * env.step_dt
     factors = env.sim.draw.friction[:, 0]
     assert slid_m[factors.argmin()] > 3 * slid_m[factors.argmax()]
-    friction = [
-        env.sim._batch.get_model(i).geom("floor").friction[0] for i in range(12)
-    ]
+    friction = [_model(env, i).geom("floor").friction[0] for i in range(12)]
     assert friction == pytest.approx((0.8 * factors).tolist())
 
 
@@ -172,7 +180,7 @@ def test_the_critic_sees_how_the_robot_differs(robot: Robot) -> None:
 def test_a_new_episode_is_a_new_robot_and_the_others_stay(robot: Robot) -> None:
     env = _env(robot, 4, mass=(0.8, 1.2))
     before = env.sim.draw.columns.clone()
-    env._reset(torch.tensor([1, 3]))
+    env._reset(Listed(torch.tensor([1, 3])))
     changed = (env.sim.draw.columns != before).any(dim=1)
     assert changed.tolist() == [False, True, False, True]
 

@@ -14,11 +14,11 @@ from data.episodes.clips import cut_clips
 from data.episodes.episode import Episode
 from data.features import FEATURE_DIM, column
 from policy.env.env_cfg import EnvCfg
-from policy.env.sim import BatchSim
 from policy.robots.robot import Robot, load_robot
 from policy.rollouts.evaluate import command_grid, evaluate_actor, summarise
 from policy.rollouts.record import RecordCfg, record, recorded_commands
 from policy.rollouts.rollout import hold_home
+from policy.sim.batch_sim import BatchSim
 from policy.training.checkpoint import Policy, load_policy
 from policy.training.ppo import PpoCfg
 from policy.training.train import TrainCfg, train

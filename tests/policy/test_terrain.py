@@ -26,6 +26,7 @@ from policy.env.env_cfg import RANDOMISE, EnvCfg
 from policy.env.randomise import make_env
 from policy.env.terrain import EDGE_M, TerrainCfg, heights, on_terrain, turned
 from policy.robots.robot import Robot, load_robot, load_robot_xml
+from policy.sim.chosen import Listed
 from policy.training.checkpoint import load_policy
 from tests.helpers.foreign_robots import Drawing, mjcf
 
@@ -50,7 +51,9 @@ def _put(env: QuadrupedEnv, x_m: float, y_m: float, above_m: float) -> None:
     ground_m = float(env.robot.ground.height_m(np.array([x_m, y_m])))
     qpos[0, 2] = ground_m + above_m
     nv = env.robot.mj_model.nv
-    env.sim.reset(torch.tensor([0]), qpos, torch.zeros(1, nv, dtype=torch.float64))
+    env.sim.reset(
+        Listed(torch.tensor([0])), qpos, torch.zeros(1, nv, dtype=torch.float64)
+    )
 
 
 def test_flat_is_the_robot_itself_and_its_files_are_as_before(robot: Robot) -> None:

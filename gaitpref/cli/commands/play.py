@@ -20,12 +20,13 @@ from labeling_ui.web.tokens import TokenStore
 from labeling_ui.web.visit import Visit
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg
-from policy.env.sim import BatchSim
 from policy.env.world import in_world
 from policy.law.driven import driven_by
 from policy.robots.differences import differences
 from policy.robots.robot import Robot, load_robot
 from policy.robots.shipped import WALK
+from policy.sim.batch_sim import BatchSim
+from policy.sim.chosen import Listed
 from policy.training.checkpoint import Policy, load_policy
 
 _FOREVER_S = 1e6
@@ -36,7 +37,7 @@ class PolicyRunner:
 
     def __init__(self, policy: Policy, robot: Robot, *, seed: int = 0) -> None:
         self._policy, self._robot, self._seed = policy, robot, seed
-        self._only = torch.zeros(1, dtype=torch.long)
+        self._only = Listed(torch.zeros(1, dtype=torch.long))
         self._env = self._new_env()
 
     def __call__(self, drive: Drive) -> LiveState:
@@ -46,7 +47,7 @@ class PolicyRunner:
             self._env = self._new_env()
         env = self._env
         if any(drive.push_m_s):
-            qpos, qvel = map(torch.from_numpy, env.sim.raw_state())
+            qpos, qvel = env.sim.raw_state()
             qvel[0, :2] += torch.tensor(drive.push_m_s)
             env.sim.reset(self._only, qpos, qvel)
         env.fix_commands(torch.tensor([drive.command]))
@@ -54,7 +55,7 @@ class PolicyRunner:
         extras = env.step(action)[3]
         row = extras["features"][0]
         return LiveState(
-            qpos=extras["final"][0][0],
+            qpos=extras["final"][0][0].numpy(),
             contact=row[column("foot_contact")].numpy(),
             speed_m_s=float(row[column("base_lin_vel_b")][0]),
             height_m=float(row[column("base_height")]),

@@ -20,6 +20,7 @@ from gaitpref.cli.shared.by_hand import (
     told_without_method,
 )
 from gaitpref.cli.shared.launched import ranks_of_launch
+from gaitpref.cli.shared.simulator import sim_of
 from gaitpref.console.extras import require
 from gaitpref.console.progress import console, training_bar
 from gaitpref.console.terminal import EXIT_INTERRUPTED
@@ -188,6 +189,7 @@ def _plain_cfg(command: options.Train, setting: Setting) -> TrainCfg:
         ),
         seed=command.seed,
         checkpoints=command.checkpoints,
+        sim=sim_of(command),
     )
 
 

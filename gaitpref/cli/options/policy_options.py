@@ -77,6 +77,12 @@ class Train:
     """With --observe imu: control steps that are shown, the present one included."""
     getup: bool = False
     """Begin lying after a fall, and be paid for getting up; no fall ends an episode."""
+    device: Literal["cpu", "cuda"] = "cpu"
+    """Where policies are trained: the processor, or an NVIDIA GPU, for which the extra
+    `gpu` is installed and --envs are thousands."""
+    sim: Literal["auto", "threads", "warp"] = "auto"
+    """Simulator: MuJoCo on the processor's threads, or MuJoCo Warp, which also runs,
+    slowly, without a GPU; what suits the device by default."""
     resume: bool = False
     """Go on from where an interrupted run in the same directory stopped; with torchrun,
     with as many processes as before."""

@@ -10,6 +10,7 @@ from gaitpref.loop.presets import loop_cfg
 from policy.env.env_cfg import EnvCfg, getup_env
 
 from .rater_arguments import erring_rater
+from .simulator import sim_of
 
 
 def resolve(options: Loop) -> LoopCfg:
@@ -39,6 +40,7 @@ def resolve(options: Loop) -> LoopCfg:
         stop_asking=options.stop_asking,
         seed=options.seed,
     )
+    cfg = replace(cfg, sim=sim_of(options))
     return replace(cfg, env=_lying(cfg.env, cfg.base)) if options.getup else cfg
 
 

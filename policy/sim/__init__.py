@@ -1,0 +1,1 @@
+"""Simulators: many copies of one robot, advanced together."""

@@ -1,0 +1,178 @@
+"""MuJoCo Warp behind the environment, on Warp's CPU device.
+
+Kernels compile once a machine, half a minute of one core; one environment of either
+kind serves all tests.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor
+
+from benchmarks.gpu_parity import MOST_APART, converging, nudged, run_of
+from data.features import column
+from gaitpref.cli.main import main
+from policy.env.env import QuadrupedEnv
+from policy.env.env_cfg import RANDOMISE, EnvCfg
+from policy.env.randomise import RandomisedEnv, make_env
+from policy.robots.robot import Robot, load_robot
+from policy.sim.chosen import Rows
+from policy.sim.draw import Draw
+from policy.sim.making import SimCfg
+from policy.sim.sim import SimError
+from policy.training.checkpoint import load_policy
+from policy.training.ppo import PpoCfg
+from policy.training.train import TrainCfg, train
+
+# Warp opens every GPU it sees.
+os.environ["CUDA_VISIBLE_DEVICES"] = ""
+pytest.importorskip("mujoco_warp")
+
+N = 256
+ENV = EnvCfg(randomise=RANDOMISE["full"])
+WARP = SimCfg(kind="warp")
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return converging(load_robot(physics_dt_s=ENV.physics_dt_s))
+
+
+@pytest.fixture(scope="module")
+def env(robot: Robot) -> RandomisedEnv:
+    """Robots that differ: what holds of them holds of those that are alike."""
+    made = make_env(robot, ENV, N, seed=0, sim=WARP)
+    assert isinstance(made, RandomisedEnv)
+    return made
+
+
+def _everyone(env: QuadrupedEnv) -> Rows:
+    return _rows(env, torch.ones(N, dtype=torch.bool))
+
+
+def _rows(env: QuadrupedEnv, mask: Tensor) -> Rows:
+    rows = env.sim.rows(mask)
+    assert rows is not None
+    return rows
+
+
+def test_features_are_those_of_the_cpu(robot: Robot, env: RandomisedEnv) -> None:
+    """Robots that differ in friction, masses, strength, delay and encoders, 50 control
+    steps of random actions, every one of them looked at.
+
+    Where the last digits decide no touchdown, every feature is within 1e-3 (as a share
+    of one plus its size) and the same feet touch. Where they do, robots may part: no
+    more of them than of MuJoCo's own, put a micrometre off at the start.
+    """
+    other = make_env(robot, ENV, N, seed=1)
+    assert isinstance(other, RandomisedEnv)
+    env.sim.vary(_everyone(env), Draw.of_columns(other.sim.draw.columns))
+    start, command = other.sim.raw_state(), other.command.clone()
+    rng = torch.Generator().manual_seed(0)
+    actions = 0.5 * torch.randn(50, N, 12, generator=rng)
+    cpu = run_of(other, start, command, actions, watch=True)
+    own = run_of(other, nudged(start, 1e-6, rng=rng), command, actions)
+    warp = run_of(env, start, command, actions)
+    decided, apart = cpu.decided, warp.apart(cpu)
+    assert decided.float().mean() > 0.75
+    assert apart[:, decided].max() < MOST_APART
+    assert warp.touches_alike(cpu)[:, decided].all()
+    assert apart[-1].median() < 2e-5
+    parted = (apart > MOST_APART).any(dim=0).sum()
+    assert parted <= (own.apart(cpu) > MOST_APART).any(dim=0).sum()
+    touching = cpu.rows[..., column("foot_contact")].mean()
+    assert 0.2 < touching < 1.0
+
+
+def test_a_reset_leaves_the_others_as_they_were(env: RandomisedEnv) -> None:
+    """Some are where they were put, and nothing of the others has changed by a bit."""
+    for _ in range(5):
+        env.step(torch.randn(N, 12))
+    before, (qpos, qvel) = env.sim.snapshot(), env.sim.raw_state()
+    seen = env.sim.read()
+    mask = torch.arange(N) % 3 == 0
+    env.sim.reset(_rows(env, mask), qpos + 0.01, torch.zeros_like(qvel))
+    state, after = env.sim.read(), env.sim.snapshot()
+    assert after[~mask].equal(before[~mask])
+    assert state.joint_pos[mask].sub(seen.joint_pos[mask]).sub(0.01).abs().max() < 1e-6
+    assert state.foot_pos_w[~mask].equal(seen.foot_pos_w[~mask])
+    assert not state.foot_pos_w[mask].equal(seen.foot_pos_w[mask])
+
+
+def test_a_robot_that_diverged_is_ended_and_no_other(env: RandomisedEnv) -> None:
+    """A row of zeros, bootstrapped, and a new episode of numbers behind it."""
+    action = torch.zeros(N, 12)
+    env.step(action)
+    action[7] = float("nan")
+    _, _, dones, extras = env.step(action)
+    # Its targets may come one step late.
+    again = env.step(torch.zeros(N, 12))
+    aborted = extras["aborted"] | again[3]["aborted"]
+    assert aborted.nonzero().flatten().tolist() == [7]
+    assert again[0]["policy"].isfinite().all()
+    first = extras["aborted"][7]
+    told, ended = (extras, dones) if first else (again[3], again[2])
+    assert ended[7]
+    assert told["time_outs"][7]
+    assert (told["features"][7] == 0).all()
+
+
+def test_it_goes_on_from_a_snapshot_bit_for_bit(env: RandomisedEnv) -> None:
+    """On Warp's CPU device; a GPU adds in another order every time."""
+    snapshot = {name: value.clone() for name, value in env.snapshot().items()}
+    actions = 0.3 * torch.randn(3, N, 12)
+    both = []
+    for _ in range(2):
+        env.restore(snapshot)
+        both.append(torch.stack([env.step(each)[3]["features"] for each in actions]))
+    assert both[0].equal(both[1])
+
+
+def test_what_is_trained_on_it_plays_and_goes_on(robot: Robot, tmp_path: Path) -> None:
+    """A policy file and a state to resume; episodes of the policy come from the CPU."""
+    out, dataset = tmp_path / "run", tmp_path / "data"
+    cfg = TrainCfg(
+        steps=768,
+        env=replace(EnvCfg(), episode_s=1.0),
+        ppo=PpoCfg(num_envs=16, steps_per_env=24),
+        sim=WARP,
+    )
+    assert train(out, robot, replace(cfg, steps=384)).finished
+    assert train(out, robot, cfg, resume=True).steps == 768
+    assert load_policy(out / "policy.pt").info.steps == 768
+    recorded = ["record", "--policy", str(out / "policy.pt"), "--episodes", "4"]
+    assert main([*recorded, "--dataset", str(dataset), "--episode-s", "0.5"]) == 0
+    assert len(list(dataset.glob("rollouts/*/*.mcap"))) == 4
+
+
+def test_a_gpu_that_is_not_there_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if torch.cuda.is_available():
+        pytest.skip("there is a GPU")
+    told = ["train", "--out", str(tmp_path / "run"), "--reward", "task"]
+    assert main([*told, "--device", "cuda"]) == 2
+    line = capsys.readouterr().err.strip()
+    assert "--device cuda needs an NVIDIA GPU" in line
+    assert "\n" not in line
+    assert not (tmp_path / "run" / "resume.pt").exists()
+    with pytest.raises(SimError, match="--sim threads runs on the processor alone"):
+        SimCfg(device="cuda", kind="threads")
+
+
+def test_a_package_that_is_not_installed_is_told_with_its_extra(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on a machine without it: Python does not import a module that is None."""
+    monkeypatch.setitem(sys.modules, "mujoco_warp", None)
+    told = ["train", "--out", str(tmp_path / "run"), "--reward", "task"]
+    assert main([*told, "--sim", "warp"]) == 2
+    line = capsys.readouterr().err.strip()
+    assert "pip install -e '.[gpu]'" in line
+    assert "\n" not in line
