@@ -301,7 +301,8 @@ def _nothing_to_compare(pool: _Pool, apart: Apart) -> str:
         return (
             f"no two of {len(pool.clips)} clips under one command lie apart "
             f"({len(set(pool.episode))} episodes, {len(set(pool.command))} commands); "
-            "ask about shorter clips with --clip-s, or add more or longer episodes"
+            "ask about shorter clips with --clip-s, or record more or longer episodes "
+            "with `gaitpref record`"
         )
     return (
         f"no two of {len(pool.clips)} clips come from different episodes under one "
