@@ -28,7 +28,7 @@ import zstandard
 
 from gaitpref.cli import main as cli
 from gaitpref.cli.commands import label as label_command
-from gaitpref.cli.commands import play as play_command
+from gaitpref.cli.commands.looking import play as play_command
 from tests.helpers.command_table import Typed, make_world
 
 MEMORY_BYTES = 1_500 * 2**20

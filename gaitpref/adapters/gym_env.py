@@ -101,7 +101,7 @@ class _Engine:
         """A picture of every robot as the last step left it; None without a mode."""
         if self._frames is None:
             return None
-        return tuple(self._frames(qpos) for qpos in self._shown)
+        return tuple(self._frames(_array(qpos)) for qpos in self._shown)
 
     def close(self) -> None:
         """Give the renderer back."""

@@ -113,25 +113,25 @@ def _failed(error: OSError, command: options.Command | None) -> int:
 
 _HOMES: dict[type, tuple[str, str]] = {
     options.Answer: ("answer", "train"),
-    options.Evaluate: ("evaluate", "train"),
-    options.Explain: ("explain", "train"),
+    options.Evaluate: ("looking.evaluate", "train"),
+    options.Explain: ("looking.explain", "train"),
     options.Export: ("export", "train,onnx"),
-    options.Film: ("film", "train"),
+    options.Film: ("looking.film", "train"),
     options.Fit: ("fit", "fit"),
     options.Label: ("label", "label"),
     options.Loop: ("loop", "train"),
     options.Method: ("method", "train"),
     options.Pairs: ("pairs", "fit"),
-    options.Play: ("play", "train,label"),
+    options.Play: ("looking.play", "train,label"),
     options.Policy: ("import_policy", "train,onnx"),
     options.Raters: ("raters", "label"),
     options.Record: ("record", "train"),
     options.Relabel: ("fit", "fit"),
-    options.Report: ("report", "train"),
+    options.Report: ("looking.report", "train"),
     options.Robot: ("robot", "train,label"),
     options.Sweep: ("sweep", "train"),
     options.Train: ("train", "train"),
-    options.Trust: ("trust", "train"),
+    options.Trust: ("looking.trust", "train"),
 }
 """Module of each command, and the extra that installs what it imports."""
 

@@ -7,10 +7,11 @@ pictures too.
 
 from __future__ import annotations
 
+import copy
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,8 @@ import numpy as np
 from data.errors import GaitprefError
 
 _MOST_GEOMS = 2000
+_NO = ("disable", "disabled", "off", "false", "0")
+"""What MUJOCO_GL says where nothing is to be drawn."""
 _SHADOW_PX, _SAMPLES = 512, 4
 """Of the quality of pictures: without a graphics card they cost most of the time."""
 _STATIC_AND_MOVING = int(mujoco.mjtCatBit.mjCAT_ALL)
@@ -49,36 +52,100 @@ class CameraCfg:
             )
 
 
-@contextmanager
-def _drawing(width_px: int, height_px: int) -> Iterator[Any]:
-    """An OpenGL context of this thread.
+class Camera:
+    """Draws the states of one robot, one picture after the other.
 
-    Raises:
-        NoRenderer: there is none.
+    Several may be open at once in a thread.
     """
-    try:
-        context = _context(width_px, height_px)
-    except (ImportError, RuntimeError, AttributeError, OSError) as why:
-        raise NoRenderer(
-            f"this machine draws no pictures of the simulation ({why}); on Linux, "
-            f"install EGL (on Debian: apt-get install libegl1 libgl1-mesa-dri)"
-        ) from None
-    try:
-        context.make_current()
-        yield context
-    finally:
-        context.free()
+
+    def __init__(self, mj_model: mujoco.MjModel, cfg: CameraCfg | None = None) -> None:
+        """Start drawing.
+
+        Args:
+            mj_model: The robot in its world; it stays as it is.
+            cfg: Where the camera is.
+
+        Raises:
+            NoRenderer: this machine cannot draw.
+        """
+        cfg = cfg or CameraCfg()
+        try:
+            self._drawing: Any = _context(cfg.width_px, cfg.height_px)
+            self._drawing.make_current()
+        # A platform fails in its own way each.
+        except Exception as why:
+            found = " ".join(f"{type(why).__name__}: {why}".split())[:120]
+            raise NoRenderer(
+                f"this machine draws no pictures of the simulation ({found}); on "
+                "Linux, install EGL (on Debian: apt-get install libegl1 "
+                "libgl1-mesa-dri)"
+            ) from None
+        self._mj_model = copy.copy(mj_model)
+        visual = self._mj_model.vis
+        visual.global_.offwidth, visual.global_.offheight = cfg.width_px, cfg.height_px
+        visual.quality.shadowsize, visual.quality.offsamples = _SHADOW_PX, _SAMPLES
+        self._mj_data = mujoco.MjData(self._mj_model)
+        self._option = mujoco.MjvOption()
+        self._scene = mujoco.MjvScene(self._mj_model, _MOST_GEOMS)
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
+        self._context = mujoco.MjrContext(
+            self._mj_model, mujoco.mjtFontScale.mjFONTSCALE_100
+        )
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
+        self._view = mujoco.MjrRect(0, 0, cfg.width_px, cfg.height_px)
+        self._camera = mujoco.MjvCamera()
+        self._camera.distance, self._camera.azimuth = cfg.distance_m, cfg.azimuth_deg
+        self._camera.elevation = cfg.elevation_deg
+        # A little below where the base stands at home: the feet are judged.
+        self._looks_at_m = 0.67 * float(mj_model.qpos0[2])
+        self._picture = np.empty((cfg.height_px, cfg.width_px, 3), np.uint8)
+
+    def __call__(self, qpos: np.ndarray) -> np.ndarray:
+        """The picture [H, W, 3] uint8 of the state `qpos` [nq]."""
+        self._drawing.make_current()
+        mj_model, mj_data = self._mj_model, self._mj_data
+        mj_data.qpos[:] = qpos
+        mujoco.mj_kinematics(mj_model, mj_data)
+        mujoco.mj_comPos(mj_model, mj_data)  # What lights follow.
+        mujoco.mj_camlight(mj_model, mj_data)
+        self._camera.lookat[:] = (*qpos[:2], self._looks_at_m)
+        mujoco.mjv_updateScene(
+            mj_model,
+            mj_data,
+            self._option,
+            None,
+            self._camera,
+            _STATIC_AND_MOVING,
+            self._scene,
+        )
+        mujoco.mjr_render(self._view, self._scene, self._context)
+        mujoco.mjr_readPixels(self._picture, None, self._view, self._context)
+        return self._picture[::-1].copy()
+
+    def close(self) -> None:
+        """Give back what draws; once more does nothing."""
+        if self._drawing is not None:
+            self._drawing.make_current()
+            self._context.free()
+            self._drawing.free()
+            self._drawing = None
 
 
 def _context(width_px: int, height_px: int) -> Any:
+    wanted = os.environ.get("MUJOCO_GL", "").lower()
+    if wanted in _NO:
+        raise RuntimeError(f"MUJOCO_GL={wanted} forbids it")
     if sys.platform == "darwin":
         from mujoco.cgl import GLContext
     elif sys.platform == "win32":
         from mujoco.glfw import GLContext
     else:
         # What draws is read once, when OpenGL is first imported.
-        os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
-        from mujoco.egl import GLContext
+        os.environ.setdefault("PYOPENGL_PLATFORM", wanted or "egl")
+        if wanted == "osmesa":
+            from mujoco.osmesa import GLContext
+        else:
+            from mujoco.egl import GLContext
     return GLContext(width_px, height_px)
 
 
@@ -91,48 +158,10 @@ def frames_of(
         NoRenderer: this machine cannot draw them.
         GaitprefError: the robot does not compile.
     """
-    cfg = cfg or CameraCfg()
     try:
         mj_model = mujoco.MjModel.from_xml_string(mjcf)
     except ValueError as why:
         raise GaitprefError(f"the robot does not compile ({why})") from None
-    with _drawing(cfg.width_px, cfg.height_px) as drawing:
-        yield from _drawn(mj_model, states, cfg, drawing)
-
-
-def _drawn(
-    mj_model: mujoco.MjModel, states: np.ndarray, cfg: CameraCfg, drawing: Any
-) -> Iterator[np.ndarray]:
-    """Pictures; between two of them others may draw in contexts of their own."""
-    visual = mj_model.vis
-    visual.global_.offwidth, visual.global_.offheight = cfg.width_px, cfg.height_px
-    visual.quality.shadowsize, visual.quality.offsamples = _SHADOW_PX, _SAMPLES
-    mj_data = mujoco.MjData(mj_model)
-    scene, option = mujoco.MjvScene(mj_model, _MOST_GEOMS), mujoco.MjvOption()
-    scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
-    context = mujoco.MjrContext(mj_model, mujoco.mjtFontScale.mjFONTSCALE_100)
-    mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
-    view = mujoco.MjrRect(0, 0, cfg.width_px, cfg.height_px)
-    camera = mujoco.MjvCamera()
-    camera.distance, camera.azimuth = cfg.distance_m, cfg.azimuth_deg
-    camera.elevation = cfg.elevation_deg
-    # Level where the base stands at home, a little below it: the feet are judged.
-    looks_at_m = 0.67 * float(mj_model.qpos0[2])
-    picture = np.empty((cfg.height_px, cfg.width_px, 3), np.uint8)
-    try:
+    with closing(Camera(mj_model, cfg)) as camera:
         for state in states:
-            drawing.make_current()
-            mj_data.qpos[:] = state
-            mujoco.mj_kinematics(mj_model, mj_data)
-            mujoco.mj_comPos(mj_model, mj_data)  # What lights follow.
-            mujoco.mj_camlight(mj_model, mj_data)
-            camera.lookat[:] = (*state[:2], looks_at_m)
-            mujoco.mjv_updateScene(
-                mj_model, mj_data, option, None, camera, _STATIC_AND_MOVING, scene
-            )
-            mujoco.mjr_render(view, scene, context)
-            mujoco.mjr_readPixels(picture, None, view, context)
-            yield picture[::-1].copy()
-    finally:
-        drawing.make_current()
-        context.free()
+            yield camera(state)

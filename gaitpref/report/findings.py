@@ -67,7 +67,7 @@ def findings_of_trust(trust: dict[str, Any]) -> Findings:
     """What the figures of a reward say, and of a policy where there are some.
 
     Args:
-        trust: As `gaitpref.cli.commands.trust.as_json` gives them, with the alarms.
+        trust: As `gaitpref.report.trust_json` writes them, with the alarms.
     """
     alarms = tuple(trust.get("alarms", ()))
     against = [name for name in trust.get("raters", ()) if name not in alarms]

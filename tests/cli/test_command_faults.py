@@ -14,7 +14,7 @@ import pytest
 
 import gaitpref
 import gaitpref.cli.commands.label
-import gaitpref.cli.commands.play
+import gaitpref.cli.commands.looking.play
 from gaitpref.cli.main import main
 from gaitpref.cli.usage import commands
 
@@ -152,7 +152,7 @@ def test_who_reads_needs_no_right_to_write(
 def own_world(world: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A world that may be changed; pages are closed as soon as they are open."""
     monkeypatch.chdir(tmp_path)
-    for module in (gaitpref.cli.commands.label, gaitpref.cli.commands.play):
+    for module in (gaitpref.cli.commands.label, gaitpref.cli.commands.looking.play):
         monkeypatch.setattr(module, "wait_until_stopped", lambda _: None)
     return Path(shutil.copytree(world, tmp_path / "wörld"))
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from benchmarks.visitor import Visitor
-from gaitpref.cli.commands.play import live_policy
+from gaitpref.cli.commands.looking.play import live_policy
 from labeling_ui.scene.live_robot import Drive, LiveState, StepFn
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import SHIPPED_XML, load_robot

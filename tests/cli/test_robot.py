@@ -10,7 +10,7 @@ import pytest
 from matplotlib.image import imread
 
 from data.datasets.dataset import Dataset
-from gaitpref.cli.commands.play import live_policy
+from gaitpref.cli.commands.looking.play import live_policy
 from gaitpref.cli.main import main
 from labeling_ui.scene.geometry import instance_poses, robot_geometry
 from labeling_ui.scene.live_robot import Drive

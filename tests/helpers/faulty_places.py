@@ -26,7 +26,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import gaitpref.cli.commands.label
-import gaitpref.cli.commands.play
+import gaitpref.cli.commands.looking.play
 from gaitpref.cli.main import main
 from tests.helpers.command_table import TABLE, Typed
 
@@ -360,7 +360,7 @@ PLACES: dict[str, Callable[[Path], dict[str, Outcome]]] = {
 
 def run(world: Path, place: str, found: Path) -> int:
     """Write what became of every command in one place; gives the exit code."""
-    for module in (gaitpref.cli.commands.label, gaitpref.cli.commands.play):
+    for module in (gaitpref.cli.commands.label, gaitpref.cli.commands.looking.play):
         module.wait_until_stopped = lambda _: None  # type: ignore[attr-defined]
     with tempfile.TemporaryDirectory() as folder:
         os.chmod(folder, 0o755)

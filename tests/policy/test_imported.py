@@ -46,6 +46,7 @@ from tests.helpers.foreign_layouts import (
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
 DT_S = EnvCfg().physics_dt_s
+CPU = torch.device("cpu")
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +63,9 @@ def _same_actions(ours: Policy, theirs: Policy, tolerance: float = 1e-5) -> None
     own = torch.randn(64, 48, generator=torch.Generator().manual_seed(3))
     law = theirs.info.env.law
     assert law is not None
-    seen = Encoder(law, 64).observe(own, begins=torch.ones(64, dtype=torch.bool))
+    seen = Encoder(law, 64, device=CPU).observe(
+        own, begins=torch.ones(64, dtype=torch.bool)
+    )
     assert theirs(seen).numpy() == pytest.approx(ours(own).numpy(), abs=tolerance)
 
 
@@ -354,7 +357,7 @@ def test_a_history_is_in_the_order_of_the_law(
     terms = (Term(name="command", frames=3), Term(name="base_ang_vel", frames=3))
     terms = (replace(terms[0], clip=(-2.5, 2.5)), replace(terms[1], scale=(10.0,)))
     law = law_in(LEFT_FIRST, terms=terms, by_term=by_term, newest_first=newest_first)
-    encoder, seen = Encoder(law, 2), torch.zeros(2, 18)
+    encoder, seen = Encoder(law, 2, device=CPU), torch.zeros(2, 18)
     for step in range(4):
         own = torch.zeros(2, 48)
         own[:, 45:48], own[:, 3:6] = float(step), 0.5 * step

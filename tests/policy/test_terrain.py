@@ -17,7 +17,7 @@ from data.episodes.clips import Clip
 from data.features import column
 from data.files.plain import from_plain, to_plain
 from data.ground import Ground
-from gaitpref.cli.commands.play import live_policy
+from gaitpref.cli.commands.looking.play import live_policy
 from gaitpref.cli.main import main
 from labeling_ui.scene.clip_motion import load_motion
 from labeling_ui.scene.live_robot import Drive
