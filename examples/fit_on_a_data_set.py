@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import torch
 import tyro
 
 from data import Dataset
-from rewardmodel import FitCfg, fit_reward, load_pairs, save_reward
+from gaitpref import fit, score_episode
+from rewardmodel import save_reward
 
 
 def main(dataset: Path, out: Path, seed: int = 0) -> None:
@@ -25,12 +25,12 @@ def main(dataset: Path, out: Path, seed: int = 0) -> None:
         seed: Bootstrap draws and folds.
     """
     source = Dataset.open(dataset)
-    reward, report = fit_reward(load_pairs([source]), FitCfg(), seed=seed)
+    reward, report = fit([source], seed=seed)
     save_reward(reward, out)
     print(f"foreseen of {report.held_out_pairs}: {report.held_out_accuracy}")
     worth = {}
     for entry in source.entries():
-        paid, _ = reward.episode_rewards(torch.tensor(source.features(entry.sha256)))
+        paid = score_episode(reward, source.features(entry.sha256))
         worth[entry.sha256] = float(paid.mean())
     for sha256 in sorted(worth, key=worth.__getitem__, reverse=True)[:5]:
         print(f"{worth[sha256]:+.2f}  {sha256[:12]}")

@@ -23,7 +23,7 @@ BOLD = replace(
 
 
 def cfg(seed: int = 0) -> LoopCfg:
-    """Higher steps, from a policy that is trained first."""
+    """Higher steps, from the walk that ships."""
     return loop_cfg(
         criterion="high_step", quick=True, labels=20, method=BOLD, seed=seed
     )

@@ -3,7 +3,10 @@
     python examples/own_rater.py --policy POLICY --out runs/own-rater
 
 Records a policy, asks about pairs of clips, has a function answer them, fits a reward
-and trains the policy on it.
+and trains the policy on it. This is one round: `gaitpref loop` does several, keeps
+answers to say whether it worked, limits what following commands may lose, and writes a
+report. A rater that can be written as a score of single steps gets all that as
+`--criterion module:function` (`examples/own_criterion.py`).
 """
 
 from __future__ import annotations

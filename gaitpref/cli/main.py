@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import importlib.metadata
+import io
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -43,18 +45,23 @@ def parse(args: Sequence[str] | None = None) -> options.Command:
         print(f"gaitpref {importlib.metadata.version('gaitpref')}")
         raise SystemExit(0)
     require_command(args)
+    said = io.StringIO()
     try:
-        return tyro.cli(
-            options.Command,
-            prog="gaitpref",
-            description="Turns preferences between gaits into a better policy. "
-            "`gaitpref --version` says which version this is.",
-            args=args,
-            config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes),
-        )
+        with contextlib.redirect_stderr(said):
+            return tyro.cli(
+                options.Command,
+                prog="gaitpref",
+                description="Turns preferences between gaits into a better policy. "
+                "`gaitpref --version` says which version this is.",
+                args=args,
+                config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes),
+            )
     except SystemExit as left:
+        # Where it is clear what was meant, one line says more than a screen.
         if left.code and (meant := did_you_mean(args)):
             complain(meant)
+        else:
+            sys.stderr.write(said.getvalue())
         raise
 
 

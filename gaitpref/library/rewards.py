@@ -5,10 +5,11 @@ Shapes: T steps of an episode, F feature columns (`data.features.FEATURES`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from data.datasets.dataset import Dataset
 from data.features import FEATURE_DIM
@@ -18,6 +19,9 @@ from rewardmodel.cfg import FitCfg
 from rewardmodel.fitting.fit_reward import fit_reward
 from rewardmodel.models.fit_report import FitReport
 from rewardmodel.models.model import RewardModel
+
+RowCriterion = Callable[[Tensor], Tensor]
+"""Score [...] of rows [..., F], each for itself."""
 
 
 def fit(
@@ -37,20 +41,45 @@ def fit(
     return fit_reward(load_pairs(datasets), settings, seed=seed)
 
 
-def score_episode(reward: RewardModel, rows: np.ndarray) -> np.ndarray:
-    """Reward [T] of every step of an episode, of unit deviation per second over the
-    clips that were judged.
+def score_episode(
+    reward: RewardModel | RowCriterion | str, rows: np.ndarray
+) -> np.ndarray:
+    """Reward [T] of every step of an episode, per second.
+
+    That of a fitted reward has mean 0 and unit deviation over the clips that were
+    judged.
 
     Args:
-        reward: A fitted reward.
+        reward: A fitted reward, a criterion of one's own `features [..., F] -> score
+            [...]`, or the name of one, as `gaitpref loop --criterion` takes it, for the
+            robot that ships.
         rows: Feature rows [T, F] of the whole episode, from its first step, as
             `Dataset.features` gives them.
 
     Raises:
         ValueError: `rows` is no table of feature rows.
+        GaitprefError: there is no such criterion.
     """
     if rows.ndim != 2 or rows.shape[1] != FEATURE_DIM:
         raise ValueError(f"rows must be [T, {FEATURE_DIM}], got {list(rows.shape)}")
+    features = torch.tensor(rows, dtype=torch.float32)
     with torch.inference_mode():
-        paid, _ = reward.episode_rewards(torch.tensor(rows, dtype=torch.float32))
+        if isinstance(reward, str):
+            return _by_name(reward, features).numpy()
+        if not isinstance(reward, RewardModel):
+            return reward(features).numpy()
+        paid, _ = reward.episode_rewards(features)
     return paid.numpy()
+
+
+def _by_name(name: str, features: Tensor) -> Tensor:
+    # Imported here: fitting somebody's data set needs no simulator.
+    from gaitpref.raters.criterion_scores import criterion_context
+    from gaitpref.training.total_reward import load_score
+    from policy.training.setup import setting_of
+
+    setting = setting_of(None, None)
+    score = load_score(name, criterion_context(setting.robot, setting.env))
+    starts = torch.zeros(len(features), 1, dtype=torch.bool)
+    starts[0] = True
+    return score(features[:, None], starts)[:, 0]

@@ -39,9 +39,11 @@ def loop_cfg(
     Args:
         criterion: What the simulated rater looks for: a built-in name, or
             `module:function`.
-        base: `walk`, `task`, `none` or a policy file, as of `gaitpref loop --base`.
+        base: `walk`, which ships and is the default, `task`, `none` or a policy file,
+            as of `gaitpref loop --base`.
         robot: MJCF of another robot than the one that ships.
-        quick: About ten minutes on two cores.
+        quick: Two rounds, about three minutes on two cores; from scratch four in about
+            seven.
         rounds: Times questions are asked and the policy is retrained.
         labels: Answers in all.
         steps: Environment steps of each training.
@@ -60,6 +62,11 @@ def loop_cfg(
     if change_s is not None and not 0.0 < change_s <= LONGEST_S:
         raise RunError(
             f"--change-s must lie in (0, {LONGEST_S:g}] seconds, got {change_s:g}"
+        )
+    if rater not in ("simulated", "human"):
+        raise RunError(
+            f"rater is 'simulated' or 'human', got {rater!r}: a program that scores "
+            f"steps is a criterion, and `examples/own_rater.py` has one that sees clips"
         )
     if steps is not None and steps < 1:
         raise RunError(f"--steps must be at least 1, got {steps}")

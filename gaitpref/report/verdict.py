@@ -59,8 +59,8 @@ class Verdict:
         shown = f"`gaitpref play --policy {last} --against {first}` shows both"
         if self.word == "better":
             return (
-                f"{shown}, and `gaitpref loop --run ANOTHER --base {last}` goes on "
-                f"from it"
+                f"{shown}, and the same command with another --run and `--base {last}` "
+                f"goes on from it"
             )
         if self.word == "not known":
             return f"{shown}; a run with twice the --labels keeps more answers for this"

@@ -16,7 +16,16 @@ import labeling_ui
 import policy
 import rewardmodel
 from data import Dataset
-from gaitpref import LoopCfg, StepsCfg, open_dataset, record, run_loop, score_episode
+from data.errors import GaitprefError
+from gaitpref import (
+    LoopCfg,
+    StepsCfg,
+    loop_cfg,
+    open_dataset,
+    record,
+    run_loop,
+    score_episode,
+)
 from policy import EnvCfg, PpoCfg, RecordCfg, TrainCfg, load_robot, train
 from rewardmodel import load_reward
 
@@ -82,6 +91,27 @@ def test_what_is_no_episode_is_not_scored(tmp_path: Path, small_policy: Path) ->
     rows = dataset.features(entry.sha256)
     with pytest.raises(ValueError, match=r"rows must be \[T, 90\], got"):
         score_episode(load_reward, rows[:, :5])  # pyright: ignore[reportArgumentType]
+
+
+def test_a_criterion_scores_an_episode_by_name_or_as_a_function(
+    tmp_path: Path, small_policy: Path
+) -> None:
+    dataset = open_dataset(tmp_path / "set", create=True)
+    (entry, *_) = record(small_policy, dataset, episodes=2, episode_s=1.0)
+    rows = dataset.features(entry.sha256)
+    own = score_episode(lambda features: features[..., 3] * 2, rows)
+    assert own.tolist() == (rows[:, 3] * 2).tolist()
+    # The task's score, per second, is what the episode's own rewards are.
+    episode = dataset.read(entry.sha256)
+    paid = score_episode("task", rows) * episode.meta.control_dt_s
+    assert paid[:-1] == pytest.approx(episode.reward[:-1], abs=1e-4)
+    with pytest.raises(GaitprefError, match="high_step"):
+        score_episode("hihg_step", rows)
+
+
+def test_a_program_is_no_rater_of_a_loop() -> None:
+    with pytest.raises(GaitprefError, match=r"criterion.*own_rater"):
+        loop_cfg(rater=print)  # pyright: ignore[reportArgumentType]
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.__name__)
