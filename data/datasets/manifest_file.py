@@ -116,9 +116,16 @@ class ManifestFile:
         try:
             yield
         except (FileNotFoundError, NotADirectoryError):
+            inside = self._root / "dataset"
+            is_run = (inside / MANIFEST_NAME).is_file()
             raise DatasetError(
-                f"{self._root} is no data set, it has no {MANIFEST_NAME}; make one "
-                f"with `gaitpref record --policy POLICY --dataset {self._root}`"
+                f"{self._root} is no data set, it has no {MANIFEST_NAME}; "
+                + (
+                    f"it is a run, whose data set is {inside}"
+                    if is_run
+                    else f"make one with `gaitpref record --policy POLICY --dataset "
+                    f"{self._root}`"
+                )
             ) from None
 
 

@@ -296,6 +296,8 @@ def _compile(spec: mujoco.MjSpec, source: str) -> mujoco.MjModel:
 
 def _not_compiling(source: str, error: ValueError) -> RobotError:
     told = "; ".join(line.strip() for line in str(error).splitlines() if line.strip())
+    if "could not find decoder" in told:
+        return RobotError(f"{source} is no robot: an MJCF (.xml) or a URDF is wanted")
     return RobotError(
         f"{source}: MuJoCo {mujoco.__version__} cannot compile it ({told}); mend the "
         "model until MuJoCo's own viewer opens it"

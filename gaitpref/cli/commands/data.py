@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -279,7 +280,8 @@ def _labels(action: options.Labels) -> None:
     if action.out is None:
         sys.stdout.write(text)
     else:
-        _write(action.out, text.encode())
+        with _folder(action.out):
+            write_atomically(action.out, text.encode())
         console.print(f"{len(rows):,} answers are in {action.out}")
 
 
@@ -317,11 +319,22 @@ def _only(known: Iterable[str], start: str, what: str, where: Path) -> str:
 
 
 def _write(path: Path, content: bytes) -> None:
+    with _folder(path):
+        write_atomically(path, content)
+    console.print(f"{path} is written")
+
+
+@contextmanager
+def _folder(path: Path) -> Iterator[None]:
+    """The folder of a file that is to be written.
+
+    Raises:
+        DatasetError: it is none, or nobody may write there.
+    """
     with writable(path.parent):
         if not path.parent.is_dir():
             raise DatasetError(f"{path.parent} is no directory; make it first")
-        write_atomically(path, content)
-    console.print(f"{path} is written")
+        yield
 
 
 def _imported(action: options.Import, facts: dict[str, Any]) -> None:

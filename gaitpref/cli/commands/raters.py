@@ -104,9 +104,12 @@ def _line(of_rater: RaterFigures) -> str:
     def number(value: float | None, digits: int) -> str:
         return "-" if value is None else f"{value:.{digits}f}"
 
+    def seconds(value: float | None) -> str:
+        return "-" if value is None else f"{value:.1f}s"
+
     return (
         f"{shown(of_rater.rater_id):<16}{of_rater.answers:>8}"
-        f"{number(of_rater.per_hour, 0):>10}{number(of_rater.median_s, 1):>7}s"
+        f"{number(of_rater.per_hour, 0):>10}{seconds(of_rater.median_s):>8}"
         f"{percent(of_rater.left):>6}{percent(of_rater.self_consistency):>6}"
         f"{percent(of_rater.gold):>7}{percent(of_rater.agreement):>7}"
         f"{number(of_rater.alpha, 2):>7}"

@@ -144,7 +144,8 @@ class Evaluate:
     policy: Path
     """Policy file."""
     reward: str = "task"
-    """Criterion or learned reward the return is measured under."""
+    """What the return is measured under: a criterion, as `gaitpref loop --criterion`
+    takes it, or the directory of a learned reward."""
     episodes: Count = 64
     """Episodes, spread evenly over the grid."""
     terrain: Literal["flat", "slopes", "steps", "rough"] | None = None
