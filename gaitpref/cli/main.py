@@ -120,6 +120,7 @@ def _failed(error: OSError, command: options.Command | None) -> int:
 
 _HOMES: dict[type, tuple[str, str]] = {
     options.Answer: ("answer", "train"),
+    options.Arena: ("looking.arena", "train"),
     options.Evaluate: ("looking.evaluate", "train"),
     options.Explain: ("looking.explain", "train"),
     options.Export: ("export", "train,onnx"),

@@ -23,7 +23,7 @@ from data.errors import GaitprefError
 _MOST_GEOMS = 2000
 _NO = ("disable", "disabled", "off", "false", "0")
 """What MUJOCO_GL says where nothing is to be drawn."""
-_SHADOW_PX, _SAMPLES = 512, 4
+_SHADOW_PX, _SAMPLES = 1024, 4
 """Of the quality of pictures: without a graphics card they cost most of the time."""
 _STATIC_AND_MOVING = int(mujoco.mjtCatBit.mjCAT_ALL)
 
@@ -84,6 +84,8 @@ class Camera:
         visual = self._mj_model.vis
         visual.global_.offwidth, visual.global_.offheight = cfg.width_px, cfg.height_px
         visual.quality.shadowsize, visual.quality.offsamples = _SHADOW_PX, _SAMPLES
+        # Lights go along too: far from them shadows break up.
+        self._mj_model.light_mode[:] = mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM
         self._mj_data = mujoco.MjData(self._mj_model)
         self._option = mujoco.MjvOption()
         self._scene = mujoco.MjvScene(self._mj_model, _MOST_GEOMS)

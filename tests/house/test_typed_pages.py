@@ -44,6 +44,8 @@ SMALL = {
     "loop": "--rounds 1 --labels 8 --steps 96",
     "train": "--steps 96 --envs 4",
     "evaluate": "--episodes 4",
+    "arena": "--episodes 5 --most 3",
+    "film": "--duration-s 1 --fps 5",
     "sweep": "--dry-run",
 }
 """What is typed behind a command so that it is short."""

@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 
 import tyro
 
+from .arena_options import Arena as Arena
 from .bounds import AtLeast, Count, Seed
 from .data_options import Data as Data
 from .policy_options import Evaluate as Evaluate
@@ -164,6 +165,7 @@ Command = (
     | Annotated[Raters, tyro.conf.subcommand("raters")]
     | Annotated[Label, tyro.conf.subcommand("label")]
     | Annotated[Play, tyro.conf.subcommand("play")]
+    | Annotated[Arena, tyro.conf.subcommand("arena")]
     | Annotated[Film, tyro.conf.subcommand("film")]
     | Annotated[Export, tyro.conf.subcommand("export")]
     | Annotated[Policy, tyro.conf.subcommand("policy")]

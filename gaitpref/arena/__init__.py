@@ -1,0 +1,1 @@
+"""Policies against one another: blind answers, and a ranking with intervals."""

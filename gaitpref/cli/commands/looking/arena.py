@@ -1,0 +1,57 @@
+"""`gaitpref arena`: which of several policies people prefer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from data.datasets.dataset import Dataset
+from gaitpref.arena.arena import ArenaCfg, Standing, hold
+from gaitpref.arena.arena_page import write_arena_page
+from gaitpref.arena.games import players_of
+from gaitpref.cli.options import options
+from gaitpref.cli.shared.rater_arguments import erring_rater
+from gaitpref.console.progress import counting_bar
+from gaitpref.console.terminal import say
+from gaitpref.raters.criteria import load_criterion
+from gaitpref.raters.criterion_scores import context_of_dataset
+from gaitpref.raters.simulated import answer_pairs
+
+
+def run(command: options.Arena) -> int:
+    """Run the command; gives the exit code."""
+    players = players_of(command.policy)
+    cfg = ArenaCfg(episodes=command.episodes, most=command.most, seed=command.seed)
+    answer = _simulated(command) if command.criterion else None
+    with counting_bar("answers", cfg.most) as bar:
+        standing = hold(
+            command.out,
+            players,
+            cfg,
+            answer,
+            lambda done, _: bar.update(bar.task_ids[0], completed=done),
+        )
+    say(f"{standing.sentence}; the page is {write_arena_page(command.out, standing)}")
+    if answer is None:
+        say(_next(command, standing))
+    return 0
+
+
+def _simulated(command: options.Arena) -> Callable[[Dataset], None]:
+    cfg = erring_rater(command.erring)
+
+    def answer(dataset: Dataset) -> None:
+        criterion = load_criterion(command.criterion or "", context_of_dataset(dataset))
+        rater = f"simulated:{command.criterion}"
+        answer_pairs(dataset, criterion, rater_id=rater, seed=command.seed, cfg=cfg)
+
+    return answer
+
+
+def _next(command: options.Arena, standing: Standing) -> str:
+    if not standing.open_questions:
+        return "no question is open"
+    return (
+        f"{standing.open_questions} questions are open: `gaitpref label --dataset "
+        f"{command.out}/dataset --no-auth` asks them, and the same command counts the "
+        f"answers and asks on"
+    )
