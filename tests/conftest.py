@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,6 +19,8 @@ settings.load_profile("gaitpref")
 # As in every command: small matrices gain nothing from a second thread, and those of
 # MKL waited for one another for ever on a busy machine.
 torch.set_num_threads(1)
+# Reports draw stick figures, but in the tests of films: pictures take seconds a loop.
+os.environ["MUJOCO_GL"] = "disable"
 
 
 @pytest.fixture(scope="session")

@@ -99,7 +99,7 @@ class Camera:
         self._camera.distance, self._camera.azimuth = cfg.distance_m, cfg.azimuth_deg
         self._camera.elevation = cfg.elevation_deg
         # A little below where the base stands at home: the feet are judged.
-        self._looks_at_m = 0.67 * float(mj_model.qpos0[2])
+        self._looks_at_m = 0.67 * float(mj_model.qpos0[2] if mj_model.nq else 0.0)
         self._picture = np.empty((cfg.height_px, cfg.width_px, 3), np.uint8)
 
     def __call__(self, qpos: np.ndarray) -> np.ndarray:

@@ -43,6 +43,9 @@ class StepsCfg:
     """Steps of a retraining."""
     last: int
     """Steps of the last retraining."""
+    sim: SimCfg | None = field(default=None, metadata=NONE_AS_BEFORE)
+    """Where policies are trained, None is the CPU; they are recorded and evaluated on
+    the CPU."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +71,7 @@ class LoopCfg:
     seed: int
     """Where all chance comes from."""
     steps: StepsCfg
-    """How long is trained."""
+    """How long is trained, and where."""
     clips: ClipCfg = field(default_factory=ClipCfg)
     """How episodes are cut into clips."""
     stop_asking: bool = False
@@ -82,9 +85,6 @@ class LoopCfg:
     """The environment."""
     ppo: PpoCfg = field(default_factory=PpoCfg)
     """The algorithm."""
-    sim: SimCfg | None = field(default=None, metadata=NONE_AS_BEFORE)
-    """Where policies are trained, None is the CPU; they are recorded and evaluated on
-    the CPU."""
 
     def __post_init__(self) -> None:
         if self.rounds < 1:

@@ -188,7 +188,7 @@ def _plan(
         steps=planned_steps(cfg, round),
         env=cfg.env,
         ppo=cfg.ppo,
-        sim=cfg.sim,
+        sim=cfg.steps.sim,
         seed=seed_of(cfg, round.number, 1),
     )
     if context.is_first:

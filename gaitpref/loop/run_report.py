@@ -102,7 +102,7 @@ def render(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
         f"{approval_section(rounds)}"
         f"{alarm_section(rounds, cfg.wish)}"
         f'<div class="curves">{_curves(criterion, rounds)}</div>{_table(rounds)}'
-        f"{clips_section(run, rounds)}"
+        f"{clips_section(run, rounds, films=len(rounds) > cfg.rounds)}"
         f"<p>Returns are means over {last['episodes']} episodes on a fixed grid of "
         f"commands, without exploration noise, with 95 % intervals. Held-out accuracy "
         f"is measured on episodes the model of their fold has not seen. The learned "

@@ -120,8 +120,11 @@ def _meaning(curve: Curve) -> str:
     return f"<li>{curve.habit.name}: {html.escape(curve.habit.meaning)}.</li>"
 
 
-def clips_section(run: Path, rounds: list[dict[str, Any]]) -> str:
-    """The newest reward's best and worst clips of the round it was fitted in."""
+def clips_section(
+    run: Path, rounds: list[dict[str, Any]], *, films: bool = False
+) -> str:
+    """The newest reward's best and worst clips of the round it was fitted in, with
+    `films` as pictures that move."""
     numbers = [r["round"] for r in rounds if r.get("fit")]
     if not numbers:
         return ""
@@ -145,8 +148,8 @@ def clips_section(run: Path, rounds: list[dict[str, Any]]) -> str:
         )
         title = name.replace("-", " ")
         figures.append(
-            f"<figure>{film_of_clip(dataset, shown.clip)}{svg_of(picture.axes[0])}"
-            f"<figcaption>{title}</figcaption></figure>"
+            f"<figure>{film_of_clip(dataset, shown.clip) if films else ''}"
+            f"{svg_of(picture.axes[0])}<figcaption>{title}</figcaption></figure>"
         )
     learned = ""
     if curves := learned_curves(model, control_dt_s=dt_s):

@@ -98,12 +98,6 @@ def test_the_next_question_is_about_whom_the_order_is_most_open() -> None:
     assert least_sure(ranking, often[1:], at_least=3) == (0, 1)
 
 
-@pytest.fixture
-def no_film(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Stick figures, which take no time."""
-    monkeypatch.setenv("MUJOCO_GL", "disable")
-
-
 @pytest.fixture(scope="module")
 def policies(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """The walk that ships and one of a few hundred steps."""
@@ -112,7 +106,6 @@ def policies(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     return ["--policy", f"walk={WALK}", "--policy", f"weak={weak}"]
 
 
-@pytest.mark.usefixtures("no_film")
 def test_an_arena_goes_on_until_the_order_is_sure(
     policies: list[str], tmp_path: Path
 ) -> None:
@@ -132,7 +125,6 @@ def test_an_arena_goes_on_until_the_order_is_sure(
     assert json.loads((out / "ranking.json").read_text()) == found
 
 
-@pytest.mark.usefixtures("no_film")
 def test_people_are_asked_a_few_at_a_time(
     policies: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -151,7 +143,6 @@ def test_people_are_asked_a_few_at_a_time(
     assert "gaitpref label --dataset" in capsys.readouterr().out
 
 
-@pytest.mark.usefixtures("no_film")
 def test_what_is_no_arena_is_said(
     policies: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

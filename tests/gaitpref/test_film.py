@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,14 @@ from gaitpref.loop.run_report import write_report
 from tests.helpers.older_run import older_run
 
 SMALL = FilmCfg(camera=CameraCfg(width_px=96, height_px=72), fps=10)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def drawing() -> Iterator[None]:
+    """Where the machine can, pictures are drawn."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("MUJOCO_GL", raising=False)
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import re
 import subprocess
 from pathlib import Path
 
 import torch
 
+from data.features import JOINTS
 from gaitpref.cli.main import main
 from policy.env.env_cfg import EnvCfg
 from policy.imported.meaning.draft import LEFT_FIRST
@@ -62,14 +62,12 @@ def _write_checkpoint(world: Path) -> None:
 
 
 def _write_bag(world: Path, motion: Motion) -> None:
-    """The bag that the page's map is of; topics it lacks leave the map, as it says."""
-    found = _TOML.search((ROOT / "docs" / "how-to" / "ros2-bag.md").read_text())
+    """A bag by the names of the page's first map; what it lacks leaves the map."""
+    found = _TOML.search((ROOT / "docs" / "how-to" / "robot-log.md").read_text())
     assert found
-    names = re.search(r"names = (\[.*?\])", found[1], re.DOTALL)
-    assert names
-    write_bag(world / "walk.mcap", motion, json.loads(names[1]), base="odometry")
-    until = found[1].index("[imu]")
-    text = found[1][:until].replace('"/odom"', '"/base"')
+    names = [f"{joint}_joint" for joint in JOINTS]
+    write_bag(world / "walk.mcap", motion, names, base="odometry")
+    text = found[1][: found[1].index("[imu]")].replace('"/odom"', '"/base"')
     (world / "walk.toml").write_text(text)
 
 

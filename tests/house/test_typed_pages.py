@@ -14,11 +14,15 @@ import sys
 import time
 import urllib.error
 import urllib.request
+from functools import cache
 from pathlib import Path
 
+import mujoco
 import pytest
 
 from gaitpref.cli.main import main
+from gaitpref.film.camera import Camera, NoRenderer
+from policy.robots.shipped import WALK
 from tests.helpers.readers_world import ROOT, make_readers_world
 
 DOCS = sorted((ROOT / "docs").rglob("*.md"))
@@ -31,7 +35,10 @@ INSTEAD = {
     "demo/rounds/01/reward": "demo/rounds/00/reward",
     "group:ann": "group:simulated:crouch",
     "--part train=0.8 --part test=0.2": "--part train=0.6 --part test=0.4",
-    "runs/logs --count 50": "runs/logs --count 2",
+    "ros2 walk_bag": "ros2 walk.mcap",
+    "runs/logs --count 50": "runs/logs --count 20",
+    "--device cuda": "",
+    "after=runs/demo/rounds/01/policy/policy.pt": f"after={WALK}",
     "--law law.toml": "--law filled.toml",
     "postgresql://ann@db.example.org/gaits": "$POSTGRES",
     "s3://lab/gaits": "lab",
@@ -120,6 +127,10 @@ def _type(line: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if words[0] == "python":
         subprocess.run([sys.executable, *words[1:]], check=True, env=_environment())
         return
+    if words[1] == "film":
+        monkeypatch.delenv("MUJOCO_GL")
+        if not draws():
+            return
     words, to = (words[:-2], words[-1]) if words[-2] == ">" else (words, "")
     args = words[1:] + SMALL.get(words[1], "").split()
     if words[1] in SERVERS or "human" in words:
@@ -141,6 +152,16 @@ def _let_in(loop: list[str]) -> None:
     assert main(loop) == 2
     dataset = f"{loop[loop.index('--run') + 1]}/dataset"
     assert main(["raters", "--dataset", dataset, "add", "ann"]) == 0
+
+
+@cache
+def draws() -> bool:
+    """Whether this machine draws pictures of the simulation."""
+    try:
+        Camera(mujoco.MjModel.from_xml_string("<mujoco/>")).close()
+    except NoRenderer:
+        return False
+    return True
 
 
 def _answer(label: list[str]) -> None:

@@ -40,7 +40,7 @@ def resolve(options: Loop) -> LoopCfg:
         stop_asking=options.stop_asking,
         seed=options.seed,
     )
-    cfg = replace(cfg, sim=sim_of(options))
+    cfg = replace(cfg, steps=replace(cfg.steps, sim=sim_of(options)))
     return replace(cfg, env=_lying(cfg.env, cfg.base)) if options.getup else cfg
 
 
