@@ -86,6 +86,8 @@ LEFT_OUT = {
     "keep-noise": "the schedule of exploration noise",
 }
 """What each method lacks, and has instead."""
+SCREENED = "few-walk"
+"""Many decisions at once: what it says is in the rows of each."""
 KEPT_FOR = {
     "unjudged": "a run says whether it worked",
     "no-limit": "commands are followed",
@@ -189,6 +191,7 @@ def _place_of(row: Row) -> str:
 
 def markdown(found: Sequence[Worth]) -> str:
     """The table of what decisions are worth."""
+    found = [each for each in found if each.method != SCREENED]
     if not found:
         return "No decision of the present method has rows yet."
     lines = [
