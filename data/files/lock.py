@@ -46,7 +46,6 @@ def only_writer(
     """
     lock = lock or directory / LOCK_NAME
     missing = [path for path in lock.parents if not path.exists()]
-    lock.parent.mkdir(parents=True, exist_ok=True)
     descriptor = _locked(directory, lock, tell)
     try:
         os.ftruncate(descriptor, 0)
@@ -67,7 +66,12 @@ def _locked(directory: Path, lock: Path, tell: Callable[[str], None]) -> int:
     """A descriptor of the locked file."""
     while True:
         flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
-        descriptor = os.open(lock, flags, 0o666)
+        try:
+            lock.parent.mkdir(parents=True, exist_ok=True)
+            descriptor = os.open(lock, flags, 0o666)
+        except FileNotFoundError:
+            # The writer before removed the directory, which it had made, meanwhile.
+            continue
         try:
             require_file_mode(lock, os.fstat(descriptor).st_mode)
         except BaseException:

@@ -11,7 +11,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from datetime import timedelta
+from datetime import datetime
 from typing import Any
 
 import viser
@@ -46,7 +46,6 @@ ACTIVE_S = 300.0
 REFRESH_S = 1.0
 """How often the desk is asked whether something else is to be shown."""
 _OTHER_ASPECT = 0.03
-_NEW = timedelta(seconds=10)
 NOTE_LATE_S = 0.1
 NOTE_RECENT_S = 0.3
 """A note's last letters may be on their way for 50 ms: an answer that soon after one
@@ -78,6 +77,8 @@ class Shared:
     """Has the ticker handle what was posted at once."""
     guidelines: str
     habits: dict[str, Habits] = field(default_factory=dict)
+    since_utc: datetime = field(default_factory=utc_now)
+    """When the server started."""
     welcomed: set[str] = field(default_factory=set)
     """Raters who have seen the guidelines since the server started."""
 
@@ -369,7 +370,7 @@ class Page:
                 self._remarks = remarks_of(question and question.remarked)
                 self._controls.fill_remarks(self._remarks)
         self.client.flush()
-        if first and showing.progress.answered == 0 and _is_new(showing.question):
+        if first and showing.progress.answered == 0 and self._is_new(showing.question):
             self._welcome()
 
     def _show_pair(self, showing: Showing) -> None:
@@ -392,6 +393,10 @@ class Page:
         if self._showing is not None and self._showing.motions is not None:
             self._transport.align(clock)
 
+    def _is_new(self, question: Question | None) -> bool:
+        """Whether no server before this one showed a question to the rater."""
+        return question is None or question.shown_utc >= self._shared.since_utc
+
     def _welcome(self) -> None:
         if self._desk.rater_id not in self._shared.welcomed:
             self._shared.welcomed.add(self._desk.rater_id)
@@ -408,11 +413,6 @@ class Page:
         if self._modal is not None:
             self._modal.close()
             self._modal = None
-
-
-def _is_new(question: Question | None) -> bool:
-    """Whether a question is shown for the first time, by this server or one before."""
-    return question is None or utc_now() - question.shown_utc < _NEW
 
 
 _CHANGES = ("bad", "guidelines", "view", "ghost", "camera", "theme", "curves")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -59,9 +60,15 @@ def found(
         text=True,
         check=False,
         cwd=Path(__file__).parents[2],
+        env=drawing(),
     )
     assert done.returncode == 0, done.stderr[-2000:]
     return {place: json.loads((root / f"{place}.json").read_text()) for place in PLACES}
+
+
+def drawing() -> dict[str, str]:
+    """The environment of commands that may draw, as other tests may not."""
+    return {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}
 
 
 def test_no_command_is_left_out() -> None:
@@ -167,6 +174,7 @@ def test_an_output_of_few_letters(
     encoding: str, own_world: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What it has no letter for is spelled otherwise, in every command and its help."""
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
     lines = [typed for typed in TABLE if _quick(typed) and encoding == "ascii"]
     runs = [typed.args(own_world, own_world / f"{n}•") for n, typed in enumerate(lines)]
     runs += [[*words, "--help"] for words in commands()]

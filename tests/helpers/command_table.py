@@ -17,6 +17,7 @@ from gaitpref.loop.run_config import claim
 from gaitpref.loop.run_inputs import inputs_of
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot
+from policy.robots.shipped import WALK
 from policy.training.ppo import PpoCfg
 from policy.training.train import TrainCfg, train
 from tests.helpers.log_tables import write_tables
@@ -26,6 +27,7 @@ from tests.helpers.small_sweep import small_plan
 
 _INPUTS = {
     "policy": "train/policy.pt",
+    "shipped": "shipped.pt",
     "dataset": "set",
     "reward": "reward",
     "archive": "set.zip",
@@ -121,6 +123,7 @@ TABLE = (
         writes_set=True,
     ),
     Typed("play --policy {policy} --port 0"),
+    Typed("arena --out {out} --policy a={policy} --policy b={shipped} --episodes 5"),
     Typed("film --policy {policy} --out {out}.gif --duration-s 1 --fps 2"),
     Typed("export --policy {policy} --out {out}"),
     Typed("policy import {theirs} --out {out}"),
@@ -156,6 +159,7 @@ def make_world(world: Path) -> None:
     """Write everything that `TABLE` reads; a few seconds."""
     ppo = PpoCfg(num_envs=4, hidden_sizes=(8,))
     robot = load_robot(physics_dt_s=EnvCfg().physics_dt_s)
+    (world / "shipped.pt").write_bytes(WALK.read_bytes())
     train(world / "train", robot, TrainCfg(steps=96, env=EnvCfg(), ppo=ppo))
     for line in (
         "record --policy {policy} --dataset {dataset} --episodes 20 --episode-s 2",

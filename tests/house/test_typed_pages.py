@@ -29,7 +29,7 @@ DOCS = sorted((ROOT / "docs").rglob("*.md"))
 PAGES = (ROOT / "README.md", *(p for p in DOCS if p.name != "quickstart.md"))
 """The quickstart has a test of its own."""
 BLOCK = re.compile(r"^ *```(\w*)\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
-LINE = re.compile(r"^(?:gaitpref|python|make|pip|torchrun|ray|createdb|export)\b")
+LINE = re.compile(r"^(?:gaitpref|python|make|pip|torchrun|ray|createdb|export) ")
 INSTEAD = {
     "rounds/02/": "rounds/01/",
     "demo/rounds/01/reward": "demo/rounds/00/reward",
