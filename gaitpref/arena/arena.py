@@ -99,7 +99,14 @@ def hold(
             text = to_json("ranking", as_json(now))
             write_atomically(folder / RANKING_NAME, text.encode())
             return now
+        answered_before = _questions_answered(dataset)
         answer(dataset)
+        if _questions_answered(dataset) == answered_before:
+            raise GaitprefError(
+                f"{standing.open_questions + len(pairs)} questions of {folder} are "
+                f"left open by who answers; `gaitpref data verify --dataset "
+                f"{dataset.root}` says whether their episodes are gone"
+            )
 
 
 def standing_of(dataset: Dataset, players: tuple[Player, ...], seed: int) -> Standing:

@@ -74,11 +74,13 @@ def before_and_after(
 ) -> tuple[Shot, Shot] | None:
     """Two policies, by their SHA-256, from equal starts under the same command, the
     fastest one straight ahead; None where the data set does not show both so."""
+    entries = dataset.entries()
+    round_ = max((entry.meta.round for entry in entries), default=0)
     recorded = [
         {
             (e.meta.env_index, e.meta.command): e
-            for e in dataset.entries()
-            if e.meta.policy_sha256 == sha256 and e.meta.round == _last_round(dataset)
+            for e in entries
+            if e.meta.policy_sha256 == sha256 and e.meta.round == round_
         }
         for sha256 in (first, last)
     ]
@@ -87,12 +89,8 @@ def before_and_after(
         return None
     key = max(both, key=lambda k: (k[1][0] - abs(k[1][1]) - abs(k[1][2]), -k[0]))
     shots = []
-    for entries, caption in zip(recorded, ("before", "after"), strict=True):
-        entry = entries[key]
+    for of_policy, caption in zip(recorded, ("before", "after"), strict=True):
+        entry = of_policy[key]
         steps = min(entry.num_steps, round(most_s / entry.meta.control_dt_s))
         shots.append(shot_of_clip(dataset, Clip(entry.sha256, 0, steps), caption))
     return shots[0], shots[1]
-
-
-def _last_round(dataset: Dataset) -> int:
-    return max(entry.meta.round for entry in dataset.entries())

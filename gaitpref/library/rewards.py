@@ -5,7 +5,8 @@ Shapes: T steps of an episode, F feature columns (`data.features.FEATURES`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -20,8 +21,8 @@ from rewardmodel.fitting.fit_reward import fit_reward
 from rewardmodel.models.fit_report import FitReport
 from rewardmodel.models.model import RewardModel
 
-RowCriterion = Callable[[Tensor], Tensor]
-"""Score [...] of rows [..., F], each for itself."""
+if TYPE_CHECKING:  # Criteria need the simulator, fitting does not.
+    from gaitpref.raters.criteria import RowCriterion
 
 
 def fit(

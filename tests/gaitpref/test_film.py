@@ -133,6 +133,8 @@ def test_what_cannot_be_filmed_is_said(
     for line, said in (
         ("--out a.avi", "must end in .mp4, .gif, .webp"),
         ("--out a.gif --clip ab", "none is given"),
+        ("--out a.gif --width-px 5000", "16 to 4096"),
+        ("--out a.gif --speed 0", "speed of 0.01"),
         (f"--out a.gif --dataset {dataset}", "either --clip or --pair"),
         (f"--out a.gif --dataset {dataset} --pair zz", "0 pairs"),
     ):

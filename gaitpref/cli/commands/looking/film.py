@@ -23,12 +23,8 @@ from policy.robots.shipped import WALK
 def run(command: options.Film) -> int:
     """Run the command; gives the exit code."""
     require_kind(command.out)
+    cfg = _cfg(command)
     shots = _shots(command)
-    cfg = FilmCfg(
-        camera=CameraCfg(width_px=command.width_px, height_px=command.height_px),
-        fps=command.fps,
-        speed=command.speed,
-    )
     count = frame_count(shots, cfg)
     with counting_bar("frames", count) as bar:
         frames = film(shots, cfg, lambda: bar.advance(bar.task_ids[0]))
@@ -36,6 +32,19 @@ def run(command: options.Film) -> int:
     size_kb = command.out.stat().st_size / 1e3
     say(f"{command.out}, {count / cfg.fps:.1f} s, {size_kb:,.0f} kB")
     return 0
+
+
+def _cfg(command: options.Film) -> FilmCfg:
+    """How the film is made.
+
+    Raises:
+        GaitprefError: a value is out of range.
+    """
+    try:
+        camera = CameraCfg(width_px=command.width_px, height_px=command.height_px)
+        return FilmCfg(camera=camera, fps=command.fps, speed=command.speed)
+    except ValueError as error:
+        raise GaitprefError(str(error)) from None
 
 
 def _shots(command: options.Film) -> list[Shot]:
