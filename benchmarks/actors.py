@@ -35,13 +35,11 @@ from policy.engines.with_actors import WithActors
 from policy.env.env_cfg import EnvCfg
 from policy.env.velocity_commands import env_for
 from policy.robots.robot import load_robot
-from policy.rollouts.evaluate import evaluate
-from policy.training.checkpoint import load_policy
 from policy.training.ppo import IterationStats, PpoCfg
 from policy.training.train import TrainCfg, train
 
 from .harness import Figure, median, publish
-from .walk import walks
+from .until_it_walks import look
 
 Way = Literal["ppo", "sync", "vtrace", "gradients"]
 GOALS = {
@@ -166,16 +164,12 @@ def _outcome(
         / iterations[-1]["steps"],
     )
     for path in (*sorted((out / "checkpoints").glob("*.pt")), out / "policy.pt"):
-        policy = load_policy(path)
-        if walks(evaluate(policy, _no_score, episodes=options.episodes)):
-            steps = policy.info.steps
+        looked = look(path, episodes=options.episodes)
+        if looked.walking.walks:
+            steps = looked.steps
             time_s = sum(i["took_s"] for i in iterations if i["steps"] <= steps)
             return replace(found, walk_steps=steps, walk_s=time_s)
     return found
-
-
-def _no_score(features: torch.Tensor, starts: torch.Tensor) -> torch.Tensor:
-    return torch.zeros(starts.shape)
 
 
 def figures_of(outcomes: dict[str, list[Outcome]]) -> dict[str, Figure]:

@@ -29,6 +29,7 @@ from gaitpref.training.by_method import with_noise
 from gaitpref.training.symmetry import in_mirror
 from gaitpref.training.total_reward import TotalReward, total_reward
 from gaitpref.training.tracking_limit import limit_beside
+from policy.robots.shipped import WALK
 from policy.rollouts.evaluate import Evaluation, rollout_features, summarise
 from policy.rollouts.rollout import Actor, hold_home
 from policy.training.checkpoint import Policy, load_policy
@@ -43,7 +44,7 @@ EPISODES = 64
 EVALUATION_SEED = 1_000_003
 """Seed of the episodes everything is evaluated on."""
 REFERENCE_SEED = 1_000
-"""Seed of the trainings that see the true reward, and of the walking base."""
+"""Seed of the trainings that see the true reward, and of a walking base."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,8 +145,10 @@ def _score(cfg: LoopCfg, policy: Policy) -> ScoreFn:
 
 
 def walking_base(cell: Cell, places: Places) -> Path:
-    """The policy all style tasks of a robot start from: PPO on the hand-written walking
-    reward."""
+    """The policy all style tasks of a robot start from: the one that ships, or of a robot
+    of others PPO on the hand-written walking reward."""
+    if places.robot is None:
+        return WALK
     crouch = Cell(task="crouch", answers=60, rater="perfect", method="default", seed=0)
     cfg = cfg_of(crouch, None, robot=places.robot, quick=places.quick)
 

@@ -14,30 +14,53 @@ import tyro
 
 from data.errors import GaitprefError
 from data.files.files import sha256_file, write_atomically
+from gaitpref.training.symmetry import in_mirror
 from policy.robots.shipped import WALK
 from policy.training.checkpoint import without_optimizer
+from policy.training.setup import setting_of
+from policy.training.train import TrainCfg
 
-from .preference_plan import Cell
-from .preference_row import Places, walking_base
-
-_ANY_STYLE = Cell(task="crouch", answers=20, rater="perfect", method="default", seed=0)
+from .until_it_walks import Parts, until_it_walks
 
 
 @dataclass(frozen=True, kw_only=True)
 class ShippedWalk:
-    """Train the walk, a minute or two, and write it."""
+    """Train until the robot walks for each command and from rest, and write it."""
 
-    work: Path = Path("runs/benchmark-preferences")
+    work: Path = Path("runs/shipped-walk")
     """Directory of the training, which is gone on with or taken as it is."""
     out: Path = WALK
     """The file."""
+    seed: int = 1_000
+    first_steps: int = 800_000
+    """Environment steps before the first look."""
+    part_steps: int = 200_000
+    """Environment steps between two looks."""
+    most_steps: int = 3_000_000
+    """Environment steps after which it is given up."""
+    episodes: int = 256
+    """Episodes of a look."""
 
 
 def main(options: ShippedWalk) -> int:
     """Train and write."""
-    places = Places(work=options.work, results=options.work)
-    trained = walking_base(_ANY_STYLE, places)
-    write_atomically(options.out, without_optimizer(trained))
+    setting = setting_of(None, None)
+    ppo = in_mirror(setting.ppo, setting.robot)
+    walked = until_it_walks(
+        options.work,
+        setting.robot,
+        TrainCfg(steps=0, env=setting.env, ppo=ppo, seed=options.seed),
+        Parts(
+            first_steps=options.first_steps,
+            steps=options.part_steps,
+            most_steps=options.most_steps,
+            episodes=options.episodes,
+        ),
+    )
+    if not walked.walking.walks:
+        print(f"benchmarks.shipped_walk: no walk after {walked.steps:,} steps")
+        return 1
+    write_atomically(options.out, without_optimizer(walked.policy))
     print(f"{options.out}: {sha256_file(options.out)}")
     return 0
 

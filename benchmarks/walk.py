@@ -3,8 +3,9 @@
     python -m benchmarks.walk [--quick] [--json FILE]
 
 One command a seed, from its start, imports included. It keeps a policy every 50,000
-steps; afterwards they are looked at in turn, and the first that walks says by the time
-its file was written how long it took. So the checks cost the training nothing.
+steps; afterwards they are looked at in turn, and the first that walks, for each command
+and from rest, says by the time its file was written how long it took. So the checks
+cost the training nothing.
 
 A seed can be interrupted: what is finished is a file in `--work` and is not repeated.
 """
@@ -22,18 +23,15 @@ import torch
 import tyro
 
 from data.files.files import write_atomically
-from policy.rollouts.evaluate import Evaluation, evaluate
-from policy.training.checkpoint import load_policy
 
 from .harness import Figure, gaitpref, median, publish
+from .until_it_walks import look
 
 GOALS = {
     "wall_s_median": "<= 150",
     "wall_s_worst": "",
     "walked": "all five seeds",
 }
-MOST_ERROR_M_S = 0.20
-"""Mean tracking error over 0.3 to 1.0 m/s of a robot that walks."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,12 +68,6 @@ class Outcome:
     """The whole command."""
 
 
-def walks(result: Evaluation) -> bool:
-    """Whether what was evaluated is a walk."""
-    standing = result.falls == 0 and result.aborted == 0
-    return standing and result.tracking_error_m_s <= MOST_ERROR_M_S
-
-
 def trained(options: Options, seed: int) -> Outcome:
     """Train one seed and look at what it kept on the way."""
     out, done = options.work / f"seed-{seed}", options.work / f"seed-{seed}.json"
@@ -94,16 +86,11 @@ def trained(options: Options, seed: int) -> Outcome:
 def _first_walk(options: Options, out: Path, start_s: float, whole_s: float) -> Outcome:
     steps, error = 0, math.inf
     for path in (*sorted((out / "checkpoints").glob("*.pt")), out / "policy.pt"):
-        policy = load_policy(path)
-        result = evaluate(policy, _no_score, episodes=options.episodes)
-        steps, error = policy.info.steps, result.tracking_error_m_s
-        if walks(result):
+        looked = look(path, episodes=options.episodes)
+        steps, error = looked.steps, looked.evaluation.tracking_error_m_s
+        if looked.walking.walks:
             return Outcome(path.stat().st_mtime - start_s, steps, error, whole_s)
     return Outcome(None, steps, error, whole_s)
-
-
-def _no_score(features: torch.Tensor, starts: torch.Tensor) -> torch.Tensor:
-    return torch.zeros(starts.shape)
 
 
 def figures_of(outcomes: list[Outcome]) -> dict[str, Figure]:
