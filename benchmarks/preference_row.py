@@ -145,8 +145,8 @@ def _score(cfg: LoopCfg, policy: Policy) -> ScoreFn:
 
 
 def walking_base(cell: Cell, places: Places) -> Path:
-    """The policy all style tasks of a robot start from: the one that ships, or of a robot
-    of others PPO on the hand-written walking reward."""
+    """The policy all style tasks of a robot start from: the one that ships, or for a
+    robot of others PPO on the hand-written walking reward."""
     if places.robot is None:
         return WALK
     crouch = Cell(task="crouch", answers=60, rater="perfect", method="default", seed=0)
