@@ -112,6 +112,7 @@ TABLE = (
     Typed("evaluate --policy {policy} --reward {reward} --episodes 2"),
     Typed("report --run {run}"),
     Typed("method --run {run}"),
+    Typed("doctor"),
     Typed("trust --reward {reward} --dataset {dataset}"),
     Typed("explain --reward {reward} --dataset {dataset} --out {out}"),
     Typed("raters --dataset {dataset} list"),

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
-
-from rich.table import Table
 
 from data.datasets.archive import CARD_NAME, pack, unpack
 from data.datasets.card import CardFacts, card
 from data.datasets.dataset import Dataset
 from data.datasets.labels import labels, to_csv, to_jsonl
 from data.datasets.manifest_file import writable
-from data.datasets.overview import Overview, overview
+from data.datasets.overview import overview
 from data.datasets.recovery import RecoveredFile, recover, recover_file
 from data.datasets.transfer import Transferred, split, transfer
 from data.datasets.verify import Verified, verify
@@ -33,6 +31,7 @@ from gaitpref.console.extras import require
 from gaitpref.console.progress import counting_bar
 from gaitpref.console.terminal import PlainConsole, say
 
+from .data_info import info
 from .exchange import export, import_into
 
 EXIT_DAMAGED = 1
@@ -43,7 +42,7 @@ def run(action: options.Action) -> int:
     """Run one `gaitpref data` command; gives the exit code."""
     match action:
         case options.Info():
-            _info(action)
+            info(action)
         case options.Verify():
             return _verify(action)
         case options.Recover():
@@ -70,40 +69,6 @@ def run(action: options.Action) -> int:
         case options.Push() | options.Pull():
             _share(action)
     return 0
-
-
-def _info(action: options.Info) -> None:
-    seen = overview(open_dataset(action))
-    if action.json:
-        print(json.dumps(asdict(seen)))
-        return
-    out = PlainConsole()
-    out.print(_totals(seen))
-    for title, counts in (("robot", seen.robots), ("task", seen.tasks)):
-        out.print(_counts(title, counts))
-    policies = {name[:12]: count for name, count in seen.policies.items()}
-    out.print(_counts("policy", policies))
-    out.print(_counts("command (forward, left m/s, yaw rad/s)", seen.commands))
-    answers = Table("rater", "round", "answers", "preferences")
-    for count in seen.answers:
-        answers.add_row(*map(str, asdict(count).values()))
-    out.print(answers)
-
-
-def _totals(seen: Overview) -> Table:
-    table = Table(show_header=False)
-    for name in ("episodes", "steps", "bytes", "falls", "aborted", "pairs"):
-        table.add_row(name, f"{getattr(seen, name):,}")
-    table.add_row("hours of robot time", f"{seen.hours:.2f}")
-    table.add_row("answers", f"{sum(count.answers for count in seen.answers):,}")
-    return table
-
-
-def _counts(title: str, counts: Mapping[str, int]) -> Table:
-    table = Table(title, "episodes")
-    for name, count in counts.items():
-        table.add_row(name, f"{count:,}")
-    return table
 
 
 def _verify(action: options.Verify) -> int:

@@ -7,6 +7,7 @@ from pathlib import Path
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.dataset_argument import open_dataset
 from gaitpref.cli.shared.serving import require_port, stoppable, wait_until_stopped
+from gaitpref.console.browser import open_page
 from labeling_ui.label_server import LabelCfg, LabelServer
 from labeling_ui.web.public_url import parse_public_url
 
@@ -18,6 +19,8 @@ def run(command: options.Label) -> int:
     with stoppable() as stopped, LabelServer(dataset, cfg) as page:
         for line in greeting(page.notices, dataset.root, cfg):
             print(line, flush=True)
+        if command.open:
+            open_page(page.url)
         wait_until_stopped(stopped)
     return 0
 

@@ -13,6 +13,7 @@ from gaitpref.cli.options.options import Loop
 from gaitpref.cli.shared.dataset_argument import address
 from gaitpref.cli.shared.launched import ranks_of_launch
 from gaitpref.cli.shared.loop_arguments import resolve
+from gaitpref.console.browser import open_page
 from gaitpref.console.extras import require
 from gaitpref.console.progress import console
 from gaitpref.loop.people import People
@@ -32,6 +33,8 @@ def run(command: options.Loop) -> int:
             ranks=ranks,
         )
     console.print(f"the report is {page}")
+    if command.page.open and not human:
+        open_page(page.resolve().as_uri())
     return 0
 
 
@@ -50,6 +53,8 @@ def page_of_loop(options: Loop, dataset: Dataset) -> Iterator[People]:
         os.nice(page.NICENESS)
         for line in command.greeting(notices, dataset.root, cfg):
             console.print(line)
+        if options.page.open:
+            open_page(opened.url)
         patience = {}
         if options.patience is not None:
             patience = {"patience_s": 60 * options.patience}

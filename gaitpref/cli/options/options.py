@@ -54,6 +54,9 @@ class Serving:
     """Ask for no token; only on loopback."""
     most_raters: Count = 24
     """Raters whose pages may be open at once; the next is told when to come back."""
+    open: bool = False
+    """Open the page in this machine's browser; a loop that asks a program opens its
+    report at the end."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,6 +105,19 @@ class Report:
 
     run: Path
     """Directory of the run."""
+    open: bool = False
+    """Open it in this machine's browser."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Doctor:
+    """Look whether this machine has what gaitpref needs, and say what to do.
+
+    Exits 1 where something is broken that nobody can do without.
+    """
+
+    json: bool = False
+    """Print one JSON object and nothing else."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,4 +187,5 @@ Command = (
     | Annotated[Policy, tyro.conf.subcommand("policy")]
     | Annotated[Robot, tyro.conf.subcommand("robot")]
     | Annotated[Data, tyro.conf.subcommand("data")]
+    | Annotated[Doctor, tyro.conf.subcommand("doctor")]
 )

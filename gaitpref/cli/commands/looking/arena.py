@@ -10,6 +10,7 @@ from gaitpref.arena.arena_page import write_arena_page
 from gaitpref.arena.games import players_of
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.rater_arguments import erring_rater
+from gaitpref.console.browser import open_page
 from gaitpref.console.progress import counting_bar
 from gaitpref.console.terminal import say
 from gaitpref.raters.criteria import load_criterion
@@ -30,7 +31,10 @@ def run(command: options.Arena) -> int:
             answer,
             lambda done, _: bar.update(bar.task_ids[0], completed=done),
         )
-    say(f"{standing.sentence}; the page is {write_arena_page(command.out, standing)}")
+    page = write_arena_page(command.out, standing)
+    say(f"{standing.sentence}; the page is {page}")
+    if command.open:
+        open_page(page.resolve().as_uri())
     if answer is None:
         say(_next(command, standing))
     return 0

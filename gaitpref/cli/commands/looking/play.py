@@ -12,6 +12,7 @@ from data.errors import GaitprefError
 from data.features import column
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.serving import require_port, stoppable, wait_until_stopped
+from gaitpref.console.browser import open_page
 from gaitpref.console.terminal import say
 from labeling_ui.play_server import PlayPage, play_site
 from labeling_ui.scene.geometry import robot_geometry
@@ -125,6 +126,8 @@ def run(command: options.Play) -> int:
     with stoppable() as stopped:
         site.start(new_page)
         print(f"the policy is at {site.url}", flush=True)
+        if command.open:
+            open_page(site.url)
         wait_until_stopped(stopped)
         site.stop()
     return 0
