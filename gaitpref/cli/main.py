@@ -144,6 +144,7 @@ _HOMES: dict[type, tuple[str, str]] = {
     options.Sweep: ("sweep", "train"),
     options.Train: ("train", "train"),
     options.Trust: ("looking.trust", "train"),
+    options.Watch: ("looking.watch", "train,label"),
 }
 """Module of each command, and the extra that installs what it imports."""
 

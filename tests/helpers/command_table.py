@@ -113,6 +113,7 @@ TABLE = (
     Typed("report --run {run}"),
     Typed("method --run {run}"),
     Typed("doctor"),
+    Typed("watch {run} --port 0"),
     Typed("trust --reward {reward} --dataset {dataset}"),
     Typed("explain --reward {reward} --dataset {dataset} --out {out}"),
     Typed("raters --dataset {dataset} list"),

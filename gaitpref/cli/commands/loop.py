@@ -10,6 +10,7 @@ from functools import partial
 from data.datasets.dataset import Dataset
 from gaitpref.cli.options import options
 from gaitpref.cli.options.options import Loop
+from gaitpref.cli.shared.as_typed import as_typed
 from gaitpref.cli.shared.dataset_argument import address
 from gaitpref.cli.shared.launched import ranks_of_launch
 from gaitpref.cli.shared.loop_arguments import resolve
@@ -31,9 +32,10 @@ def run(command: options.Loop) -> int:
             open_page=partial(page_of_loop, command) if human else no_page,
             answers=address(command.answers),
             ranks=ranks,
+            command=as_typed("loop", command),
         )
     console.print(f"the report is {page}")
-    if command.page.open and not human:
+    if command.page.open and not human and ranks.is_first:
         open_page(page.resolve().as_uri())
     return 0
 

@@ -110,6 +110,21 @@ class Report:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Watch:
+    """Show a run or a training on one live page: curves, answers, round, time left.
+
+    It only reads, may come and go while the run goes on, and shows a finished one too.
+    """
+
+    run: tyro.conf.Positional[Path]
+    """Directory of `gaitpref loop --run` or of `gaitpref train --out`."""
+    port: int = 8090
+    """TCP port on this machine; 0 takes a free one."""
+    open: bool = False
+    """Open the page in this machine's browser."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Doctor:
     """Look whether this machine has what gaitpref needs, and say what to do.
 
@@ -175,6 +190,7 @@ Command = (
     | Annotated[Relabel, tyro.conf.subcommand("relabel")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Report, tyro.conf.subcommand("report")]
+    | Annotated[Watch, tyro.conf.subcommand("watch")]
     | Annotated[Method, tyro.conf.subcommand("method")]
     | Annotated[Trust, tyro.conf.subcommand("trust")]
     | Annotated[Explain, tyro.conf.subcommand("explain")]
