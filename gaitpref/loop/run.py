@@ -10,10 +10,10 @@ from data.answers.address import Address
 from data.datasets.dataset import Dataset
 from data.files.lock import only_writer
 from gaitpref.console.progress import console
+from gaitpref.report.journal import note_round, note_start
 from policy.parallel.ranks import ALONE, Ranks
 
 from .fit_stage import fit_stage
-from .journal import note_round, note_start
 from .loop_cfg import LoopCfg
 from .people import People
 from .policy_stage import policy_stage, train_along

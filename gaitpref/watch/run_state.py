@@ -16,12 +16,12 @@ from typing import Any
 from data.errors import GaitprefError
 from data.files.files import read_file, read_json
 from data.files.lock import LOCK_NAME
-from gaitpref.loop.journal import Journal, read_journal
 from gaitpref.loop.loop_cfg import LoopCfg
 from gaitpref.loop.policy_stage import partial_of, planned_steps
 from gaitpref.loop.run_config import CONFIG_NAME, read_config
 from gaitpref.loop.run_dir import Round
 from gaitpref.loop.run_report import PAGE_NAME
+from gaitpref.report.journal import Journal, read_journal
 from policy.training.train import POLICY_NAME, RESUME_NAME
 
 from .event_files import RETURN, TRACKING, Scalars

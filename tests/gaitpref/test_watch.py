@@ -22,10 +22,10 @@ from torch.utils.tensorboard import SummaryWriter
 from data.datasets.dataset import Dataset
 from gaitpref.cli.commands.looking import watch as command
 from gaitpref.cli.options import options
-from gaitpref.loop import journal
 from gaitpref.loop.run_config import claim
 from gaitpref.loop.run_dir import Round
 from gaitpref.loop.run_inputs import inputs_of
+from gaitpref.report import journal
 from gaitpref.watch.event_files import RETURN, Scalars
 from gaitpref.watch.run_stage import place_in
 from gaitpref.watch.run_state import RunReader

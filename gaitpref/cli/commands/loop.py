@@ -19,6 +19,8 @@ from gaitpref.console.extras import require
 from gaitpref.console.progress import console
 from gaitpref.loop.people import People
 from gaitpref.loop.run import no_page, run_loop
+from gaitpref.loop.run_dir import Round
+from gaitpref.report.verdict import play_command
 
 
 def run(command: options.Loop) -> int:
@@ -35,6 +37,9 @@ def run(command: options.Loop) -> int:
             command=as_typed("loop", command),
         )
     console.print(f"the report is {page}")
+    if ranks.is_first and not Round(command.run, cfg.rounds).verdict.exists():
+        first, last = (Round(command.run, n).policy for n in (0, cfg.rounds))
+        console.next(f"`{play_command(last, first)}` shows before and after")
     if command.page.open and not human and ranks.is_first:
         open_page(page.resolve().as_uri())
     return 0
