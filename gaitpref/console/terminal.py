@@ -45,7 +45,8 @@ class PlainConsole(Console):
         return super().render_str(shown_lines(text), **settings)
 
     def next(self, text: str) -> None:
-        """Say what comes next, at the end of a command."""
+        """Say what comes next, at the end of a command that has said all else."""
+        finish()
         self.print(f"next: {text}")
 
     def alarm(self, text: str) -> None:

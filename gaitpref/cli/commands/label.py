@@ -8,6 +8,7 @@ from gaitpref.cli.options import options
 from gaitpref.cli.shared.dataset_argument import open_dataset
 from gaitpref.cli.shared.serving import require_port, stoppable, wait_until_stopped
 from gaitpref.console.browser import open_page
+from gaitpref.console.progress import console
 from labeling_ui.label_server import LabelCfg, LabelServer
 from labeling_ui.web.public_url import parse_public_url
 
@@ -22,6 +23,10 @@ def run(command: options.Label) -> int:
         if command.open:
             open_page(page.url)
         wait_until_stopped(stopped)
+    console.next(
+        f"`gaitpref fit --dataset {command.dataset} --out REWARD` fits a reward to the "
+        f"answers"
+    )
     return 0
 
 

@@ -13,6 +13,7 @@ from data.features import column
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.serving import require_port, stoppable, wait_until_stopped
 from gaitpref.console.browser import open_page
+from gaitpref.console.progress import working
 from gaitpref.console.terminal import say
 from labeling_ui.play_server import PlayPage, play_site
 from labeling_ui.scene.geometry import robot_geometry
@@ -113,7 +114,8 @@ def run(command: options.Play) -> int:
     """Serve the page until it is stopped; gives the exit code."""
     require_port(command.port)
     paths = [command.policy or WALK, *([command.against] if command.against else [])]
-    policies = tuple(live_policy(path, command.robot) for path in paths)
+    with working("loading the policies"):
+        policies = tuple(live_policy(path, command.robot) for path in paths)
     if len({policy.control_dt_s for policy in policies}) > 1:
         raise GaitprefError(
             f"{paths[0]} and {paths[1]} act at different rates; play one at a time"

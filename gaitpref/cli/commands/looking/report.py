@@ -14,4 +14,6 @@ def run(command: options.Report) -> int:
     console.print(f"the report is {page}")
     if command.open:
         open_page(page.resolve().as_uri())
+    else:
+        console.next(f"`gaitpref report --run {command.run} --open` shows it")
     return 0
