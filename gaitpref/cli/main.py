@@ -27,7 +27,7 @@ from gaitpref.console.terminal import (
 )
 
 from .shared.launched import is_launched, is_to_say
-from .usage import did_you_mean, require_command
+from .usage import WELCOME, did_you_mean, require_command
 
 EXIT_BAD_INPUT = 2
 EXIT_NOT_READ = 141
@@ -35,12 +35,15 @@ EXIT_NOT_READ = 141
 
 
 def parse(args: Sequence[str] | None = None) -> options.Command:
-    """The command of the arguments; exits on `--help` and on bad usage.
+    """The command of the arguments; exits without any, on `--help`, on bad usage.
 
     Raises:
         UsageError: there is no such command.
     """
     args = sys.argv[1:] if args is None else args
+    if not args:
+        print(WELCOME)
+        raise SystemExit(0)
     if list(args) == ["--version"]:
         print(f"gaitpref {importlib.metadata.version('gaitpref')}")
         raise SystemExit(0)
@@ -121,6 +124,7 @@ def _failed(error: OSError, command: options.Command | None) -> int:
 _HOMES: dict[type, tuple[str, str]] = {
     options.Answer: ("answer", "train"),
     options.Arena: ("looking.arena", "train"),
+    options.Doctor: ("doctor", "train,label"),
     options.Evaluate: ("looking.evaluate", "train"),
     options.Explain: ("looking.explain", "train"),
     options.Export: ("export", "train,onnx"),
@@ -140,6 +144,7 @@ _HOMES: dict[type, tuple[str, str]] = {
     options.Sweep: ("sweep", "train"),
     options.Train: ("train", "train"),
     options.Trust: ("looking.trust", "train"),
+    options.Watch: ("looking.watch", "train,label"),
 }
 """Module of each command, and the extra that installs what it imports."""
 

@@ -13,6 +13,18 @@ from data.errors import GaitprefError
 from gaitpref.cli.options import data_options, options
 
 DATA = "data"
+WELCOME = """\
+gaitpref turns preferences between gaits into a better policy. Three ways in:
+
+  answer in the browser     gaitpref loop --run runs/ours --preset quick --rater human \
+--no-auth --open
+  let a program answer      gaitpref loop --run runs/demo --preset quick --criterion \
+high_step
+  reuse a data set offline  gaitpref fit --dataset DIR --out runs/reward
+
+`gaitpref doctor` says whether all that takes is here, `gaitpref --help` lists every
+command, `gaitpref COMMAND --help` its options."""
+"""What is said to who types no command."""
 
 
 class UsageError(GaitprefError):

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import threading
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
     SpinnerColumn,
+    TaskID,
     TaskProgressColumn,
     TextColumn,
     TimeElapsedColumn,
@@ -24,6 +27,8 @@ if TYPE_CHECKING:
     from policy.training.ppo import IterationStats
 
 console = PlainConsole(stderr=True, soft_wrap=True)
+_QUIET_S = 5.0
+"""Nobody is left without a word for longer, where nothing can be drawn."""
 
 
 class TrainingBar:
@@ -51,7 +56,11 @@ class TrainingBar:
         tenths = 10 * stats.steps // self._steps
         if tenths > self._tenths:
             self._tenths = tenths
-            console.print(f"{self._title}: {stats.steps:,} steps  {figures}")
+            left_s = max(0, self._steps - stats.steps) / max(stats.steps_per_s, 1e-9)
+            console.print(
+                f"{self._title}: {stats.steps:,} of {self._steps:,} steps, "
+                f"{left_told(left_s)}  {figures}"
+            )
 
 
 @contextmanager
@@ -72,14 +81,52 @@ def training_bar(title: str, steps: int) -> Iterator[TrainingBar]:
         yield TrainingBar(progress, title, steps)
 
 
+class _Lines(Progress):
+    """A bar; where standard error is no terminal, lines while it takes its time."""
+
+    _said_s: float | None = None
+
+    def update(self, task_id: TaskID, **changed: Any) -> None:
+        super().update(task_id, **changed)
+        self._say(task_id)
+
+    def advance(self, task_id: TaskID, advance: float = 1) -> None:
+        super().advance(task_id, advance)
+        self._say(task_id)
+
+    def _say(self, task_id: TaskID) -> None:
+        now_s = time.monotonic()
+        self._said_s = self._said_s or now_s
+        if not self.disable or now_s - self._said_s < _QUIET_S:
+            return
+        task = next(task for task in self.tasks if task.id == task_id)
+        done, of, elapsed_s = task.completed, task.total, task.elapsed
+        if not done or not of or not elapsed_s or done >= of:
+            return
+        self._said_s = now_s
+        left = left_told(elapsed_s * (of - done) / done)
+        console.print(f"{task.description}: {done:,.0f} of {of:,.0f}, {left}")
+
+
+def left_told(seconds: float) -> str:
+    """How much time is left, for people."""
+    whole = max(0, round(seconds))
+    if whole < 60:
+        return f"{whole} s left"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s left"
+    return f"{whole // 3600} h {whole % 3600 // 60} min left"
+
+
 @contextmanager
 def counting_bar(title: str, total: int) -> Iterator[Progress]:
     """A bar of `total` parts; `progress.advance(progress.task_ids[0])` counts one."""
-    with Progress(
+    with _Lines(
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
+        TimeRemainingColumn(),
         console=console,
         disable=not console.is_terminal,
     ) as progress:
@@ -88,15 +135,35 @@ def counting_bar(title: str, total: int) -> Iterator[Progress]:
 
 
 @contextmanager
+def counted(title: str) -> Iterator[Callable[[int, int], None]]:
+    """A bar for what says itself how much of how much is done: call it with both."""
+    with counting_bar(title, 0) as bar:
+
+        def tell(done: int, of: int) -> None:
+            bar.update(bar.task_ids[0], completed=done, total=of)
+
+        yield tell
+
+
+@contextmanager
 def working(title: str) -> Iterator[None]:
-    """A spinner and the time it has taken, where nothing says how much is left."""
+    """A spinner and the time it has taken, where nothing says how much is left; where
+    standard error is no terminal, one line if it takes its time."""
+    if not console.is_terminal:
+        timer = threading.Timer(_QUIET_S, lambda: console.print(f"{title} ..."))
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+        return
     with Progress(
         SpinnerColumn(),
         TextColumn("{task.description}"),
         TimeElapsedColumn(),
         console=console,
         transient=True,
-        disable=not console.is_terminal,
     ) as progress:
         progress.add_task(title, total=None)
         yield

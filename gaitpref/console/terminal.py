@@ -44,6 +44,11 @@ class PlainConsole(Console):
         """The text that is drawn, in tables too."""
         return super().render_str(shown_lines(text), **settings)
 
+    def next(self, text: str) -> None:
+        """Say what comes next, at the end of a command that has said all else."""
+        finish()
+        self.print(f"next: {text}")
+
     def alarm(self, text: str) -> None:
         """Say what somebody should look at."""
         head = Text("ALARM", style="bold red")

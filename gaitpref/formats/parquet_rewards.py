@@ -6,6 +6,7 @@ Shapes: T steps of an episode.
 from __future__ import annotations
 
 import secrets
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,12 @@ _SCHEMA = pa.schema(
 )
 
 
-def write_rewards(path: Path, dataset: Dataset, model: RewardModel) -> int:
+def write_rewards(
+    path: Path,
+    dataset: Dataset,
+    model: RewardModel,
+    tell: Callable[[int, int], None] = lambda done, of: None,
+) -> int:
     """Score every episode, in the order of their hashes; gives the number of steps.
 
     `spread` is the standard deviation over the ensemble. The file appears when it is
@@ -50,7 +56,9 @@ def write_rewards(path: Path, dataset: Dataset, model: RewardModel) -> int:
         with pq.ParquetWriter(partial, _SCHEMA) as writer:
             tables: list[Any] = []
             rows = 0
-            for entry in dataset.entries():
+            entries = dataset.entries()
+            for done, entry in enumerate(entries):
+                tell(done, len(entries))
                 tables.append(_table(entry.sha256, dataset, model))
                 rows += entry.num_steps
                 steps += entry.num_steps

@@ -30,8 +30,8 @@ NICENESS = 5
 class LoopPage:
     """The page as the loop sees it."""
 
-    def __init__(self, process: BaseProcess, pipe: Connection) -> None:
-        self._process, self._pipe = process, pipe
+    def __init__(self, process: BaseProcess, pipe: Connection, url: str) -> None:
+        self._process, self._pipe, self.url = process, pipe, url
 
     def announce(self, status: LoopStatus) -> None:
         """Show on the page what the loop is doing; harmless where the page is gone."""
@@ -69,7 +69,8 @@ def loop_page(root: Path, cfg: LabelCfg) -> Iterator[tuple[list[str], LoopPage]]
     process.start()
     there.close()
     try:
-        yield _notices(here), LoopPage(process, here)
+        url, notices = _greeting(here)
+        yield notices, LoopPage(process, here, url)
     finally:
         here.close()
         process.join(_STOP_S)
@@ -78,18 +79,18 @@ def loop_page(root: Path, cfg: LabelCfg) -> Iterator[tuple[list[str], LoopPage]]
             process.join()
 
 
-def _notices(pipe: Connection) -> list[str]:
-    """What the page says of itself once it is up.
+def _greeting(pipe: Connection) -> tuple[str, list[str]]:
+    """Where the page is and what it says of itself, once it is up.
 
     Raises:
         GaitprefError: it does not come up.
     """
     try:
         if pipe.poll(_START_S):
-            notices, refusal = pipe.recv()
+            url, notices, refusal = pipe.recv()
             if refusal:
                 raise GaitprefError(refusal)
-            return notices
+            return url, notices
     except (EOFError, OSError):
         pass
     raise GaitprefError("the labeling page does not start; see its message above")
@@ -114,9 +115,9 @@ def _serve(root: Path, cfg: LabelCfg, pipe: Connection) -> None:
         server = LabelServer(Dataset.open(root), cfg, status=latest.read)
         server.start()
     except GaitprefError as error:
-        pipe.send(([], str(error)))
+        pipe.send(("", [], str(error)))
         return
-    pipe.send((server.notices, ""))
+    pipe.send((server.url, server.notices, ""))
     try:
         while True:
             latest.status = pipe.recv()

@@ -10,6 +10,7 @@ from data.answers.address import Address
 from data.datasets.dataset import Dataset
 from data.files.lock import only_writer
 from gaitpref.console.progress import console
+from gaitpref.report.journal import note_round, note_start
 from policy.parallel.ranks import ALONE, Ranks
 
 from .fit_stage import fit_stage
@@ -42,6 +43,7 @@ def run_loop(
     open_page: OpenPage = no_page,
     answers: Address | None = None,
     ranks: Ranks = ALONE,
+    command: str = "",
 ) -> Path:
     """Run or go on with the loop of `cfg` in the directory `run`.
 
@@ -53,10 +55,11 @@ def run_loop(
             no part of the configuration: it may hold a password.
         ranks: Processes that train together, each of which calls this with the same
             arguments; the first one does all the rest alone.
+        command: What was typed, for the run's journal.
     """
     if ranks.is_first:
         with only_writer(run, console.print):
-            _run(run, cfg, open_page, answers, ranks)
+            _run(run, cfg, open_page, answers, ranks, command)
         ranks.end()
     else:
         train_along(run, cfg, inputs_of(cfg).robot, answers, ranks)
@@ -64,11 +67,18 @@ def run_loop(
 
 
 def _run(
-    run: Path, cfg: LoopCfg, open_page: OpenPage, answers: Address | None, ranks: Ranks
+    run: Path,
+    cfg: LoopCfg,
+    open_page: OpenPage,
+    answers: Address | None,
+    ranks: Ranks,
+    command: str,
 ) -> None:
     inputs = inputs_of(cfg)
     robot, criterion = inputs.robot, inputs.criterion
     claim(run, cfg, inputs.contents)
+    if not Round(run, cfg.rounds).report.exists():
+        note_start(run, command)
     dataset = Dataset.create(run / "dataset", answers=answers)
     with open_page(dataset) as people:
         for number in range(cfg.rounds + 1):
@@ -86,4 +96,5 @@ def _run(
                 show_stage(cfg, round, context, dataset, people)
                 verdict_stage(cfg, round, context, dataset, criterion, people)
             report_stage(cfg, round, dataset, criterion)
+            note_round(run, number)
             write_report(run)

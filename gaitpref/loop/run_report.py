@@ -13,6 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from data.errors import GaitprefError
 from data.files.files import read_json, write_atomically
+from gaitpref.report.about_section import about_section
 from gaitpref.report.film_section import film_section
 from gaitpref.report.page_style import STYLE
 from gaitpref.report.pictures import BLUE, GREY, plain_axes, svg_of
@@ -26,6 +27,7 @@ from gaitpref.report.trust_section import (
     trust_cells,
     verdict_section,
 )
+from gaitpref.report.verdict import play_command
 from policy.training.checkpoint import load_policy
 
 from .loop_cfg import LoopCfg, RunError
@@ -112,7 +114,8 @@ def render(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
         f"from the answers before. Far: motion farther from every clip judged before "
         f"than 95 % of those are from one another. The score's share is that of the "
         f"learned reward in all the policy was trained on at the end, the spread that "
-        f"of its ensemble, in deviations of the reward.</p></html>\n"
+        f"of its ensemble, in deviations of the reward.</p>{_about(run, rounds)}"
+        f"</html>\n"
     )
 
 
@@ -122,9 +125,18 @@ def _before_and_after(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> 
         return ""
     first, last = (Round(run, r["round"]).policy for r in (rounds[0], rounds[-1]))
     try:
-        return film_section(run, load_policy(first).sha256, load_policy(last).sha256)
+        shas = load_policy(first).sha256, load_policy(last).sha256
+        return film_section(run, *shas, play=play_command(last, first))
     except GaitprefError as error:
         return f"<p>No film is shown: {html.escape(str(error))}</p>"
+
+
+def _about(run: Path, rounds: list[dict[str, Any]]) -> str:
+    first, last = (Round(run, r["round"]).policy for r in (rounds[0], rounds[-1]))
+    live = ("live, while it goes on and afterwards", f"gaitpref watch {run}")
+    curves = ("all curves", f"tensorboard --logdir {run}")
+    beside = ("before and after, driven by you", play_command(last, first))
+    return about_section(run, commands=(beside, live, curves))
 
 
 def _interval(evaluation: dict[str, Any]) -> str:

@@ -53,6 +53,7 @@ def answer_pairs(
     seed: int,
     cfg: RaterCfg = PERFECT,
     round: int | None = None,
+    tell: Callable[[int, int], None] = lambda done, of: None,
 ) -> int:
     """Answer every pair `rater_id` has not answered yet; gives how many. Pairs whose
     episode is gone are left open.
@@ -67,7 +68,8 @@ def answer_pairs(
         pairs = [p for p in store.unanswered(rater_id, round=round) if listed(p)]
         if pairs:
             known = standards_among(filter(listed, store.pairs()), scores, cfg)
-            for pair in pairs:
+            for done, pair in enumerate(pairs):
+                tell(done, len(pairs))
                 store.add_answer(_answer(pair, scores, cfg, known, rater_id, seed))
         return len(pairs)
 

@@ -11,6 +11,11 @@ from gaitpref.method.acceptance import SURE, Duel
 Word = Literal["better", "not better", "not known"]
 
 
+def play_command(after: Path, before: Path) -> str:
+    """What shows two policies side by side, under the same commands."""
+    return f"gaitpref play --policy {after} --against {before}"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
     """By answers that were kept for it alone."""
@@ -56,7 +61,7 @@ class Verdict:
             run / "rounds" / f"{number:02d}" / "policy" / "policy.pt"
             for number in (0, self.rounds)
         )
-        shown = f"`gaitpref play --policy {last} --against {first}` shows both"
+        shown = f"`{play_command(last, first)}` shows both"
         if self.word == "better":
             return (
                 f"{shown}, and the same command with another --run and `--base {last}` "
@@ -64,10 +69,14 @@ class Verdict:
             )
         if self.word == "not known":
             return f"{shown}; a run with twice the --labels keeps more answers for this"
+        lost = ""
+        if self.beside_first is not None:
+            dropped = last.parents[1] / "candidate" / last.name
+            lost = f"`{play_command(dropped, first)}` shows what lost; "
         return (
-            f"look at the clips that the reward likes best in {run}/report: if they "
-            f"are not what you mean, a run with twice the --labels learns more of it, "
-            f"and another --base may show clips nearer to it"
+            f"{lost}look at the clips that the reward likes best in {run}/report: if "
+            f"they are not what you mean, a run with twice the --labels learns more of "
+            f"it, and another --base may show clips nearer to it"
         )
 
     def as_json(self) -> dict[str, Any]:

@@ -5,6 +5,7 @@ Shapes: T steps, N episodes, F feature columns.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,11 +59,18 @@ def command_grid(cfg: EnvCfg, episodes: int) -> Tensor:
 
 
 def rollout_features(
-    actor: Actor, robot: Robot, cfg: EnvCfg, *, episodes: int, seed: int
+    actor: Actor,
+    robot: Robot,
+    cfg: EnvCfg,
+    *,
+    episodes: int,
+    seed: int,
+    tell: Callable[[int, int], None] = lambda done, of: None,
 ) -> tuple[Tensor, Tensor]:
     """Feature rows [T, N, F] over the grid, and the episodes' lengths [N].
 
-    Rows behind an episode's end are zero; an aborted episode has length 0.
+    Rows behind an episode's end are zero; an aborted episode has length 0. `tell` gets
+    the control steps that are done, and how many there are.
     """
     env = QuadrupedEnv(robot, cfg, episodes, seed=seed)
     env.fix_commands(command_grid(cfg, episodes))
@@ -72,6 +80,7 @@ def rollout_features(
         rows.append(step.features * step.alive[:, None])
         lengths += step.alive
         aborted |= step.aborted
+        tell(len(rows), cfg.episode_steps)
     lengths[aborted] = 0
     return torch.stack(rows), lengths
 

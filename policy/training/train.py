@@ -341,7 +341,9 @@ class _Session:
             stopping = ranks.any(bool(interrupted))
             if ranks.is_first:
                 # Not before: what cannot begin leaves nothing.
-                writer = writer or SummaryWriter(str(self.out), flush_secs=10)
+                if writer is None:
+                    writer = SummaryWriter(str(self.out), flush_secs=10)
+                    writer.add_scalar("plan/steps", cfg.steps, stats.steps)
                 for tag, value in stats.scalars.items():
                     writer.add_scalar(tag, value, stats.steps)
             if stats.iteration in cfg.checkpoint_iterations:

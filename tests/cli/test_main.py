@@ -289,6 +289,7 @@ def test_every_whole_number_says_how_small_it_may_be() -> None:
         "Serving.port",
         "Label.port",
         "Play.port",
+        "Watch.port",
     }
 
 

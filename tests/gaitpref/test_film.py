@@ -11,14 +11,17 @@ import pytest
 from PIL import Image
 
 from data.datasets.dataset import Dataset
+from gaitpref import __version__
 from gaitpref.cli.main import main
 from gaitpref.film import camera, reel
 from gaitpref.film.camera import CameraCfg, NoRenderer, frames_of
-from gaitpref.film.reel import FilmCfg, film, webp_of, write_film
+from gaitpref.film.reel import FilmCfg, film, frame_count, webp_of, write_film
 from gaitpref.film.shot import Shot, shot_of
 from gaitpref.film.sources import before_and_after
 from gaitpref.film.stick_figure import leg_lines, stick_figures
 from gaitpref.loop.run_report import write_report
+from gaitpref.report.film_section import pace_of_clip
+from gaitpref.report.journal import JOURNAL_NAME, note_round, note_start
 from tests.helpers.older_run import older_run
 
 SMALL = FilmCfg(camera=CameraCfg(width_px=96, height_px=72), fps=10)
@@ -150,6 +153,30 @@ def test_the_page_of_a_run_shows_before_and_after(
     pictures = re.findall(r'src="data:image/webp;base64,([^"]+)"', text)
     assert pictures
     assert len(text) < 5_000_000
+
+
+def test_a_manoeuvre_of_20_s_takes_no_more_room_on_the_page_than_its_pictures(
+    shot: Shot,
+) -> None:
+    short = Shot(mjcf=shot.mjcf, qpos=shot.qpos[:50], dt_s=0.02)
+    long = Shot(mjcf=shot.mjcf, qpos=np.resize(shot.qpos, (1000, 19)), dt_s=0.02)
+    assert pace_of_clip(short).fps == 12.5
+    assert frame_count((long,), pace_of_clip(long)) == 120
+
+
+def test_the_page_says_when_and_with_what_a_run_was_made(run: Path) -> None:
+    """And which commands show more; what was typed cannot act on the page."""
+    note_start(run, "gaitpref loop --run <script>")
+    note_round(run, 0)
+    text = write_report(run).read_text()
+    assert "gaitpref loop --run &lt;script&gt;" in text
+    assert re.search(r"<dt>begun</dt><dd>\d{4}-\d\d-\d\d", text)
+    assert f"gaitpref {__version__}" in text
+    for command in ("gaitpref play --policy", "gaitpref watch", "tensorboard --logdir"):
+        assert f"<code>{command}" in text
+    for link in re.findall(r'href="([^"#]+)"', text):
+        assert (run / "report" / link).exists()
+    (run / JOURNAL_NAME).unlink()
 
 
 def test_who_was_not_shown_alike_is_not_compared(run: Path) -> None:

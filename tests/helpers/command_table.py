@@ -112,6 +112,8 @@ TABLE = (
     Typed("evaluate --policy {policy} --reward {reward} --episodes 2"),
     Typed("report --run {run}"),
     Typed("method --run {run}"),
+    Typed("doctor"),
+    Typed("watch {run} --port 0"),
     Typed("trust --reward {reward} --dataset {dataset}"),
     Typed("explain --reward {reward} --dataset {dataset} --out {out}"),
     Typed("raters --dataset {dataset} list"),

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
-
-from rich.table import Table
 
 from data.datasets.archive import CARD_NAME, pack, unpack
 from data.datasets.card import CardFacts, card
 from data.datasets.dataset import Dataset
 from data.datasets.labels import labels, to_csv, to_jsonl
 from data.datasets.manifest_file import writable
-from data.datasets.overview import Overview, overview
+from data.datasets.overview import overview
 from data.datasets.recovery import RecoveredFile, recover, recover_file
 from data.datasets.transfer import Transferred, split, transfer
 from data.datasets.verify import Verified, verify
@@ -29,10 +27,12 @@ from data.remote.place import Place
 from data.remote.sharing import pull, push
 from gaitpref.cli.options import data_options as options
 from gaitpref.cli.shared.dataset_argument import address, open_dataset
+from gaitpref.cli.shared.next_of_data import next_of_data
 from gaitpref.console.extras import require
-from gaitpref.console.progress import counting_bar
+from gaitpref.console.progress import counted, working
 from gaitpref.console.terminal import PlainConsole, say
 
+from .data_info import info
 from .exchange import export, import_into
 
 EXIT_DAMAGED = 1
@@ -41,9 +41,17 @@ console = PlainConsole(stderr=True)
 
 def run(action: options.Action) -> int:
     """Run one `gaitpref data` command; gives the exit code."""
+    code = _done(action)
+    text = next_of_data(action, damaged=code == EXIT_DAMAGED)
+    if text and not getattr(action, "json", False):
+        console.next(text)
+    return code
+
+
+def _done(action: options.Action) -> int:
     match action:
         case options.Info():
-            _info(action)
+            info(action)
         case options.Verify():
             return _verify(action)
         case options.Recover():
@@ -51,10 +59,12 @@ def run(action: options.Action) -> int:
         case options.Merge() | options.Split() | options.Subset():
             _transfer(action)
         case options.Pack():
-            size = pack(open_dataset(action), action.out)
+            with working("packing"):
+                size = pack(open_dataset(action), action.out)
             _say(action.json, {"archive": str(action.out), "bytes": size})
         case options.Unpack():
-            made = unpack(action.archive, action.dataset)
+            with working("unpacking"):
+                made = unpack(action.archive, action.dataset)
             counted = {"dataset": str(made.root), "episodes": len(made.entries())}
             _say(action.json, counted)
         case options.Card():
@@ -66,48 +76,15 @@ def run(action: options.Action) -> int:
         case options.Import():
             _imported(action, import_into(action))
         case options.Export():
-            _say(action.json, asdict(export(action)))
+            _say(action.json, _exported(action))
         case options.Push() | options.Pull():
             _share(action)
     return 0
 
 
-def _info(action: options.Info) -> None:
-    seen = overview(open_dataset(action))
-    if action.json:
-        print(json.dumps(asdict(seen)))
-        return
-    out = PlainConsole()
-    out.print(_totals(seen))
-    for title, counts in (("robot", seen.robots), ("task", seen.tasks)):
-        out.print(_counts(title, counts))
-    policies = {name[:12]: count for name, count in seen.policies.items()}
-    out.print(_counts("policy", policies))
-    out.print(_counts("command (forward, left m/s, yaw rad/s)", seen.commands))
-    answers = Table("rater", "round", "answers", "preferences")
-    for count in seen.answers:
-        answers.add_row(*map(str, asdict(count).values()))
-    out.print(answers)
-
-
-def _totals(seen: Overview) -> Table:
-    table = Table(show_header=False)
-    for name in ("episodes", "steps", "bytes", "falls", "aborted", "pairs"):
-        table.add_row(name, f"{getattr(seen, name):,}")
-    table.add_row("hours of robot time", f"{seen.hours:.2f}")
-    table.add_row("answers", f"{sum(count.answers for count in seen.answers):,}")
-    return table
-
-
-def _counts(title: str, counts: Mapping[str, int]) -> Table:
-    table = Table(title, "episodes")
-    for name, count in counts.items():
-        table.add_row(name, f"{count:,}")
-    return table
-
-
 def _verify(action: options.Verify) -> int:
-    found = verify(action.dataset, answers=address(action.answers))
+    with working("comparing every byte"):
+        found = verify(action.dataset, answers=address(action.answers))
     if action.json:
         print(json.dumps(asdict(found)))
     else:
@@ -140,7 +117,8 @@ def _recover(action: options.Recover) -> int:
                 raise DatasetError(f"{path} is no file; give a cut or damaged episode")
             files.append(recover_file(dataset, path))
     else:
-        files = recover(action.dataset)
+        with working("looking for what is whole"):
+            files = recover(action.dataset)
     kept = sum(file.kept_steps for file in files)
     lost = sum(file.lost_steps or 0 for file in files)
     if action.json:
@@ -156,18 +134,8 @@ def _recover(action: options.Recover) -> int:
 
 
 def _transfer(action: options.Merge | options.Split | options.Subset) -> None:
-    report: dict[str, Transferred]
-    match action:
-        case options.Merge():
-            sources = {str(path): Dataset.open(path) for path in action.source}
-            answers = address(action.answers)
-            target = Dataset.create(action.dataset, answers=answers)
-            report = {name: transfer(s, target) for name, s in sources.items()}
-        case options.Split():
-            source, shares = open_dataset(action), _shares(action.part)
-            report = split(source, shares, action.out, seed=action.seed)
-        case options.Subset():
-            report = {str(action.out): _subset(action)}
+    with working("copying episodes and answers"):
+        report = _transferred(action)
     if action.json:
         print(json.dumps({name: asdict(part) for name, part in report.items()}))
         return
@@ -180,14 +148,26 @@ def _transfer(action: options.Merge | options.Split | options.Subset) -> None:
         )
 
 
+def _transferred(
+    action: options.Merge | options.Split | options.Subset,
+) -> dict[str, Transferred]:
+    match action:
+        case options.Merge():
+            sources = {str(path): Dataset.open(path) for path in action.source}
+            answers = address(action.answers)
+            target = Dataset.create(action.dataset, answers=answers)
+            return {name: transfer(s, target) for name, s in sources.items()}
+        case options.Split():
+            source, shares = open_dataset(action), _shares(action.part)
+            return split(source, shares, action.out, seed=action.seed)
+        case options.Subset():
+            return {str(action.out): _subset(action)}
+
+
 def _share(action: options.Push | options.Pull) -> None:
     place, answers = Place(action.url), address(action.answers)
     sends = isinstance(action, options.Push)
-    with counting_bar("sending" if sends else "taking", 0) as bar:
-
-        def tell(done: int, of: int) -> None:
-            bar.update(bar.task_ids[0], completed=done, total=of)
-
+    with counted("sending" if sends else "taking") as tell:
         if sends:
             dataset = Dataset.open(action.dataset, answers=answers)
             found = push(dataset, place, tell=tell)
@@ -335,6 +315,11 @@ def _folder(path: Path) -> Iterator[None]:
         if not path.parent.is_dir():
             raise DatasetError(f"{path.parent} is no directory; make it first")
         yield
+
+
+def _exported(action: options.Export) -> dict[str, Any]:
+    with working("writing it in another format"):
+        return asdict(export(action))
 
 
 def _imported(action: options.Import, facts: dict[str, Any]) -> None:

@@ -6,6 +6,7 @@ import onnx  # noqa: F401 - its absence is told before anything is written
 import onnxscript  # noqa: F401
 
 from gaitpref.cli.options import options
+from gaitpref.console.progress import console
 from gaitpref.console.terminal import say
 from policy.imported.given_back import export_like
 from policy.robots.motor_class import unusual_motors
@@ -23,4 +24,5 @@ def run(command: options.Export) -> int:
         say(str(path))
     for warning in unusual_motors(policy.robot()):
         say(f"warning: {warning}")
+    console.next("policy.json says what the numbers mean; docs/how-to/deploy.md, how")
     return 0

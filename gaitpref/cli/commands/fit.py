@@ -26,7 +26,7 @@ from gaitpref.cli.shared.by_hand import (
 from gaitpref.cli.shared.dataset_argument import address
 from gaitpref.cli.shared.fit_segments import fit_segments
 from gaitpref.console.extras import require
-from gaitpref.console.progress import console, working
+from gaitpref.console.progress import console, counted, working
 from gaitpref.raters.rater_groups import answers_for
 from gaitpref.report.findings import findings_of_fit
 from gaitpref.report.fit_summary import fit_summary
@@ -111,6 +111,11 @@ def _fit_alone(command: options.Fit) -> None:
             f"{rater}: {share:.0%} of the answers are taken for random"
             + (", and none measures the reward" if share >= HARDLY_LOOKS else "")
         )
+    given = f"--reward {command.out} --dataset {command.dataset[0]}"
+    console.next(
+        f"`gaitpref trust {given}` says how far to believe it, `gaitpref train "
+        f"--method style {given} --init POLICY --out NEW` trains on it"
+    )
 
 
 def _label_filter(doubted_below: float) -> LabelFilterCfg | None:
@@ -133,8 +138,8 @@ def _relabel(command: options.Relabel) -> None:
 
     dataset = Dataset.open(command.dataset)
     model = load_reward(command.reward)
-    with writable(command.out.parent):
-        steps = write_rewards(command.out, dataset, model)
+    with writable(command.out.parent), counted("scoring, episodes") as tell:
+        steps = write_rewards(command.out, dataset, model, tell)
     episodes = len(dataset.entries())
     if command.json:
         print(json.dumps({"episodes": episodes, "steps": steps}))
@@ -142,3 +147,4 @@ def _relabel(command: options.Relabel) -> None:
     console.print(
         f"the reward of {steps:,} steps of {episodes:,} episodes is in {command.out}"
     )
+    console.next(f"pandas.read_parquet({str(command.out)!r}) reads it")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from gaitpref.cli.options import options
+from gaitpref.console.progress import console, working
 from gaitpref.console.terminal import say
 from policy.imported.alternatives import tried
 from policy.imported.bring import bring, understand
@@ -22,7 +23,8 @@ def run(command: options.Policy) -> int:
         raise LawError("give --out DIR, which gets policy.pt; or --explain to look")
     if (command.out / POLICY_NAME).exists():
         raise LawError(f"{command.out} holds a policy already: give another --out")
-    policy = bring(known, command.robot, command.out)
+    with working("trying the policy on the robot"):
+        policy = bring(known, command.robot, command.out)
     origin = policy.info.origin
     assert origin is not None
     say(f"{known.file.name} is {origin.kind}; what it means says {origin.meaning}\n")
@@ -37,5 +39,10 @@ def run(command: options.Policy) -> int:
             "something of its law is wrong. --explain prints the law as a TOML to "
             "correct, which --law takes"
         )
-    say(f"the policy is {command.out / POLICY_NAME}")
+    file = command.out / POLICY_NAME
+    say(f"the policy is {file}")
+    console.next(
+        f"`gaitpref play --policy {file} --open` shows it, `gaitpref loop --run RUN "
+        f"--base {file}` makes it better"
+    )
     return 0

@@ -7,6 +7,8 @@ from pathlib import Path
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.dataset_argument import open_dataset
 from gaitpref.cli.shared.serving import require_port, stoppable, wait_until_stopped
+from gaitpref.console.browser import open_page
+from gaitpref.console.progress import console
 from labeling_ui.label_server import LabelCfg, LabelServer
 from labeling_ui.web.public_url import parse_public_url
 
@@ -18,7 +20,13 @@ def run(command: options.Label) -> int:
     with stoppable() as stopped, LabelServer(dataset, cfg) as page:
         for line in greeting(page.notices, dataset.root, cfg):
             print(line, flush=True)
+        if command.open:
+            open_page(page.url)
         wait_until_stopped(stopped)
+    console.next(
+        f"`gaitpref fit --dataset {command.dataset} --out REWARD` fits a reward to the "
+        f"answers"
+    )
     return 0
 
 

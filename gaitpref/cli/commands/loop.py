@@ -10,13 +10,17 @@ from functools import partial
 from data.datasets.dataset import Dataset
 from gaitpref.cli.options import options
 from gaitpref.cli.options.options import Loop
+from gaitpref.cli.shared.as_typed import as_typed
 from gaitpref.cli.shared.dataset_argument import address
 from gaitpref.cli.shared.launched import ranks_of_launch
 from gaitpref.cli.shared.loop_arguments import resolve
+from gaitpref.console.browser import open_page
 from gaitpref.console.extras import require
 from gaitpref.console.progress import console
 from gaitpref.loop.people import People
 from gaitpref.loop.run import no_page, run_loop
+from gaitpref.loop.run_dir import Round
+from gaitpref.report.verdict import play_command
 
 
 def run(command: options.Loop) -> int:
@@ -30,8 +34,14 @@ def run(command: options.Loop) -> int:
             open_page=partial(page_of_loop, command) if human else no_page,
             answers=address(command.answers),
             ranks=ranks,
+            command=as_typed("loop", command),
         )
     console.print(f"the report is {page}")
+    if ranks.is_first and not Round(command.run, cfg.rounds).verdict.exists():
+        first, last = (Round(command.run, n).policy for n in (0, cfg.rounds))
+        console.next(f"`{play_command(last, first)}` shows before and after")
+    if command.page.open and not human and ranks.is_first:
+        open_page(page.resolve().as_uri())
     return 0
 
 
@@ -50,6 +60,8 @@ def page_of_loop(options: Loop, dataset: Dataset) -> Iterator[People]:
         os.nice(page.NICENESS)
         for line in command.greeting(notices, dataset.root, cfg):
             console.print(line)
+        if options.page.open:
+            open_page(opened.url)
         patience = {}
         if options.patience is not None:
             patience = {"patience_s": 60 * options.patience}

@@ -14,7 +14,7 @@ from data.datasets.dataset import Dataset
 from data.datasets.gone import pairs_gone
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.dataset_argument import open_dataset
-from gaitpref.console.progress import console
+from gaitpref.console.progress import console, working
 from gaitpref.method.questions import Questions
 from rewardmodel.asking.clip_questions import ClipCfg, ask, with_known_answer
 from rewardmodel.asking.strategies import make_strategy
@@ -27,7 +27,7 @@ def run(command: options.Pairs) -> int:
     dataset = open_dataset(command)
     model = None if command.reward is None else load_reward(command.reward)
     cut, rng = ClipCfg.of(command.clip_s), np.random.default_rng(command.seed)
-    with dataset.answers() as store:
+    with dataset.answers() as store, working("choosing what to ask"):
         known = store.pairs()
         round = max((pair.round for pair in known), default=-1) + 1
         chosen = _chosen(command, dataset, model, cut, known, round, rng)
@@ -44,6 +44,10 @@ def run(command: options.Pairs) -> int:
     console.print(f"{added} pairs were added to {command.dataset}{of_these}")
     if gone := pairs_gone(dataset):
         console.print(gone)
+    console.next(
+        f"`gaitpref label --dataset {command.dataset} --no-auth --open` asks you, "
+        f"`gaitpref answer --dataset {command.dataset} --criterion high_step` a program"
+    )
     return 0
 
 

@@ -12,6 +12,7 @@ from data.files.shown import shown
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.dataset_argument import open_dataset
 from gaitpref.console.extras import require
+from gaitpref.console.progress import console
 from gaitpref.console.terminal import say
 from labeling_ui.questions.rater_doubts import doubts
 from labeling_ui.questions.rater_figures import (
@@ -56,6 +57,8 @@ def _add(command: options.Raters, dataset: Dataset, tokens: TokenStore) -> None:
     token = tokens.add(name)
     lines = [token, f"This is the token of {name}; it is not shown again."]
     _show(command, {"name": name, "token": token}, lines)
+    if not command.json:
+        console.next(f"`gaitpref label --dataset {command.dataset}` serves the page")
 
 
 def _list(command: options.Raters, dataset: Dataset, tokens: TokenStore) -> None:

@@ -68,4 +68,7 @@ def run(command: options.Record) -> int:
     )
     if command.method is None:
         console.print(told_without_method("records other postures and rhythms too"))
+    console.next(
+        f"`gaitpref pairs --dataset {command.dataset} --count 40` chooses what to ask"
+    )
     return 0

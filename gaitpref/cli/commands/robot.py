@@ -9,6 +9,7 @@ import numpy as np
 from data.features import LEGS
 from data.files.files import write_atomically
 from gaitpref.cli.options import options
+from gaitpref.console.progress import console
 from gaitpref.console.terminal import say
 from gaitpref.report.robot_picture import draw
 from policy.env.env_cfg import EnvCfg
@@ -33,6 +34,10 @@ def run(command: options.Robot) -> int:
         completed = folder / f"{robot.name}.xml"
         write_atomically(completed, robot.mjcf.encode())
         say(f"model      {completed}")
+    console.next(
+        f"where that is your robot, `gaitpref train --out runs/{robot.name} --reward "
+        f"task --robot {command.xml}` teaches it to walk"
+    )
     return 0
 
 

@@ -28,6 +28,8 @@ def run(command: options.Sweep) -> int:
     if command.dry_run:
         contents_of(cells)
         _show_plan(cells, places, as_object=command.json)
+        if not command.json:
+            console.next("the same command without --dry-run runs what is not finished")
         return 0
     result = run_sweep(command.out, cells, executor, gpus=command.gpu)
     page = write_sweep(command.out, result)

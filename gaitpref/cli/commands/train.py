@@ -108,6 +108,11 @@ def _train(command: options.Train, ranks: Ranks) -> int:
     console.print(f"the policy is {result.policy}")
     if ranks.is_first and command.reward == "task" and not command.getup:
         _tell_standing(result.policy)
+    if ranks.is_first:
+        console.next(
+            f"`gaitpref play --policy {result.policy} --open` shows it, `gaitpref "
+            f"record --policy {result.policy} --dataset DIR` logs what it does"
+        )
     return 0
 
 

@@ -32,5 +32,7 @@ class Arena:
     """Questions in all."""
     episodes: Count = 20
     """Episodes recorded of each policy."""
+    open: bool = False
+    """Open the page of the arena in this machine's browser."""
     seed: Seed = 0
     """Where all chance comes from."""

@@ -54,6 +54,9 @@ class Serving:
     """Ask for no token; only on loopback."""
     most_raters: Count = 24
     """Raters whose pages may be open at once; the next is told when to come back."""
+    open: bool = False
+    """Open the page in this machine's browser; a loop that asks a program opens its
+    report at the end."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,6 +105,34 @@ class Report:
 
     run: Path
     """Directory of the run."""
+    open: bool = False
+    """Open it in this machine's browser."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Watch:
+    """Show a run or a training on one live page: curves, answers, round, time left.
+
+    It only reads, may come and go while the run goes on, and shows a finished one too.
+    """
+
+    run: tyro.conf.Positional[Path]
+    """Directory of `gaitpref loop --run` or of `gaitpref train --out`."""
+    port: int = 8090
+    """TCP port on this machine; 0 takes a free one."""
+    open: bool = False
+    """Open the page in this machine's browser."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Doctor:
+    """Look whether this machine has what gaitpref needs, and say what to do.
+
+    Exits 1 where something is broken that nobody can do without.
+    """
+
+    json: bool = False
+    """Print one JSON object and nothing else."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,6 +190,7 @@ Command = (
     | Annotated[Relabel, tyro.conf.subcommand("relabel")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Report, tyro.conf.subcommand("report")]
+    | Annotated[Watch, tyro.conf.subcommand("watch")]
     | Annotated[Method, tyro.conf.subcommand("method")]
     | Annotated[Trust, tyro.conf.subcommand("trust")]
     | Annotated[Explain, tyro.conf.subcommand("explain")]
@@ -171,4 +203,5 @@ Command = (
     | Annotated[Policy, tyro.conf.subcommand("policy")]
     | Annotated[Robot, tyro.conf.subcommand("robot")]
     | Annotated[Data, tyro.conf.subcommand("data")]
+    | Annotated[Doctor, tyro.conf.subcommand("doctor")]
 )

@@ -168,6 +168,8 @@ class Play:
     """TCP port on this machine; 0 takes a free one."""
     robot: Path | None = None
     """MJCF of the robot; the one the policy was trained on by default."""
+    open: bool = False
+    """Open the page in this machine's browser."""
 
 
 @dataclass(frozen=True, kw_only=True)

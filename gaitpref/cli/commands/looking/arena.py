@@ -10,11 +10,13 @@ from gaitpref.arena.arena_page import write_arena_page
 from gaitpref.arena.games import players_of
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.rater_arguments import erring_rater
-from gaitpref.console.progress import counting_bar
+from gaitpref.console.browser import open_page
+from gaitpref.console.progress import console, counting_bar
 from gaitpref.console.terminal import say
 from gaitpref.raters.criteria import load_criterion
 from gaitpref.raters.criterion_scores import context_of_dataset
 from gaitpref.raters.simulated import answer_pairs
+from gaitpref.report.verdict import play_command
 
 
 def run(command: options.Arena) -> int:
@@ -30,9 +32,16 @@ def run(command: options.Arena) -> int:
             answer,
             lambda done, _: bar.update(bar.task_ids[0], completed=done),
         )
-    say(f"{standing.sentence}; the page is {write_arena_page(command.out, standing)}")
+    page = write_arena_page(command.out, standing)
+    say(f"{standing.sentence}; the page is {page}")
+    if command.open:
+        open_page(page.resolve().as_uri())
     if answer is None:
         say(_next(command, standing))
+    if not standing.open_questions:
+        best, second = (players[n] for n in standing.ranking.order[:2])
+        shown = play_command(best.file, second.file)
+        console.next(f"`{shown}` shows the first two")
     return 0
 
 

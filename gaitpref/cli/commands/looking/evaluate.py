@@ -6,6 +6,7 @@ import json
 from dataclasses import asdict, replace
 
 from gaitpref.cli.options import options
+from gaitpref.console.progress import console, counted, working
 from gaitpref.raters.criterion_scores import criterion_context
 from gaitpref.report.return_text import return_text
 from gaitpref.training.total_reward import load_score
@@ -21,11 +22,18 @@ def run(command: options.Evaluate) -> int:
     if command.terrain is not None:
         env = replace(env, terrain=replace(env.terrain, kind=command.terrain))
     score = load_score(command.reward, criterion_context(robot, env))
-    features, lengths = rollout_features(
-        policy, robot, env, episodes=command.episodes, seed=command.seed
-    )
+    with counted("evaluating, steps") as tell:
+        features, lengths = rollout_features(
+            policy,
+            robot,
+            env,
+            episodes=command.episodes,
+            seed=command.seed,
+            tell=tell,
+        )
     result = summarise(features, lengths, score, control_dt_s=env.control_dt_s)
-    walked = walking(policy, robot, env, features, lengths, seed=command.seed)
+    with working("setting off from rest, and from home"):
+        walked = walking(policy, robot, env, features, lengths, seed=command.seed)
     if command.json:
         told = asdict(result) | asdict(walked) | {"walks": walked.walks}
         print(json.dumps(told))
@@ -42,4 +50,5 @@ def run(command: options.Evaluate) -> int:
         verdict = "yes" if walked.walks else "NO"
         print(f"walks           {verdict}, for each command and from rest")
         print(f"\n{table(walked)}")
+    console.next(f"`gaitpref play --policy {command.policy} --open` shows it")
     return 0

@@ -12,6 +12,7 @@ from data.episodes.clips import Clip
 from data.errors import GaitprefError
 from data.files.files import write_atomically
 from gaitpref.cli.options import options
+from gaitpref.console.progress import console, counted, working
 from gaitpref.console.terminal import say
 from gaitpref.report.pictures import save_picture
 from gaitpref.report.ranked_clips import Ranked, extremes, ranked
@@ -19,6 +20,7 @@ from gaitpref.report.reward_strips import clip_picture, curves_picture
 from rewardmodel.answers.clip_batch import read_clips
 from rewardmodel.explain.attribution import Explanation, explain
 from rewardmodel.explain.learned_curves import Curve, learned_curves
+from rewardmodel.models.model import RewardModel
 from rewardmodel.models.storage import load_reward
 
 DATA_NAME = "explanation.json"
@@ -32,16 +34,13 @@ def run(command: options.Explain) -> int:
         clip = find_clip(dataset, command.clip)
         chosen = [("clip", ranked(model, dataset, [clip])[0])]
     else:
-        chosen = extremes(model, dataset, command.count)
+        with working("looking for the best and the worst clips"):
+            chosen = extremes(model, dataset, command.count)
     told = []
-    for name, found in chosen:
-        entry = dataset.entry(found.clip.rollout)
-        seen = read_clips([found.clip], dataset.clip_features)
-        shown = explain(model, seen, method=command.method)
-        picture = command.out / f"{name}.svg"
-        save_picture(clip_picture(shown, entry, found.clip, found.reward), picture)
-        told.append(clip_json(name, found, entry, shown))
-        say(f"{picture}  reward {found.reward:+.2f}  {found.clip.key}")
+    with counted("explaining") as tell:
+        for done, (name, found) in enumerate(chosen):
+            tell(done, len(chosen))
+            told.append(_explained(command, model, dataset, name, found))
     dt_s = dataset.entry(chosen[0][1].clip.rollout).meta.control_dt_s
     if curves := learned_curves(model, control_dt_s=dt_s):
         picture = command.out / "habits.svg"
@@ -54,7 +53,28 @@ def run(command: options.Explain) -> int:
     }
     write_atomically(command.out / DATA_NAME, json.dumps(data).encode())
     say(f"the figures are in {command.out / DATA_NAME}")
+    console.next(
+        f"`gaitpref pairs --dataset {command.dataset} --reward {command.reward} "
+        f"--count 20` asks where it is in doubt"
+    )
     return 0
+
+
+def _explained(
+    command: options.Explain,
+    model: RewardModel,
+    dataset: Dataset,
+    name: str,
+    found: Ranked,
+) -> dict[str, Any]:
+    """The figures of a clip, whose picture is written."""
+    entry = dataset.entry(found.clip.rollout)
+    seen = read_clips([found.clip], dataset.clip_features)
+    shown = explain(model, seen, method=command.method)
+    picture = command.out / f"{name}.svg"
+    save_picture(clip_picture(shown, entry, found.clip, found.reward), picture)
+    say(f"{picture}  reward {found.reward:+.2f}  {found.clip.key}")
+    return clip_json(name, found, entry, shown)
 
 
 def find_clip(dataset: Dataset, name: str) -> Clip:

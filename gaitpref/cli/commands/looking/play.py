@@ -12,6 +12,8 @@ from data.errors import GaitprefError
 from data.features import column
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.serving import require_port, stoppable, wait_until_stopped
+from gaitpref.console.browser import open_page
+from gaitpref.console.progress import working
 from gaitpref.console.terminal import say
 from labeling_ui.play_server import PlayPage, play_site
 from labeling_ui.scene.geometry import robot_geometry
@@ -112,7 +114,8 @@ def run(command: options.Play) -> int:
     """Serve the page until it is stopped; gives the exit code."""
     require_port(command.port)
     paths = [command.policy or WALK, *([command.against] if command.against else [])]
-    policies = tuple(live_policy(path, command.robot) for path in paths)
+    with working("loading the policies"):
+        policies = tuple(live_policy(path, command.robot) for path in paths)
     if len({policy.control_dt_s for policy in policies}) > 1:
         raise GaitprefError(
             f"{paths[0]} and {paths[1]} act at different rates; play one at a time"
@@ -125,6 +128,8 @@ def run(command: options.Play) -> int:
     with stoppable() as stopped:
         site.start(new_page)
         print(f"the policy is at {site.url}", flush=True)
+        if command.open:
+            open_page(site.url)
         wait_until_stopped(stopped)
         site.stop()
     return 0

@@ -7,7 +7,7 @@ import json
 from data.datasets.gone import told_gone
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.dataset_argument import open_dataset
-from gaitpref.console.progress import working
+from gaitpref.console.progress import console, counted, working
 from gaitpref.console.terminal import say
 from gaitpref.report.calibration_plot import reliability_plot
 from gaitpref.report.findings import about_raters, findings_of_trust
@@ -34,13 +34,15 @@ def run(command: options.Trust) -> int:
     reached = None
     if command.policy is not None:
         policy = load_policy(command.policy)
-        rows, lengths = rollout_features(
-            policy,
-            policy.robot(),
-            policy.info.env,
-            episodes=EPISODES,
-            seed=command.seed,
-        )
+        with counted("what the policy does, steps") as tell:
+            rows, lengths = rollout_features(
+                policy,
+                policy.robot(),
+                policy.info.env,
+                episodes=EPISODES,
+                seed=command.seed,
+                tell=tell,
+            )
         reached = reach(model, judged, rows, lengths)
     reasons = alarms(foreseen, reached, sides=judged.sides)
     if command.picture is not None:
@@ -71,6 +73,13 @@ def run(command: options.Trust) -> int:
         say(f"ALARM: {reason}")
     for besides in findings.besides:
         say(besides)
+    given = f"--reward {command.reward} --dataset {command.dataset}"
+    console.next(
+        f"`gaitpref explain {given} --out WHY` shows what it likes"
+        if reasons
+        else f"`gaitpref train --method style {given} --init POLICY --out NEW` trains "
+        f"on it"
+    )
     return 0
 
 
