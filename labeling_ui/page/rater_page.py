@@ -31,7 +31,7 @@ from labeling_ui.scene.fast_updates import Frames
 from labeling_ui.scene.scene import PairScene, Pose, aspect_of
 
 from .controls import Controls
-from .dialogs import Dialog, bad_clip_dialog, guidelines_dialog
+from .dialogs import Dialog, bad_clip_dialog, differed_dialog, guidelines_dialog
 from .loop_status import LoopStatus
 from .page_access import Act, Desk, Look, Showing
 from .playback import Playback
@@ -163,7 +163,7 @@ class Page:
         return Pose(*motion.pose(at_s), fallen=fallen, way=motion.way(at_s))
 
     def _handle(self, name: str, value: Any) -> None:
-        if name not in ("showing", "idle", "stored", "failed"):
+        if name not in ("showing", "idle", "stored", "failed", "told_differed"):
             self._sign_of_life = time.monotonic()
         match name:
             case "showing":
@@ -200,6 +200,10 @@ class Page:
                 self._scene.look(self._scene.view)
             case "reopen":
                 self._reopen(value)
+            case "told_differed":
+                self._modal = self._modal or differed_dialog(
+                    self.client, self.post, value
+                )
             case _:
                 self._act(name)  # type: ignore[arg-type]
 
@@ -211,6 +215,8 @@ class Page:
             return
         elif name == "guidelines":
             self._toggle_guidelines()
+        elif name == "differed":
+            self._tell_what_differed()
         elif self._modal is not None:
             return
         elif name in _CLOCK:
@@ -409,13 +415,30 @@ class Page:
         else:
             self._close_dialog()
 
+    def _tell_what_differed(self) -> None:
+        if self._modal is not None:
+            self._close_dialog()
+            return
+        self._shared.worker.submit(
+            lambda: self.post("told_differed", self._desk.differed())
+        )
+
     def _close_dialog(self) -> None:
         if self._modal is not None:
             self._modal.close()
             self._modal = None
 
 
-_CHANGES = ("bad", "guidelines", "view", "ghost", "camera", "theme", "curves")
+_CHANGES = (
+    "bad",
+    "guidelines",
+    "differed",
+    "view",
+    "ghost",
+    "camera",
+    "theme",
+    "curves",
+)
 """What makes much of the page anew."""
 _CLOCK: dict[str, Callable[[Playback], Playback]] = {
     "play": Playback.toggle,

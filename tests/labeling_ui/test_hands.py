@@ -190,6 +190,29 @@ def test_dialogs_take_digits_enter_and_escape(page: "Page", site: Site) -> None:
     assert site.answers()[0].reason == "3 legs"
 
 
+def test_what_differed_is_told_after_the_answer(page: "Page", site: Site) -> None:
+    """Never of the pair that is asked about; while it is read, no key answers."""
+    before = len(site.answers())
+    page.keyboard.press("x")
+    told = page.get_by_role("dialog", name="The pair before")
+    # By chance they differ or do not.
+    told.get_by_text(
+        re.compile("^(You had these two|They differ in nothing)")
+    ).wait_for()
+    page.keyboard.press("2")
+    page.keyboard.press("Escape")
+    told.wait_for(state="detached")
+    assert len(site.answers()) == before
+    page.keyboard.press("z")
+    counted(page, before - 1)
+    page.keyboard.press("x")
+    told.get_by_text("You are asked about this pair now").wait_for()
+    page.keyboard.press("Escape")
+    told.wait_for(state="detached")
+    page.keyboard.press("2")
+    counted(page, before)
+
+
 def test_the_map_of_the_keys(page: "Page", site: Site) -> None:
     """While it is open, no key answers; a line of it is seen on wide screens."""
     before = len(site.answers())
