@@ -46,6 +46,8 @@ ACTIVE_S = 300.0
 REFRESH_S = 1.0
 """How often the desk is asked whether something else is to be shown."""
 _OTHER_ASPECT = 0.03
+_AIMS = 2
+"""How often a new page's camera is put in its place again."""
 NOTE_LATE_S = 0.1
 NOTE_RECENT_S = 0.3
 """A note's last letters may be on their way for 50 ms: an answer that soon after one
@@ -115,7 +117,7 @@ class Page:
             self._scene.darken(self._habits.dark)
             self._controls = Controls(client, self.post)
             self._transport = Transport(client, self.post)
-        self._aspect = aspect_of(client.camera)
+        self._aspect, self._aims_left = aspect_of(client.camera), _AIMS
         client.camera.on_update(self._seen_from)
         self._look(Desk.look)
 
@@ -124,6 +126,10 @@ class Page:
         aspect = aspect_of(camera)
         if abs(aspect / self._aspect - 1.0) > _OTHER_ASPECT:
             self._aspect = aspect
+            self.post("resized")
+        elif self._aims_left and not self._scene.is_seen_as_set(camera):
+            # viser's page puts its camera back once while it builds the scene.
+            self._aims_left -= 1
             self.post("resized")
 
     def post(self, name: str, value: Any = None) -> None:
@@ -198,6 +204,7 @@ class Page:
                 self._transport.rest()
             case "resized":
                 self._scene.look(self._scene.view)
+                self._drawn_at = None
             case "reopen":
                 self._reopen(value)
             case "told_differed":

@@ -103,12 +103,17 @@ def device(page: "Page") -> "CDPSession":
     return page.context.new_cdp_session(page)
 
 
-def resize(device: "CDPSession", width: int, height: int, ratio: float = 1.0) -> None:
+def resize(
+    device: "CDPSession",
+    width: int,
+    height: int,
+    ratio: float = 1.0,
+    *,
+    mobile: bool = False,
+) -> None:
     """Give the window another size in CSS pixels, and pixels of another size."""
-    device.send(
-        "Emulation.setDeviceMetricsOverride",
-        {"width": width, "height": height, "deviceScaleFactor": ratio, "mobile": False},
-    )
+    size = {"width": width, "height": height, "deviceScaleFactor": ratio}
+    device.send("Emulation.setDeviceMetricsOverride", {**size, "mobile": mobile})
 
 
 def pressed(page: "Page", name: str, key: str = "Enter") -> None:
@@ -368,11 +373,45 @@ def test_a_tablet_is_touched(page: "Page", device: "CDPSession", site: Site) -> 
     counted(page, before + 1)
 
 
-def test_a_phone_is_told_kindly(page: "Page", device: "CDPSession") -> None:
-    """Upright and across; who wants to goes on all the same."""
-    for width, height in ((390, 844), (844, 390)):
-        resize(device, width, height)
-        page.get_by_role("heading", name="A larger screen, please").wait_for()
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (844, 390), (360, 640)])
+def test_a_phone_has_room_for_both_clips_and_all_answers(
+    page: "Page", device: "CDPSession", site: Site, width: int, height: int
+) -> None:
+    """Upright clip above clip, across side by side; every answer under a thumb."""
+    resize(device, width, height, mobile=True)
+    before = len(site.answers())
+    scene, names = page.locator("#root canvas[data-engine]"), page.get_by_text
+    upright = height > width
+    expect(scene).to_have_js_property("clientWidth", width if upright else width - 316)
+    answers = [page.get_by_role("button", name=f"[{key}]") for key in "123450"]
+    for answer in answers:
+        found = box(answer)
+        assert found["height"] >= 44
+        assert found["width"] >= 130
+        assert found["x"] >= 0
+        assert found["x"] + found["width"] <= width
+        assert 0 <= found["y"]
+        assert found["y"] + found["height"] <= height
+        if upright:
+            assert found["y"] >= box(scene)["height"]
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    apart = "y" if upright else "x"
+    for _ in range(100):
+        a, b = (box(names(re.compile(rf"^{name}( fell)?$")).last) for name in "AB")
+        if b[apart] - a[apart] > 100:
+            break
+        page.wait_for_timeout(100)
+    else:
+        raise AssertionError((a, b))
+    keep_picture(page, f"labeling-page-{width}x{height}.png")
+    answers[3].tap()
+    counted(page, before + 1)
+
+
+def test_a_tiny_window_is_told_kindly(page: "Page", device: "CDPSession") -> None:
+    """Who wants to goes on all the same."""
+    resize(device, 300, 280)
+    page.get_by_role("heading", name="A larger screen, please").wait_for()
     page.get_by_role("button", name="Try it all the same").click()
     page.get_by_role("heading", name="A larger screen").wait_for(state="hidden")
 
