@@ -18,6 +18,7 @@ from gaitpref.report.fit_summary import what_remains
 from policy.rollouts.babble import BABBLE_SHA256
 from rewardmodel.answers.answered_pairs import MIN_ANSWERS, count_evidence, load_pairs
 from rewardmodel.asking.clip_questions import ask, with_known_answer
+from rewardmodel.asking.visible import Visible
 from rewardmodel.fitting.fit_reward import fit_reward
 from rewardmodel.fitting.stopping import remaining
 
@@ -140,6 +141,8 @@ def _add_pairs(
             round_number=round.number,
             uniform_share=cfg.method.questions.uniform_share,
             strategy=cfg.method.questions.strategy,
+            # A program sees what no eye does.
+            told_apart=Visible(dataset) if cfg.rater == "human" else None,
             rng=rng,
         )
     if cfg.rater == "human":

@@ -90,6 +90,7 @@ class Controls:
         self.note.on_update(posts_value(post, "note"))
         self.confidence.on_update(posts_value(post, "confidence"))
         with gui.add_folder("Last answers", expand_by_default=False):
+            self._button("differed", post)
             self._history = [
                 gui.add_button("", color=NEUTRAL_RGB, visible=False)
                 for _ in range(HISTORY_LENGTH)

@@ -5,6 +5,7 @@ A digit chooses one of the reasons that a dialog offers.
 
 from __future__ import annotations
 
+import html
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -15,6 +16,7 @@ from data.files.limits import NOTE_CHARS
 from labeling_ui.questions.judgement import Verdict
 
 from .controls import Post, posts
+from .page_access import Differed
 from .panel_html import boxed, warning
 from .shortcuts import BAD_REASONS, VERDICTS
 from .theme import BRAND_RGB, NEUTRAL_RGB
@@ -44,6 +46,17 @@ def guidelines_dialog(client: viser.ClientHandle, post: Post, text: str) -> Dial
     with modal:
         client.gui.add_markdown(text)
         button = client.gui.add_button("Got it [escape]", color=BRAND_RGB)
+    button.on_click(posts(post, "close"))
+    return Dialog(modal.close)
+
+
+def differed_dialog(client: viser.ClientHandle, post: Post, told: Differed) -> Dialog:
+    """What the clips of the last answer differ in."""
+    modal = client.gui.add_modal("The pair before")
+    with modal:
+        lines = "".join(f"<li>{html.escape(line)}</li>" for line in told.differences)
+        client.gui.add_html(boxed(f"{html.escape(told.says)}<ul>{lines}</ul>"))
+        button = client.gui.add_button("Go on [escape]", color=BRAND_RGB)
     button.on_click(posts(post, "close"))
     return Dialog(modal.close)
 

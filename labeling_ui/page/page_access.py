@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from data.answers.answer_records import Answer, Pair
 from data.answers.question_board import Tally
+from data.episodes.visible_habits import difference_words
 from data.errors import GaitprefError
 from labeling_ui.questions.judgement import Judgement, Outcome, Past, Question
 from labeling_ui.questions.rater_session import RaterSession
@@ -17,6 +18,16 @@ logger = logging.getLogger(__name__)
 
 HISTORY_LENGTH = 10
 LOAD_AHEAD = 2
+MOST_DIFFERENCES = 5
+
+
+@dataclass(frozen=True)
+class Differed:
+    """What is told of the pair that was answered last."""
+
+    says: str
+    differences: tuple[str, ...] = ()
+    """One sentence each, the plainest first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +115,25 @@ class Desk:
         """What is on the desk now that `outcome` is on the disk."""
         accepted = outcome.answer if outcome.accepted else None
         return self._showing(outcome.reason, accepted)
+
+    def differed(self) -> Differed:
+        """What the clips of the last answer differ in, unless they are asked about
+        now: whoever reads it beforehand answers by it."""
+        question, past = self._session.current(active=False), self._session.history(1)
+        if not past:
+            return Differed("You have not answered yet.")
+        pair, answer = past[0].pair, past[0].answer
+        if question is not None and question.pair.pair_id == pair.pair_id:
+            return Differed("You are asked about this pair now: answer first.")
+        sides = (pair.a, pair.b) if answer.shown_left == "a" else (pair.b, pair.a)
+        try:
+            left, right = (self._motions.get(clip).habits for clip in sides)
+        except (GaitprefError, OSError) as error:
+            return Differed(f"This pair cannot be read any more ({error}).")
+        found = difference_words(left, right)[:MOST_DIFFERENCES]
+        if not found:
+            return Differed("They differ in nothing that people usually notice.")
+        return Differed("You had these two before you:", tuple(found))
 
     def upcoming(self) -> list[Pair]:
         """The pairs that probably come next."""

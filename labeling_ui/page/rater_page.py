@@ -31,7 +31,7 @@ from labeling_ui.scene.fast_updates import Frames
 from labeling_ui.scene.scene import PairScene, Pose, aspect_of
 
 from .controls import Controls
-from .dialogs import Dialog, bad_clip_dialog, guidelines_dialog
+from .dialogs import Dialog, bad_clip_dialog, differed_dialog, guidelines_dialog
 from .loop_status import LoopStatus
 from .page_access import Act, Desk, Look, Showing
 from .playback import Playback
@@ -46,6 +46,8 @@ ACTIVE_S = 300.0
 REFRESH_S = 1.0
 """How often the desk is asked whether something else is to be shown."""
 _OTHER_ASPECT = 0.03
+_AIMS = 2
+"""How often a new page's camera is put in its place again."""
 NOTE_LATE_S = 0.1
 NOTE_RECENT_S = 0.3
 """A note's last letters may be on their way for 50 ms: an answer that soon after one
@@ -115,7 +117,7 @@ class Page:
             self._scene.darken(self._habits.dark)
             self._controls = Controls(client, self.post)
             self._transport = Transport(client, self.post)
-        self._aspect = aspect_of(client.camera)
+        self._aspect, self._aims_left = aspect_of(client.camera), _AIMS
         client.camera.on_update(self._seen_from)
         self._look(Desk.look)
 
@@ -124,6 +126,10 @@ class Page:
         aspect = aspect_of(camera)
         if abs(aspect / self._aspect - 1.0) > _OTHER_ASPECT:
             self._aspect = aspect
+            self.post("resized")
+        elif self._aims_left and not self._scene.is_seen_as_set(camera):
+            # viser's page puts its camera back once while it builds the scene.
+            self._aims_left -= 1
             self.post("resized")
 
     def post(self, name: str, value: Any = None) -> None:
@@ -163,7 +169,7 @@ class Page:
         return Pose(*motion.pose(at_s), fallen=fallen, way=motion.way(at_s))
 
     def _handle(self, name: str, value: Any) -> None:
-        if name not in ("showing", "idle", "stored", "failed"):
+        if name not in ("showing", "idle", "stored", "failed", "told_differed"):
             self._sign_of_life = time.monotonic()
         match name:
             case "showing":
@@ -198,8 +204,13 @@ class Page:
                 self._transport.rest()
             case "resized":
                 self._scene.look(self._scene.view)
+                self._drawn_at = None
             case "reopen":
                 self._reopen(value)
+            case "told_differed":
+                self._modal = self._modal or differed_dialog(
+                    self.client, self.post, value
+                )
             case _:
                 self._act(name)  # type: ignore[arg-type]
 
@@ -211,6 +222,8 @@ class Page:
             return
         elif name == "guidelines":
             self._toggle_guidelines()
+        elif name == "differed":
+            self._tell_what_differed()
         elif self._modal is not None:
             return
         elif name in _CLOCK:
@@ -409,13 +422,30 @@ class Page:
         else:
             self._close_dialog()
 
+    def _tell_what_differed(self) -> None:
+        if self._modal is not None:
+            self._close_dialog()
+            return
+        self._shared.worker.submit(
+            lambda: self.post("told_differed", self._desk.differed())
+        )
+
     def _close_dialog(self) -> None:
         if self._modal is not None:
             self._modal.close()
             self._modal = None
 
 
-_CHANGES = ("bad", "guidelines", "view", "ghost", "camera", "theme", "curves")
+_CHANGES = (
+    "bad",
+    "guidelines",
+    "differed",
+    "view",
+    "ghost",
+    "camera",
+    "theme",
+    "curves",
+)
 """What makes much of the page anew."""
 _CLOCK: dict[str, Callable[[Playback], Playback]] = {
     "play": Playback.toggle,

@@ -10,14 +10,14 @@ from labeling_ui.questions.judgement import Verdict
 
 Key = Literal[
     "0", "1", "2", "3", "4", "5", "7", "8", "9", "Z", "F", "H", "R", "J", "K", "L", "U",
-    "I", "T", "V", "C", "P", "M", "O", "B", "Y", "N", "G", "space", "escape",
+    "I", "T", "V", "C", "P", "M", "O", "B", "Y", "N", "G", "X", "space", "escape",
 ]  # fmt: skip
 """Keys viser knows; W A S D Q E and the arrows move the camera."""
 
 Name = Literal[
     "bad", "undo", "keep", "guidelines", "close", "play", "replay", "back", "on",
     "slower", "faster", "view", "ghost", "camera", "theme", "curves", "unsure",
-    "fairly", "sure",
+    "fairly", "sure", "differed",
 ]  # fmt: skip
 
 
@@ -95,6 +95,7 @@ SHORTCUTS: dict[Name, Shortcut] = {
         Shortcut("F", "bad", "Bad clip"),
         Shortcut("Z", "undo", "Undo"),
         Shortcut("K", "keep", "Keep the earlier answer"),
+        Shortcut("X", "differed", "What differed before"),
         Shortcut("H", "guidelines", "Guidelines"),
         Shortcut("escape", "close", "Close the dialog"),
         Shortcut("space", "play", "Play or pause"),

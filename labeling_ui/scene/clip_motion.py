@@ -15,6 +15,7 @@ from data.answers.answer_records import Pair
 from data.datasets.dataset import Dataset
 from data.episodes.clips import Clip
 from data.episodes.episode import Episode
+from data.episodes.visible_habits import visible_habits
 from data.errors import DatasetError
 from data.features import column
 
@@ -61,6 +62,8 @@ class Motion:
     """[T] height of the base."""
     torque_nm: np.ndarray
     """[T] mean magnitude over the joints."""
+    habits: np.ndarray
+    """[H] what is seen of it, as `visible_habits` gives it."""
 
     @property
     def duration_s(self) -> float:
@@ -138,6 +141,7 @@ def load_motion(dataset: Dataset, clip: Clip) -> Motion:
         speed_m_s=rows[:, column("base_lin_vel_b")][:, 0].copy(),
         height_m=rows[:, column("base_height")][:, 0].copy(),
         torque_nm=np.abs(rows[:, column("joint_torque")]).mean(axis=-1),
+        habits=visible_habits(rows, dt_s),
     )
 
 

@@ -21,12 +21,14 @@ _THICKNESS_M = 0.03
 
 @dataclass(frozen=True, kw_only=True)
 class Rectangle:
-    """A floor, its upper side at height 0; its sizes are whole numbers of lines."""
+    """A floor; its sizes are whole numbers of lines."""
 
     center: tuple[float, float]
     """m"""
     size: tuple[float, float]
     """m along x and y, each a multiple of LINE_SPACING_M."""
+    height_m: float = 0.0
+    """Of its upper side."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ class _Grid:
             for axis, count in enumerate(_line_counts(rectangle)):
                 size = [*rectangle.size, 0.001]
                 size[axis] = _LINE_WIDTH_M
-                place = [*rectangle.center, 0.0006]
+                place = [*rectangle.center, rectangle.height_m + 0.0006]
                 place[axis] -= rectangle.size[axis] / 2
                 places += [place] * count
                 sizes += [size] * count
@@ -129,7 +131,7 @@ def _line_counts(rectangle: Rectangle) -> tuple[int, int]:
 
 
 def _plates(rectangles: tuple[Rectangle, ...]) -> tuple[np.ndarray, np.ndarray]:
-    positions = [(*r.center, -_THICKNESS_M / 2) for r in rectangles]
+    positions = [(*r.center, r.height_m - _THICKNESS_M / 2) for r in rectangles]
     sizes = [(*r.size, _THICKNESS_M) for r in rectangles]
     return np.array(positions), np.array(sizes)
 

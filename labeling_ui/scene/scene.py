@@ -28,6 +28,11 @@ _PLATES = (
     Rectangle(center=(-0.60, 0.0), size=(1.0, 0.75)),
     Rectangle(center=(0.60, 0.0), size=(1.0, 0.75)),
 )
+_SHELVES = (
+    Rectangle(center=(0.0, 0.0), size=(1.0, 0.75), height_m=0.66),
+    Rectangle(center=(0.0, 0.0), size=(1.0, 0.75)),
+)
+"""One above the other, where a picture is too narrow for both side by side."""
 _ONE_PLATE = (Rectangle(center=(0.0, 0.0), size=(1.5, 1.0)),)
 _LANES = (Rectangle(center=(0.0, 0.0), size=(3.0, 1.5)),)
 _LANE_Y_M = (0.36, -0.36)
@@ -42,10 +47,15 @@ class Shot:
 
     position: tuple[float, float, float]
     look_at: tuple[float, float, float]
+    fitting_aspect: float = 1.15
+    """Width / height of a picture that both robots fill from there."""
+    nearest: float = 0.86
+    """Share of the way that it comes nearer at most: a wider picture is filled by its
+    height."""
 
     def from_afar(self, aspect: float) -> tuple[float, float, float]:
         """Where it stands so that both robots fit a picture of width / height."""
-        share = max(_NEAREST, _FITTING_ASPECT / aspect)
+        share = max(self.nearest, self.fitting_aspect / aspect)
         x, y, z = (
             to + share * (at - to)
             for at, to in zip(self.position, self.look_at, strict=True)
@@ -57,11 +67,12 @@ SHOTS: dict[View, Shot] = {
     "treadmill": Shot((0.0, -2.85, 0.92), (0.0, 0.0, 0.04)),
     "lanes": Shot((-1.3, -2.0, 1.2), (0.15, 0.0, 0.02)),
 }
+_SHELF_SHOT = Shot((0.0, -2.85, 1.05), (0.0, 0.0, 0.55), 0.48, 0.72)
+_SHELF_LABEL_M = 0.5
+"""Lower, so that the name of one is not read as that of the other."""
+_NARROW_ASPECT = 0.9
+"""Width / height of a picture below which one robot stands above the other."""
 FOV_RAD = 0.72
-_FITTING_ASPECT = 1.15
-"""Width / height of a picture that both robots fill from where the shots are taken."""
-_NEAREST = 0.86
-"""A wider picture is filled by its height."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,6 +150,8 @@ class PairScene:
             "treadmill": Floor(scene, "/plates", self._plates),
             "lanes": Floor(scene, "/lanes", _LANES),
         }
+        self._shelves = Floor(scene, "/shelves", _SHELVES) if robots == 2 else None
+        self._narrow = False
         self._robots: tuple[dict[str, RobotView], ...] = ({}, {})
         self._shown: list[RobotView | None] = [None, None]
         self._fallen = [False, False]
@@ -189,35 +202,66 @@ class PairScene:
             grounds, centers = [shared, shared], [(0.0, y) for y in self._lane_y]
             self._floors["lanes"].scroll(np.array([shared]))
         else:
-            grounds, centers = paths, [plate.center for plate in self._plates]
-            self._floors["treadmill"].scroll(np.array(paths[: len(self._plates)]))
+            grounds, centers = paths, [plate.center for plate in self._standing]
+            self._floor.scroll(np.array(paths[: len(self._standing)]))
         for side, pose in enumerate(poses):
             if pose is not None:
-                self._draw_robot(side, pose, _shift(centers[side], grounds[side]))
+                up = self._heights[side]
+                self._draw_robot(side, pose, _shift(centers[side], grounds[side], up))
                 if self._ghostly:
-                    there = _shift(centers[1 - side], grounds[side])
+                    up = self._heights[1 - side]
+                    there = _shift(centers[1 - side], grounds[side], up)
                     self._draw_ghost(side, pose, there)
 
     def look(self, view: View) -> None:
         """Show this view from where it is best seen."""
-        self.view = view
-        for name, floor in self._floors.items():
-            floor.visible = name == view
-        plates = view == "treadmill"
-        for side, (x, y) in enumerate(plate.center for plate in self._plates):
-            if plates:
-                self._labels[side].position = (x, y, _LABEL_HEIGHT_M)
-        camera, shot = self._client.camera, SHOTS[view]
+        self.view, camera = view, self._client.camera
+        side_by_side = view == "lanes" or self._shelves is None
+        self._narrow = not side_by_side and aspect_of(camera) < _NARROW_ASPECT
+        for floor in self._all_floors:
+            floor.visible = floor is self._floor
+        if view == "treadmill":
+            for side, plate in enumerate(self._standing):
+                above = _SHELF_LABEL_M if self._narrow else _LABEL_HEIGHT_M
+                self._labels[side].position = (*plate.center, plate.height_m + above)
+        shot = _SHELF_SHOT if self._narrow else SHOTS[view]
         with self._client.atomic():
             camera.up_direction = (0.0, 0.0, 1.0)
             camera.position = shot.from_afar(aspect_of(camera))
             camera.look_at = shot.look_at
             camera.fov = FOV_RAD
 
+    def is_seen_as_set(self, camera: viser.CameraHandle) -> bool:
+        """Whether a visitor's camera stands where `look` put it."""
+        shot = _SHELF_SHOT if self._narrow else SHOTS[self.view]
+        stands = shot.from_afar(aspect_of(camera))
+        return bool(np.allclose(camera.position, stands, atol=0.02))
+
     def darken(self, dark: bool) -> None:
         """Floors for the light or the dark theme."""
-        for floor in self._floors.values():
+        for floor in self._all_floors:
             floor.colour(DARK if dark else LIGHT)
+
+    @property
+    def _standing(self) -> tuple[Rectangle, ...]:
+        """What each robot stands on, each on its own."""
+        return _SHELVES if self._narrow else self._plates
+
+    @property
+    def _heights(self) -> tuple[float, float]:
+        """How high the ground of each robot is, m."""
+        return (_SHELVES[0].height_m, 0.0) if self._narrow else (0.0, 0.0)
+
+    @property
+    def _floor(self) -> Floor:
+        """What is seen of the floors."""
+        shelves = self._shelves if self._narrow else None
+        return shelves or self._floors[self.view]
+
+    @property
+    def _all_floors(self) -> tuple[Floor, ...]:
+        shelves = () if self._shelves is None else (self._shelves,)
+        return (*self._floors.values(), *shelves)
 
     def _show_ghosts(self) -> None:
         """Make the ghosts that are wanted and not there yet; their meshes are large."""
@@ -256,7 +300,8 @@ class PairScene:
             self._marks[side].visible = pose.fallen
         if pose.fallen:
             x, y, _ = pose.positions[0] + shift
-            self._marks[side].position = (float(x), float(y), 0.002)
+            height_m = float(shift[2]) + 0.002
+            self._marks[side].position = (float(x), float(y), height_m)
 
 
 def aspect_of(camera: viser.CameraHandle) -> float:
@@ -264,10 +309,12 @@ def aspect_of(camera: viser.CameraHandle) -> float:
     return camera.image_width / max(camera.image_height, 1)
 
 
-def _shift(center: tuple[float, float], ground: np.ndarray) -> np.ndarray:
+def _shift(
+    center: tuple[float, float], ground: np.ndarray, height_m: float
+) -> np.ndarray:
     """What brings a point of the ground [2] to a place of the scene, [3] m."""
     x, y = np.asarray(center) - ground
-    return np.array([x, y, 0.0], dtype=np.float32)
+    return np.array([x, y, height_m], dtype=np.float32)
 
 
 def _fall_mark(scene: SceneApi, name: str) -> viser.MeshHandle:

@@ -24,7 +24,7 @@ _GROUPS = (
     KeyGroup(
         "Answer",
         tuple((verdict.key, verdict.words) for verdict in VERDICTS)
-        + _rows("bad", "undo", "keep"),
+        + _rows("bad", "undo", "keep", "differed"),
     ),
     KeyGroup(
         "Say more, before the answer",

@@ -6,7 +6,7 @@ Shapes: C clips, K candidate pairs (two indices into the clips each).
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -33,6 +33,8 @@ now and then as long as robots fall."""
 Apart = Literal["episodes", "stretches"]
 """Where the two clips of a pair come from: different episodes, or stretches of one
 episode that do not overlap."""
+ToldApart = Callable[[Sequence[Clip], np.ndarray], np.ndarray]
+"""Which of pairs [K, 2], indices into the clips, can be told apart: [K] bool."""
 
 
 def choose_pairs(
@@ -46,6 +48,7 @@ def choose_pairs(
     folds: int = 5,
     least_candidates: int = 0,
     apart: Apart = "episodes",
+    told_apart: ToldApart | None = None,
     rng: np.random.Generator,
 ) -> list[Pair]:
     """Choose up to `count` pairs worth asking about, best first.
@@ -68,6 +71,7 @@ def choose_pairs(
         least_candidates: Pairs `strategy` is asked about, however few are wanted.
         apart: `stretches` chooses within episodes instead, which then may come as often
             as they have clips: for logs that are few and long.
+        told_apart: Chooses only what it marks.
         rng: Every random draw.
 
     Raises:
@@ -77,7 +81,7 @@ def choose_pairs(
     drawn = [clips[index] for index in rng.permutation(len(clips))[:MAX_CLIPS]]
     pool = _pool(drawn, entries, folds)
     wanted = max(least_candidates, CANDIDATES_PER_PAIR * count)
-    candidates = _candidates(pool, known_pairs, wanted, apart, rng)
+    candidates = _candidates(pool, known_pairs, wanted, apart, told_apart, rng)
     if len(candidates) == 0:
         return []
     worth = strategy(drawn, candidates, rng)
@@ -165,6 +169,7 @@ def _candidates(
     known_pairs: Iterable[Pair],
     count: int,
     apart: Apart,
+    told_apart: ToldApart | None,
     rng: np.random.Generator,
 ) -> np.ndarray:
     """Up to `count` admissible pairs [K, 2], drawn at random.
@@ -184,6 +189,8 @@ def _candidates(
     if len(pairs) == 0:
         raise NothingToCompare(_nothing_to_compare(pool, apart))
     pairs = pairs[~_known(pool, pairs, known_pairs)]
+    if told_apart is not None:
+        pairs = pairs[told_apart(pool.clips, pairs)]
 
     pairs = rng.permutation(pairs)
     meetings = _occurrence(pool.codes(pairs, pool.episode))

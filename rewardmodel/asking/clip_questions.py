@@ -15,7 +15,7 @@ from data.datasets.dataset import Dataset, EpisodeEntry
 from data.episodes.clips import Clip, cut_clips
 from data.errors import GaitprefError
 from rewardmodel.acquisition import Strategy, Uniform, asked_for, choose_pairs, in_step
-from rewardmodel.acquisition.choose import Apart, NothingToCompare
+from rewardmodel.acquisition.choose import Apart, NothingToCompare, ToldApart
 from rewardmodel.errors import RewardError
 from rewardmodel.models.model import RewardModel
 
@@ -23,6 +23,8 @@ from .strategies import make_strategy
 
 LONGEST_CLIP_S = 60.0
 """Nobody judges more at a glance."""
+_LOOKS = 5
+"""How often others are chosen in place of pairs that look alike once in step."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,12 +76,14 @@ def ask(
     round_number: int,
     uniform_share: float,
     strategy: StrategyName = "disagreement",
+    told_apart: ToldApart | None = None,
     rng: np.random.Generator,
 ) -> list[Pair]:
     """Choose `count` pairs: a share at random, the others by `strategy`.
 
     Robots that walk begin with the same foot: see `in_step`.
-    A strategy that needs `model` chooses at random as long as there is none.
+    A strategy that needs `model` chooses at random as long as there is none. What
+    `told_apart` does not mark is asked only where nothing else is left.
 
     Raises:
         RewardError: the episodes do not give that many pairs.
@@ -92,6 +96,14 @@ def ask(
     if not blind:
         chooser = make_strategy(strategy, model, dataset.clip_features)
         plan.append((count - at_random, chooser))
+    by_sha256 = {entry.sha256: entry for entry in entries}
+    shown = partial(
+        in_step,
+        entries=by_sha256,
+        clip_rows=dataset.clip_features,
+        # Half a stride: the clip stays nearer to its own place than to the next one's.
+        reach_s=cfg.stride_s / 2,
+    )
     chosen: list[Pair] = []
     for wanted, chooser in plan:
         choose = partial(
@@ -103,7 +115,12 @@ def ask(
             least_candidates=1500 if chooser.name == "information" else 0,
             rng=rng,
         )
-        chosen += _as_many(choose, wanted, known=[*known, *chosen])
+        plain: list[Pair] = []
+        if told_apart is not None:
+            before = [*known, *chosen]
+            plain = _told_apart(choose, wanted, told_apart, shown, known=before)
+        before = [*known, *chosen, *plain]
+        chosen += plain + _as_many(choose, wanted - len(plain), known=before)
     if len(chosen) < count:
         raise RewardError(
             f"{len(entries)} episodes give {len(chosen)} new pairs of equal command, "
@@ -111,13 +128,33 @@ def ask(
             "or record more with `gaitpref record --policy POLICY --dataset "
             f"{dataset.root}`"
         )
-    by_sha256 = {entry.sha256: entry for entry in entries}
-    # Half a stride: the clip stays nearer to its own place than to the next one's.
-    reach_s = cfg.stride_s / 2
-    return [
-        in_step(pair, by_sha256, dataset.clip_features, reach_s=reach_s)
-        for pair in chosen
-    ]
+    return [shown(pair) for pair in chosen]
+
+
+def _told_apart(
+    choose: Callable[..., list[Pair]],
+    wanted: int,
+    told_apart: ToldApart,
+    shown: Callable[[Pair], Pair],
+    *,
+    known: list[Pair],
+) -> list[Pair]:
+    """Up to `wanted` pairs that can still be told apart as they are `shown`."""
+    found: list[Pair] = []
+    looked_at: list[Pair] = []
+    for _ in range(_LOOKS):
+        more = _as_many(
+            partial(choose, told_apart=told_apart),
+            wanted - len(found),
+            known=[*known, *looked_at],
+        )
+        if not more:
+            break
+        looked_at += more
+        clips = [clip for pair in map(shown, more) for clip in (pair.a, pair.b)]
+        marks = told_apart(clips, np.arange(len(clips)).reshape(-1, 2))
+        found += [pair for pair, mark in zip(more, marks, strict=True) if mark]
+    return found
 
 
 def _as_many(
@@ -133,6 +170,7 @@ def _as_many(
         NothingToCompare: there is none.
     """
     found: list[Pair] = []
+    some = bool(known)
     ways: tuple[Apart, ...] = ("episodes", "stretches")
     for apart in ways:
         while len(found) < wanted:
@@ -140,9 +178,10 @@ def _as_many(
             try:
                 more = choose(left, known_pairs=[*known, *found], apart=apart)
             except NothingToCompare:
-                if apart == "stretches" and not (found or known):
+                if apart == "stretches" and not some:
                     raise
-                more = []
+                break
+            some = True
             if not more:
                 break
             found += more

@@ -1,10 +1,13 @@
 """What a rater's hands and eyes need: one page of one rater, test after test."""
 
+import io
 import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from labeling_ui.questions.key_repeat import GuardCfg
 from tests.helpers.label_browser import (
@@ -103,12 +106,17 @@ def device(page: "Page") -> "CDPSession":
     return page.context.new_cdp_session(page)
 
 
-def resize(device: "CDPSession", width: int, height: int, ratio: float = 1.0) -> None:
+def resize(
+    device: "CDPSession",
+    width: int,
+    height: int,
+    ratio: float = 1.0,
+    *,
+    mobile: bool = False,
+) -> None:
     """Give the window another size in CSS pixels, and pixels of another size."""
-    device.send(
-        "Emulation.setDeviceMetricsOverride",
-        {"width": width, "height": height, "deviceScaleFactor": ratio, "mobile": False},
-    )
+    size = {"width": width, "height": height, "deviceScaleFactor": ratio}
+    device.send("Emulation.setDeviceMetricsOverride", {**size, "mobile": mobile})
 
 
 def pressed(page: "Page", name: str, key: str = "Enter") -> None:
@@ -188,6 +196,31 @@ def test_dialogs_take_digits_enter_and_escape(page: "Page", site: Site) -> None:
     page.keyboard.press("Enter")
     counted(page, before + 2)
     assert site.answers()[0].reason == "3 legs"
+
+
+def test_what_differed_is_told_after_the_answer(page: "Page", site: Site) -> None:
+    """Never of the pair that is asked about; while it is read, no key answers."""
+    before = len(site.answers()) + 1
+    page.keyboard.press("4")
+    counted(page, before)
+    page.keyboard.press("x")
+    told = page.get_by_role("dialog", name="The pair before")
+    # By chance they differ or do not.
+    told.get_by_text(
+        re.compile("^(You had these two|They differ in nothing)")
+    ).wait_for()
+    page.keyboard.press("2")
+    page.keyboard.press("Escape")
+    told.wait_for(state="detached")
+    assert len(site.answers()) == before
+    page.keyboard.press("z")
+    counted(page, before - 1)
+    page.keyboard.press("x")
+    told.get_by_text("You are asked about this pair now").wait_for()
+    page.keyboard.press("Escape")
+    told.wait_for(state="detached")
+    page.keyboard.press("2")
+    counted(page, before)
 
 
 def test_the_map_of_the_keys(page: "Page", site: Site) -> None:
@@ -345,11 +378,55 @@ def test_a_tablet_is_touched(page: "Page", device: "CDPSession", site: Site) -> 
     counted(page, before + 1)
 
 
-def test_a_phone_is_told_kindly(page: "Page", device: "CDPSession") -> None:
-    """Upright and across; who wants to goes on all the same."""
-    for width, height in ((390, 844), (844, 390)):
-        resize(device, width, height)
-        page.get_by_role("heading", name="A larger screen, please").wait_for()
+def robots(png: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """Where the blue and the orange robot are, as shares of width and height."""
+    seen = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)
+    red, blue = seen[..., 0], seen[..., 2]
+    a, b = (
+        np.argwhere(mask).mean(axis=0)[::-1] / seen.shape[1::-1]
+        for mask in (blue - red > 60, red - blue > 60)
+    )
+    return a, b
+
+
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (844, 390), (360, 640)])
+def test_a_phone_has_room_for_both_clips_and_all_answers(
+    page: "Page", device: "CDPSession", site: Site, width: int, height: int
+) -> None:
+    """Upright clip above clip, across side by side; every answer under a thumb."""
+    resize(device, width, height, mobile=True)
+    before = len(site.answers())
+    scene = page.locator("#root canvas[data-engine]")
+    upright = height > width
+    expect(scene).to_have_js_property("clientWidth", width if upright else width - 316)
+    answers = [page.get_by_role("button", name=f"[{key}]") for key in "123450"]
+    for answer in answers:
+        found = box(answer)
+        assert found["height"] >= 44
+        assert found["width"] >= 130
+        assert found["x"] >= 0
+        assert found["x"] + found["width"] <= width
+        assert found["y"] >= 0
+        assert found["y"] + found["height"] <= height
+        if upright:
+            assert found["y"] >= box(scene)["height"]
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    for _ in range(100):
+        a, b = robots(scene.screenshot())
+        if (b[1] - a[1] if upright else b[0] - a[0]) > 0.3:
+            break
+        page.wait_for_timeout(100)
+    else:
+        raise AssertionError(f"A and B do not stand apart at {width}x{height}")
+    keep_picture(page, f"labeling-page-{width}x{height}.png")
+    answers[3].tap()
+    counted(page, before + 1)
+
+
+def test_a_tiny_window_is_told_kindly(page: "Page", device: "CDPSession") -> None:
+    """Who wants to goes on all the same."""
+    resize(device, 300, 280)
+    page.get_by_role("heading", name="A larger screen, please").wait_for()
     page.get_by_role("button", name="Try it all the same").click()
     page.get_by_role("heading", name="A larger screen").wait_for(state="hidden")
 

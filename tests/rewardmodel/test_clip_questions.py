@@ -30,6 +30,7 @@ from policy.training.checkpoint import load_policy
 from policy.training.ppo import PpoCfg
 from policy.training.train import TrainCfg, train
 from rewardmodel.asking.clip_questions import ClipCfg, ask, with_known_answer
+from rewardmodel.asking.visible import Visible
 
 
 def test_the_robot_that_does_not_fall_is_the_known_answer(tmp_path: Path) -> None:
@@ -55,6 +56,39 @@ def test_the_robot_that_does_not_fall_is_the_known_answer(tmp_path: Path) -> Non
         assert better.rollout not in falls
         assert worse.stop == falls[worse.rollout]
         assert pair.round == 2
+
+
+def test_people_are_asked_about_clips_that_they_can_tell_apart(tmp_path: Path) -> None:
+    """Of five robots one takes more steps: four pairs show it, six do not."""
+    dataset = Dataset.create(tmp_path / "set")
+    dataset.add_episodes(
+        walk(60, seed=index, step_hz=3.0 if index == 4 else 2.0) for index in range(5)
+    )
+    entries, visible = dataset.entries(), Visible(dataset)
+
+    def asked(count: int, told_apart: Visible | None) -> list[Pair]:
+        return ask(
+            dataset,
+            entries,
+            ClipCfg(),
+            count,
+            known=(),
+            model=None,
+            round_number=0,
+            uniform_share=1.0,
+            told_apart=told_apart,
+            rng=np.random.default_rng(0),
+        )
+
+    for count in (1, 2, 4):
+        assert visible.share(asked(count, visible)) == 1.0
+    everything = asked(10, visible)
+    assert visible.share(everything[:4]) == 1.0
+    assert visible.share(everything[4:]) == 0.0
+    assert visible.told_of(everything) == (
+        "4 of 10 pairs differ by what people notice, most often in steps (4)"
+    )
+    assert 0.0 < visible.share(asked(10, None)) < 1.0
 
 
 def told_every_second(entry: int, *, steps: int, policy: str = "0" * 64) -> Episode:

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from data.answers.answer_records import Pair
-from data.datasets.dataset import Dataset
 from data.datasets.gone import pairs_gone
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.dataset_argument import open_dataset
@@ -18,8 +17,16 @@ from gaitpref.console.progress import console, working
 from gaitpref.method.questions import Questions
 from rewardmodel.asking.clip_questions import ClipCfg, ask, with_known_answer
 from rewardmodel.asking.strategies import make_strategy
+from rewardmodel.asking.visible import Visible
 from rewardmodel.models.model import RewardModel
 from rewardmodel.models.storage import load_reward
+
+FEW = 0.8
+"""Share of pairs that differ visibly, below which it is said what helps."""
+_MORE = (
+    "the others are hard to tell apart: record other postures and rhythms as well "
+    "(`gaitpref record --method style`, or `--varied 0.5`), or more policies"
+)
 
 
 def run(command: options.Pairs) -> int:
@@ -27,10 +34,11 @@ def run(command: options.Pairs) -> int:
     dataset = open_dataset(command)
     model = None if command.reward is None else load_reward(command.reward)
     cut, rng = ClipCfg.of(command.clip_s), np.random.default_rng(command.seed)
+    visible = Visible(dataset, command.apart)
     with dataset.answers() as store, working("choosing what to ask"):
         known = store.pairs()
         round = max((pair.round for pair in known), default=-1) + 1
-        chosen = _chosen(command, dataset, model, cut, known, round, rng)
+        chosen = _chosen(command, visible, model, cut, known, round, rng)
         gold = with_known_answer(
             dataset.entries(),
             cut,
@@ -42,18 +50,23 @@ def run(command: options.Pairs) -> int:
         added = store.add_pairs([*chosen, *gold])
     of_these = f", {len(gold)} of them with a known answer" if command.gold else ""
     console.print(f"{added} pairs were added to {command.dataset}{of_these}")
+    console.print(visible.told_of(chosen))
+    if visible.share(chosen) < FEW:
+        console.print(_MORE)
     if gone := pairs_gone(dataset):
         console.print(gone)
+    where = "" if command.answers is None else f" --answers {command.answers}"
+    at = f"--dataset {command.dataset}{where}"
     console.next(
-        f"`gaitpref label --dataset {command.dataset} --no-auth --open` asks you, "
-        f"`gaitpref answer --dataset {command.dataset} --criterion high_step` a program"
+        f"`gaitpref label {at} --no-auth --open` asks you, "
+        f"`gaitpref answer {at} --criterion high_step` a program"
     )
     return 0
 
 
 def _chosen(
     command: options.Pairs,
-    dataset: Dataset,
+    visible: Visible,
     model: RewardModel | None,
     cut: ClipCfg,
     known: Sequence[Pair],
@@ -63,6 +76,7 @@ def _chosen(
     own = Questions()
     strategy = command.strategy or ("uniform" if model is None else own.strategy)
     # Refused before anything is chosen at random instead.
+    dataset = visible.dataset
     make_strategy(strategy, model, dataset.clip_features)
     return ask(
         dataset,
@@ -75,5 +89,6 @@ def _chosen(
         # As the loop asks, where nobody says otherwise.
         uniform_share=0.0 if command.strategy else own.uniform_share,
         strategy=strategy,
+        told_apart=visible if visible.least > 0 else None,
         rng=rng,
     )

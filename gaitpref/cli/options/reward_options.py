@@ -10,7 +10,7 @@ import tyro
 
 from data.answers.strategy_names import StrategyName
 
-from .bounds import Count, CountOrZero, Seed
+from .bounds import AtLeast, Count, CountOrZero, Seed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +26,10 @@ class Pairs:
     one falls. Fewer where not so many fell."""
     clip_s: float = 1.2
     """Length of a clip; 5 to 20 to ask about a whole manoeuvre."""
+    apart: Annotated[float, AtLeast(0)] = 1.0
+    """How different the two clips of a pair look, in differences that people just
+    notice (0.5 for experts); 0 asks about any two. Others come only where there are
+    not so many."""
     strategy: StrategyName | None = None
     """At random; where the ensemble disagrees, where the answer is most open, where it
     would tell most about the reward (bald), or where the better clip may beat the best

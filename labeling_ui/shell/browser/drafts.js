@@ -97,6 +97,7 @@ setInterval(() => {
   show();
   followDraft();
   nameAll();
+  markAnswers();
   announce();
 }, 200);
 show();

@@ -119,6 +119,22 @@ function nameAll() {
   }
 }
 
+// On a phone the answers stand beside one another: which part is which, for the style.
+function markAnswers() {
+  const shown = ready();
+  if (!shown) return;
+  const keys = new Map(Object.entries(words.answers || {}).map(([key, label]) => [label, key]));
+  for (const button of document.querySelectorAll("#root button")) {
+    const key = keys.get(button.textContent.trim());
+    if (key === undefined) continue;
+    let part = button;
+    while (part.parentElement && !part.parentElement.contains(shown)) part = part.parentElement;
+    if (!part.parentElement) continue;
+    put(part, { "data-gp-answer": key });
+    put(part.parentElement, { "data-gp-panel": "" });
+  }
+}
+
 function put(element, attributes) {
   for (const [name, value] of Object.entries(attributes)) {
     if (element.getAttribute(name) !== value) element.setAttribute(name, value);

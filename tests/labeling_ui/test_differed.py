@@ -1,0 +1,47 @@
+"""What is told of the pair that was answered last."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.walks import walk
+from data.answers.answer_records import Pair
+from data.datasets.dataset import Dataset
+from data.episodes.clips import Clip
+from labeling_ui.page.page_access import Desk
+from labeling_ui.questions.judgement import Judgement
+from labeling_ui.questions.key_repeat import GuardCfg
+from labeling_ui.questions.rater_session import QueueCfg, RaterSession
+from labeling_ui.scene.clip_motion import MotionCache
+
+AT_ONCE = GuardCfg(min_shown_s=0.0, repeat_gap_s=0.0, same_verdict_s=0.0)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_it_names_the_sides_as_they_were_shown(tmp_path: Path, seed: int) -> None:
+    """The quick one is A or B, as the lot fell."""
+    dataset = Dataset.create(tmp_path / "set")
+    clips = [
+        Clip(entry.sha256, 0, 60)
+        for entry in dataset.add_episodes(
+            walk(120, seed=index, step_hz=hz) for index, hz in enumerate((2.0, 3.0))
+        )
+    ]
+    with dataset.answers() as store:
+        store.add_pairs([Pair.make(*clips, strategy="s", round=0)])
+        rng = np.random.default_rng(seed)
+        session = RaterSession(store, "ann", cfg=QueueCfg(guard=AT_ONCE), rng=rng)
+        desk = Desk(session, MotionCache(dataset))
+        question = desk.look().question
+        assert question is not None
+        assert desk.differed().says == "You have not answered yet."
+        judgement = Judgement(question_id=question.question_id, verdict="left")
+        assert desk.answer(judgement).accepted
+        quick = "A" if question.left == clips[1] else "B"
+        said = f"{quick} takes 1.0 more strides a second."
+        assert desk.differed().differences == (said,)
+        assert desk.undo().accepted
+        assert desk.differed().differences == ()

@@ -1,0 +1,71 @@
+"""A server that is stopped while pages are open ends without a word of a fault."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import aiohttp
+import pytest
+
+from benchmarks.visitor import Visitor
+from benchmarks.walks import walking_dataset
+from labeling_ui.web.tokens import TokenStore
+
+STAYING, COMING = 4, 4
+LIMIT_S = 60.0
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_open_pages_and_those_just_coming_leave_no_traceback(
+    tmp_path: Path, number: signal.Signals
+) -> None:
+    """Some pages play, some are opened and closed all the time, as after an outage."""
+    root = tmp_path / "set"
+    walking_dataset(root, pairs=30)
+    store = TokenStore(root)
+    tokens = [store.add(f"rater{index}") for index in range(STAYING + COMING)]
+    command = [sys.executable, "-m", "gaitpref", "label", "--port", "0", "--dataset"]
+    with subprocess.Popen(
+        [*command, root], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as server:
+        try:
+            assert server.stdout is not None
+            url = server.stdout.readline().split()[-1]
+            asyncio.run(_stopped(server, url, tokens, number))
+            said, complained = server.communicate(timeout=LIMIT_S)
+        finally:
+            server.kill()
+    assert server.returncode == 0
+    assert "Traceback" not in said + complained
+    assert "Error" not in complained
+
+
+async def _stopped(
+    server: subprocess.Popen[str], url: str, tokens: list[str], number: signal.Signals
+) -> None:
+    staying = [Visitor(url, token) for token in tokens[:STAYING]]
+    async with asyncio.timeout(LIMIT_S):
+        pages = [asyncio.create_task(visitor.run()) for visitor in staying]
+        for visitor in staying:
+            await visitor.until_moving()
+        restless = [asyncio.create_task(_coming(url, t)) for t in tokens[STAYING:]]
+        await asyncio.sleep(0.7)
+        server.send_signal(number)
+        await asyncio.gather(*pages, return_exceptions=True)
+        for task in restless:
+            task.cancel()
+        await asyncio.gather(*restless, return_exceptions=True)
+    assert [visitor.close_code for visitor in staying] == [1001] * STAYING
+
+
+async def _coming(url: str, token: str) -> None:
+    """Open the page, leave a moment later, and come again."""
+    while True:
+        with contextlib.suppress(aiohttp.ClientError, OSError, TimeoutError):
+            async with asyncio.timeout(0.3):
+                await Visitor(url, token).run()
