@@ -14,6 +14,7 @@ from policy.parallel.ranks import ALONE, Ranks
 
 from .fit_stage import fit_stage
 from .loop_cfg import LoopCfg
+from .meanwhile import meanwhile
 from .people import People
 from .policy_stage import policy_stage, train_along
 from .questions_stage import questions_stage
@@ -70,7 +71,11 @@ def _run(
     robot, criterion = inputs.robot, inputs.criterion
     claim(run, cfg, inputs.contents)
     dataset = Dataset.create(run / "dataset", answers=answers)
-    with open_page(dataset) as people:
+    with (
+        open_page(dataset) as visitors,
+        meanwhile(run, cfg, visitors, answers) as asking,
+    ):
+        people = asking.people
         for number in range(cfg.rounds + 1):
             round = Round(run, number)
             round.root.mkdir(parents=True, exist_ok=True)
@@ -79,11 +84,14 @@ def _run(
             if number < cfg.rounds:
                 record_stage(cfg, round, dataset, people)
                 show_stage(cfg, round, context, dataset, people)
+                asking.rest()
                 questions_stage(cfg, round, context, dataset, criterion, people)
+                asking.before(number + 1)
                 approval_stage(cfg.method, round, context, dataset)
                 fit_stage(cfg, round, context, dataset, people)
             else:
                 show_stage(cfg, round, context, dataset, people)
+                asking.rest()
                 verdict_stage(cfg, round, context, dataset, criterion, people)
             report_stage(cfg, round, dataset, criterion)
             write_report(run)
