@@ -26,7 +26,6 @@ from data.datasets.dataset import Dataset
 from data.files.files import read_json
 from gaitpref.cli.commands.loop import page_of_loop
 from gaitpref.cli.options.options import Loop, Serving
-from gaitpref.loop.asked import asked_for
 from gaitpref.loop.loop_cfg import LoopCfg
 from gaitpref.loop.presets import loop_cfg
 from gaitpref.loop.run import run_loop
@@ -35,6 +34,7 @@ from gaitpref.loop.run_inputs import inputs_of
 from gaitpref.raters.error_model import better
 from gaitpref.raters.simulated import ClipScores
 from labeling_ui.page.shortcuts import VERDICTS
+from rewardmodel.asking.asked_meanwhile import asked_for
 from tests.helpers.label_browser import launched
 
 from .harness import Figure, publish

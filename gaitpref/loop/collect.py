@@ -11,8 +11,8 @@ from gaitpref.console.progress import console, counting_bar
 from gaitpref.raters.criteria import Criterion
 from gaitpref.raters.simulated import answer_pairs
 from rewardmodel.answers.answered_pairs import MIN_ANSWERS, count_evidence
+from rewardmodel.asking.asked_meanwhile import asked_and_left
 
-from .asked import asked_and_left
 from .loop_cfg import LoopCfg
 from .people import People
 from .run_dir import Round, place_of, seed_of

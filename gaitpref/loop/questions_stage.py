@@ -17,12 +17,16 @@ from gaitpref.raters.criteria import Criterion
 from gaitpref.report.fit_summary import what_remains
 from policy.rollouts.babble import BABBLE_SHA256
 from rewardmodel.answers.answered_pairs import MIN_ANSWERS, count_evidence, load_pairs
+from rewardmodel.asking.asked_meanwhile import (
+    answered_before,
+    asked_and_left,
+    asked_for,
+)
 from rewardmodel.asking.clip_questions import ask, with_known_answer
 from rewardmodel.fitting.fit_reward import fit_reward
 from rewardmodel.fitting.stopping import remaining
 from rewardmodel.models.model import RewardModel
 
-from .asked import answered_before, asked_and_left, asked_for
 from .collect import Collector
 from .loop_cfg import LoopCfg
 from .people import People

@@ -12,9 +12,9 @@ from data.files.lock import only_writer
 from gaitpref.console.progress import console
 from policy.parallel.ranks import ALONE, Ranks
 
+from .between_rounds import meanwhile
 from .fit_stage import fit_stage
 from .loop_cfg import LoopCfg
-from .meanwhile import meanwhile
 from .people import People
 from .policy_stage import policy_stage, train_along
 from .questions_stage import questions_stage

@@ -12,8 +12,8 @@ from data.datasets.dataset import Dataset
 from data.files.files import read_json
 from gaitpref.method.context import RoundContext
 from policy.training.train import POLICY_NAME
+from rewardmodel.asking.asked_meanwhile import asked_and_left
 
-from .asked import asked_and_left
 from .loop_cfg import LoopCfg
 
 STANDSTILL_NAME = "standstill.json"

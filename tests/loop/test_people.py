@@ -18,11 +18,11 @@ import pytest
 
 from benchmarks.visitor import Visitor
 from data.datasets.dataset import Dataset
-from gaitpref.loop.asked import asked_for
 from gaitpref.loop.run_config import claim
 from gaitpref.loop.run_inputs import inputs_of
 from labeling_ui.web.tokens import TokenStore
 from rewardmodel.answers.answered_pairs import count_evidence
+from rewardmodel.asking.asked_meanwhile import asked_for
 from tests.helpers.small_loop import human_cfg
 
 LIMIT_S = 180.0
@@ -145,7 +145,7 @@ def test_people_answer_when_they_like(tmp_path: Path) -> None:
         # Nobody answers any more, so the loop goes on when its patience is over.
         await until(lambda: any("2 of 2: training" in words for words in visitor.loop))
         assert any("1 of 2: waiting for" in words for words in visitor.loop)
-        assert any("of earlier clips" in words for words in visitor.loop)
+        assert any("pairs of earlier clips" in words for words in visitor.loop)
         before = evidence(run)
         await answer(visitor, lambda: len(answered_meanwhile(run)) >= 2)
         late.append(evidence(run) - before)

@@ -27,9 +27,9 @@ from gaitpref.console.progress import console
 from gaitpref.method.meanwhile import Meanwhile as MeanwhileCfg
 from labeling_ui.page.loop_status import LoopStatus
 from rewardmodel.answers.used import count_evidence
+from rewardmodel.asking.asked_meanwhile import for_round, open_before
 from rewardmodel.asking.clip_questions import ask
 
-from .asked import for_round, open_before
 from .loop_cfg import LoopCfg
 from .people import People
 from .questions_stage import doubting, episodes_asked_about
@@ -39,10 +39,12 @@ _POLL_S = 0.5
 _OPEN_PAIRS = 2
 """Pairs that keep a person busy while the next are chosen."""
 _STOP_S = 20.0
-_TEACHES = "Meanwhile the pairs are of earlier clips; answers teach the next reward."
+_TEACHES = (
+    "Meanwhile, if you like: pairs of earlier clips; answers teach the next reward."
+)
 _KEPT = (
-    "Meanwhile the pairs are of earlier clips; answers are kept for later fits, this "
-    "run needs them no more."
+    "Meanwhile, if you like: pairs of earlier clips; this run has all it needs, later "
+    "fits count your answers."
 )
 
 
@@ -112,17 +114,21 @@ def _serve(run: Path, cfg: LoopCfg, answers: Address | None, pipe: Connection) -
     number: int | None = None
     try:
         while True:
-            while pipe.poll(None if number is None else _POLL_S):
-                number = pipe.recv()
-            if number is None:
-                continue
+            number = _told_last(pipe, number)
             try:
                 keep_asked(run, cfg, dataset, number)
             except GaitprefError as error:
-                console.print(f"nothing is asked meanwhile: {error}")
+                console.print(f"nothing more is asked meanwhile: {error}")
                 number = None
     except (EOFError, OSError):
         return
+
+
+def _told_last(pipe: Connection, number: int | None) -> int:
+    """The round to ask for by now; waits as long as there is none."""
+    while number is None or pipe.poll(_POLL_S):
+        number = pipe.recv()
+    return number
 
 
 def keep_asked(run: Path, cfg: LoopCfg, dataset: Dataset, number: int) -> int:
