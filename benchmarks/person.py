@@ -8,6 +8,7 @@ trains, as with `meanwhile=None`. Who answers in less time, or never leaves, is 
 from __future__ import annotations
 
 import multiprocessing
+import socket
 import tempfile
 import time
 from collections import Counter
@@ -46,6 +47,7 @@ RATER = "local"
 """Who answers at a page without tokens."""
 GOALS = {"minutes_to_verdict": "at most 12", "waiting_share": "at most 0.20"}
 _LOOK_S = 0.05
+_LOADED_MS = 300_000
 _SHOWN = "() => document.querySelector('[data-gp-question]')?.dataset.gpQuestion ?? ''"
 _KEYS = {verdict.verdict: verdict.key for verdict in VERDICTS}
 
@@ -101,7 +103,12 @@ def measured(options: Options, run: Path) -> dict[str, Figure]:
     )
     begin_s = time.monotonic()
     loop.start()
-    seen = _Sitting(run, cfg, options.look_s).until_verdict(loop.is_alive, options.port)
+    sitting = _Sitting(run, cfg, options.look_s)
+    try:
+        seen = sitting.until_verdict(loop.is_alive, options.port)
+    except BaseException:
+        loop.terminate()
+        raise
     ended_s = time.monotonic() - begin_s
     loop.join()
     if loop.exitcode:
@@ -142,11 +149,15 @@ class _Sitting:
         """Answer whatever is shown."""
         with launched() as browser, closing(browser.new_context()) as context:
             page = context.new_page()
-            while not self._came(page, f"http://127.0.0.1:{port}/?fixedDpr=0.1"):
+            while not _listens(port):
                 if not alive():
                     raise RuntimeError("the loop ended before its page was there")
                 time.sleep(_LOOK_S)
-            page.wait_for_selector("[data-gp-question]", state="attached")
+            # Few pixels: drawing them in software is what takes long.
+            page.goto(f"http://127.0.0.1:{port}/?fixedDpr=0.1", timeout=_LOADED_MS)
+            page.wait_for_selector(
+                "[data-gp-question]", state="attached", timeout=_LOADED_MS
+            )
             page.keyboard.press("Escape")
             first_s, shown = 0.0, ""
             while not self._verdict.exists() and alive():
@@ -161,16 +172,6 @@ class _Sitting:
             answers=self._answers,
             waits_s=tuple(self._waits),
         )
-
-    @staticmethod
-    def _came(page: Page, url: str) -> bool:
-        try:
-            page.goto(url)
-        except Exception as error:  # Playwright has one class for all that goes wrong.
-            if "ERR_CONNECTION_REFUSED" in str(error):
-                return False
-            raise
-        return True
 
     def _next(self, page: Page, before: str) -> str:
         """Wait for another question than the one before; "" where the run has ended."""
@@ -207,6 +208,11 @@ class _Sitting:
         taken_s = time.monotonic() + 10.0
         while page.evaluate(_SHOWN) == question_id and time.monotonic() < taken_s:
             page.wait_for_timeout(1000 * _LOOK_S)
+
+
+def _listens(port: int) -> bool:
+    with socket.socket() as tried:
+        return tried.connect_ex(("127.0.0.1", port)) == 0
 
 
 def _figures(
