@@ -158,7 +158,6 @@ class _Sitting:
             page.wait_for_selector(
                 "[data-gp-question]", state="attached", timeout=_LOADED_MS
             )
-            page.keyboard.press("Escape")
             first_s, shown = 0.0, ""
             while not self._verdict.exists() and alive():
                 shown = self._next(page, shown)
@@ -203,6 +202,9 @@ class _Sitting:
         while time.monotonic() < begin_s + self._look_s:
             page.wait_for_timeout(1000 * _LOOK_S)
         self._looking_s += time.monotonic() - begin_s
+        if page.get_by_role("dialog").count():
+            page.keyboard.press("Escape")
+            page.get_by_role("dialog").wait_for(state="detached", timeout=_LOADED_MS)
         page.keyboard.press(key)
         self._answers += 1
         taken_s = time.monotonic() + 10.0
