@@ -1,8 +1,9 @@
 """An hour of answering, as fast as the page goes: `python -m benchmarks.hour`.
 
-Eight raters answer as often as people do in an hour at six seconds a pair, but each as
-soon as the next pair is there. Then the answers their pages counted are looked for in
-the store, and the memory of the server at the end is held against what it was early.
+Eight raters, or `--raters 32`, answer as often as people do in an hour at six seconds a
+pair, but each as soon as the next pair is there. Then the answers their pages counted
+are looked for in the store, and the memory of the server at the end is held against
+what it was early.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from labeling_ui.questions.key_repeat import GuardCfg
 from labeling_ui.questions.rater_session import QueueCfg
 from labeling_ui.web.tokens import TokenStore
 
-from .harness import publish
+from .harness import cpu_s, publish
 from .visitor import Visitor
 from .walks import walking_dataset
 
@@ -44,8 +45,10 @@ GOALS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Let eight raters answer for an hour, in short."""
+    """Let raters answer for an hour, in short."""
 
+    raters: int = RATERS
+    """How many at once."""
     answers: int = ANSWERS
     """Answers each rater gives."""
     quick: bool = False
@@ -69,34 +72,38 @@ class Figures:
     hour_memory_growth_mb: float
     """Resident memory the server had more at the end."""
     hour_wall_s: float
+    hour_cores: float
+    """Processors the server used."""
 
 
 def main(options: Options) -> Figures:
     """Measure, print and write the figures."""
-    figures = measured(options.answers // 10 if options.quick else options.answers)
+    answers = options.answers // 10 if options.quick else options.answers
+    figures = measured(answers, options.raters)
     publish("An hour of answering", asdict(figures), GOALS, options.json)
     return figures
 
 
-def measured(answers: int) -> Figures:
-    """Let every rater give that many answers."""
+def measured(answers: int, raters: int = RATERS) -> Figures:
+    """Let so many raters give that many answers each."""
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder) / "set"
         # What a rater is shown next is kept from the others: two more for each.
-        walking_dataset(root, pairs=RATERS * (answers + 2), episodes=40)
+        walking_dataset(root, pairs=raters * (answers + 2), episodes=40)
         tokens = TokenStore(root)
-        names = [f"rater{index}" for index in range(RATERS)]
+        names = [f"rater{index}" for index in range(raters)]
         visitors = {name: tokens.add(name) for name in names}
         here, there = multiprocessing.Pipe()
         server = multiprocessing.get_context("spawn").Process(
-            target=_serve, args=(root, there)
+            target=_serve, args=(root, raters, there)
         )
         server.start()
         assert server.pid is not None
-        begin = time.monotonic()
+        url, begin, used_s = here.recv(), time.monotonic(), cpu_s(server.pid)
         counted, early_mb, late_mb = asyncio.run(
-            _answered(here.recv(), visitors, answers, server.pid)
+            _answered(url, visitors, answers, server.pid)
         )
+        wall_s, used_s = time.monotonic() - begin, cpu_s(server.pid) - used_s
         here.send("stop")
         server.join()
         stored, twice = _stored(root)
@@ -107,7 +114,8 @@ def measured(answers: int) -> Figures:
             hour_doubled=twice + sum(max(-count, 0) for count in missing.values()),
             hour_memory_mb=round(early_mb, 1),
             hour_memory_growth_mb=round(late_mb - early_mb, 1),
-            hour_wall_s=round(time.monotonic() - begin, 1),
+            hour_wall_s=round(wall_s, 1),
+            hour_cores=round(used_s / wall_s, 2),
         )
 
 
@@ -152,9 +160,9 @@ def _stored(root: Path) -> tuple[Counter[str], int]:
     return Counter(answer.rater_id for answer in answers), twice
 
 
-def _serve(root: Path, pipe: Connection) -> None:
+def _serve(root: Path, raters: int, pipe: Connection) -> None:
     """Serve until told to stop, without the pauses that tell people from held keys."""
-    cfg = LabelCfg(port=0, queue=QueueCfg(guard=AT_ONCE))
+    cfg = LabelCfg(port=0, most_raters=raters, queue=QueueCfg(guard=AT_ONCE))
     with LabelServer(Dataset.open(root), cfg) as server:
         pipe.send(server.url)
         pipe.recv()

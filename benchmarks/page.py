@@ -32,6 +32,7 @@ from labeling_ui.questions.judgement import Judgement, Outcome
 from labeling_ui.web.tokens import TokenStore
 
 from .answer_cost import Database, empty_store, fill
+from .harness import cpu_s
 from .visitor import Visitor
 from .walks import walking_clips, walking_dataset
 
@@ -70,6 +71,9 @@ class CrowdFigures:
 
     raters: int
     answers: int
+    commit_median_ms: float
+    """From the key press to the committed row."""
+    commit_p99_ms: float
     next_page_median_ms: float
     """From the key press to the first pose of the next pair."""
     next_page_p99_ms: float
@@ -131,6 +135,8 @@ def _of_crowd(options: Options) -> CrowdFigures:
     return CrowdFigures(
         raters=options.crowd,
         answers=len(waits_ms),
+        commit_median_ms=round(float(np.median(run.commits_ms)), 1),
+        commit_p99_ms=round(float(np.percentile(run.commits_ms, 99)), 1),
         next_page_median_ms=round(float(np.median(waits_ms)), 1),
         next_page_p99_ms=round(float(np.percentile(waits_ms, 99)), 1),
         cores=round(run.cores, 3),
@@ -206,7 +212,7 @@ async def _visited(
     tokens = [store.add(name) for name in names]
     here, there = multiprocessing.Pipe()
     context = multiprocessing.get_context("spawn")
-    server = context.Process(target=_serve, args=(root, address, there))
+    server = context.Process(target=_serve, args=(root, address, len(names), there))
     server.start()
     assert server.pid is not None
     visitors = [Visitor(url, token) for url in [here.recv()] for token in tokens]
@@ -216,9 +222,9 @@ async def _visited(
         await visitor.press("Close the dialog")
     await asyncio.sleep(1.0)
 
-    begin, used = time.monotonic(), _cpu_s(server.pid)
+    begin, used = time.monotonic(), cpu_s(server.pid)
     await asyncio.sleep(watch_s)
-    span, used = time.monotonic() - begin, _cpu_s(server.pid) - used
+    span, used = time.monotonic() - begin, cpu_s(server.pid) - used
     rates = [
         0.0
         if watch_s == 0
@@ -227,7 +233,7 @@ async def _visited(
     ]
     fsync_ms = _fsync_ms(root)
     ran, waited = _scheduled_s(server.pid)
-    answering, answered_s = _cpu_s(server.pid), time.monotonic()
+    answering, answered_s = cpu_s(server.pid), time.monotonic()
     presses = await asyncio.gather(
         *(
             _answer(visitor, answers, _pauses_s(index, pace_s))
@@ -236,7 +242,7 @@ async def _visited(
     )
     if watch_s == 0.0:
         span = time.monotonic() - answered_s
-        used = _cpu_s(server.pid) - answering
+        used = cpu_s(server.pid) - answering
     ran, waited = np.subtract(_scheduled_s(server.pid), (ran, waited))
     for task in tasks:
         task.cancel()
@@ -282,7 +288,7 @@ async def _answer(
     return moments
 
 
-def _serve(root: Path, address: Address | None, pipe: Connection) -> None:
+def _serve(root: Path, address: Address | None, raters: int, pipe: Connection) -> None:
     """Serve until told to stop; then tell when each rater's answers were committed."""
     commits: dict[str, list[float]] = {}
     fresh: list[str] = []
@@ -303,7 +309,7 @@ def _serve(root: Path, address: Address | None, pipe: Connection) -> None:
     # The two places that know whose row is stored, and when it is on the disk.
     setattr(Desk, "answer", noted)  # noqa: B010
     setattr(Worker, "store_all", timed)  # noqa: B010
-    cfg = LabelCfg(port=0)
+    cfg = LabelCfg(port=0, most_raters=raters)
     with LabelServer(Dataset.open(root, answers=address), cfg) as server:
         pipe.send(server.url)
         pipe.recv()
@@ -330,12 +336,6 @@ def _scheduled_s(pid: int) -> tuple[float, float]:
     ]
     ran, waited = np.array(stats, dtype=float)[:, :2].sum(axis=0) / 1e9
     return float(ran), float(waited)
-
-
-def _cpu_s(pid: int) -> float:
-    """Processor time of a process, s."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 if __name__ == "__main__":

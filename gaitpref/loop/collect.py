@@ -6,12 +6,12 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from data.answers.store import AnswerStore
 from data.datasets.dataset import Dataset
 from gaitpref.console.progress import console, counting_bar
 from gaitpref.raters.criteria import Criterion
 from gaitpref.raters.simulated import answer_pairs
 from rewardmodel.answers.answered_pairs import MIN_ANSWERS, count_evidence
+from rewardmodel.asking.asked_meanwhile import asked_and_left
 
 from .loop_cfg import LoopCfg
 from .people import People
@@ -98,10 +98,3 @@ class Collector:
                 f"{left} of {asked} pairs are still open; their answers count later"
             )
         return done
-
-
-def asked_and_left(store: AnswerStore, round: int) -> tuple[int, int]:
-    """Pairs of a round, and those nobody answered; a known answer is not waited for."""
-    asked = [pair for pair in store.pairs(round=round) if pair.gold is None]
-    left = [pair for pair in store.unanswered(round=round) if pair.gold is None]
-    return len(asked), len(left)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
+from gaitpref.method.meanwhile import Meanwhile
 from gaitpref.method.method import FROM_SCRATCH, STYLE, Method
 from gaitpref.raters.rater_cfg import RaterCfg
 from policy.rollouts.record import LONGEST_S, RecordCfg
@@ -53,7 +55,7 @@ def loop_cfg(
         change_s: Another command every so many seconds of what is recorded.
         stop_asking: End a round's questions where more will not help now.
         method: What is decided on the way, and how; by default `FROM_SCRATCH` without a
-            base and `STYLE` with one.
+            base and `STYLE` with one, which ask people meanwhile.
         seed: Where all chance comes from.
 
     Raises:
@@ -73,11 +75,15 @@ def loop_cfg(
     base = usual_base(robot) if base is None else str(base)
     scratch = base == "none"
     clips = ClipCfg.of(clip_s)
+    usual = FROM_SCRATCH if scratch else STYLE
+    if rater == "human":
+        # Who is asked by a program has nothing else to do meanwhile.
+        usual = replace(usual, meanwhile=Meanwhile())
     usual_rounds = 4 if scratch else 2 if quick else 4
     usual_labels = 100 if scratch else 30
     setting = setting_of(file_of_base(base), robot)
     return LoopCfg(
-        method=method or (FROM_SCRATCH if scratch else STYLE),
+        method=method or usual,
         rounds=usual_rounds if rounds is None else rounds,
         labels=usual_labels if labels is None else labels,
         rater=rater,

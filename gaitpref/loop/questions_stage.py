@@ -17,12 +17,18 @@ from gaitpref.raters.criteria import Criterion
 from gaitpref.report.fit_summary import what_remains
 from policy.rollouts.babble import BABBLE_SHA256
 from rewardmodel.answers.answered_pairs import MIN_ANSWERS, count_evidence, load_pairs
+from rewardmodel.asking.asked_meanwhile import (
+    answered_before,
+    asked_and_left,
+    asked_for,
+)
 from rewardmodel.asking.clip_questions import ask, with_known_answer
 from rewardmodel.asking.visible import Visible
 from rewardmodel.fitting.fit_reward import fit_reward
 from rewardmodel.fitting.stopping import remaining
+from rewardmodel.models.model import RewardModel
 
-from .collect import Collector, asked_and_left
+from .collect import Collector
 from .loop_cfg import LoopCfg
 from .people import People
 from .run_dir import Round, seed_of
@@ -58,6 +64,9 @@ def questions_stage(
     kept = labels_kept(cfg.method, context)
     count = budget.labels_of(context, kept=kept)
     with dataset.answers() as store:
+        if meanwhile := cfg.method.meanwhile:
+            answered = answered_before(store, round.number)
+            count = meanwhile.still_asked(count, answered)
         while True:
             asked, _ = asked_and_left(store, round.number)
             last = asked >= count
@@ -108,12 +117,10 @@ def _add_pairs(
     where that is to be judged."""
     with dataset.answers() as store:
         known = store.pairs()
-        informed_from = cfg.method.questions.informed_from
-        enough = count_evidence(store, dataset) >= informed_from
     # More pairs for the same round are others, even after a restart.
-    before = [pair for pair in known if pair.round == round.number]
+    before = [p for p in known if p.round == round.number and asked_for(p) is None]
     asked_before = len(before)
-    entries = _episodes_asked_about(cfg, round, dataset)
+    entries = episodes_asked_about(cfg, round, dataset)
     rng = np.random.default_rng([seed_of(cfg, round.number, 3), asked_before])
     chosen: list[Pair] = []
     both = to_compare(cfg.method, round, context)
@@ -124,20 +131,14 @@ def _add_pairs(
         beside = pairs_of_both(cfg, round, dataset, *shas, known=known)
         chosen = beside[: max(0, most)]
     if len(chosen) < count:
-        model = None
-        if enough:
-            seed = seed_of(cfg, round.number, 7, asked_before)
-            fit = cfg.method.fit_of(context)
-            # Only its doubt is asked for; the round's own fit is the one measured.
-            pairs = load_pairs([dataset], at_least=informed_from)
-            model, _ = fit_reward(pairs, fit, seed=seed, measured=False)
+        seed = seed_of(cfg, round.number, 7, asked_before)
         chosen += ask(
             dataset,
             entries,
             cfg.clips,
             count - len(chosen),
             known=[*known, *chosen],
-            model=model,
+            model=doubting(cfg, context, dataset, seed=seed),
             round_number=round.number,
             uniform_share=cfg.method.questions.uniform_share,
             strategy=cfg.method.questions.strategy,
@@ -158,7 +159,22 @@ def _add_pairs(
         store.add_pairs(chosen)
 
 
-def _episodes_asked_about(
+def doubting(
+    cfg: LoopCfg, context: RoundContext, dataset: Dataset, *, seed: int
+) -> RewardModel | None:
+    """A reward whose doubt chooses the next questions; None while there are too few
+    answers for one."""
+    informed_from = cfg.method.questions.informed_from
+    with dataset.answers() as store:
+        if count_evidence(store, dataset) < informed_from:
+            return None
+    pairs = load_pairs([dataset], at_least=informed_from)
+    # Only its doubt is asked for; the round's own fit is the one measured.
+    fit = cfg.method.fit_of(context)
+    return fit_reward(pairs, fit, seed=seed, measured=False)[0]
+
+
+def episodes_asked_about(
     cfg: LoopCfg, round: Round, dataset: Dataset
 ) -> list[EpisodeEntry]:
     """The round's own episodes, and some of what earlier policies did; not those that

@@ -13,6 +13,7 @@ from gaitpref.console.progress import console
 from gaitpref.report.journal import note_round, note_start
 from policy.parallel.ranks import ALONE, Ranks
 
+from .between_rounds import meanwhile
 from .fit_stage import fit_stage
 from .loop_cfg import LoopCfg
 from .people import People
@@ -80,7 +81,11 @@ def _run(
     if not Round(run, cfg.rounds).report.exists():
         note_start(run, command)
     dataset = Dataset.create(run / "dataset", answers=answers)
-    with open_page(dataset) as people:
+    with (
+        open_page(dataset) as visitors,
+        meanwhile(run, cfg, visitors, answers) as asking,
+    ):
+        people = asking.people
         for number in range(cfg.rounds + 1):
             round = Round(run, number)
             round.root.mkdir(parents=True, exist_ok=True)
@@ -89,11 +94,14 @@ def _run(
             if number < cfg.rounds:
                 record_stage(cfg, round, dataset, people)
                 show_stage(cfg, round, context, dataset, people)
+                asking.rest()
                 questions_stage(cfg, round, context, dataset, criterion, people)
+                asking.before(number + 1)
                 approval_stage(cfg.method, round, context, dataset)
                 fit_stage(cfg, round, context, dataset, people)
             else:
                 show_stage(cfg, round, context, dataset, people)
+                asking.rest()
                 verdict_stage(cfg, round, context, dataset, criterion, people)
             report_stage(cfg, round, dataset, criterion)
             note_round(run, number)

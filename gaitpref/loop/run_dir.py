@@ -12,6 +12,7 @@ from data.datasets.dataset import Dataset
 from data.files.files import read_json
 from gaitpref.method.context import RoundContext
 from policy.training.train import POLICY_NAME
+from rewardmodel.asking.asked_meanwhile import asked_and_left
 
 from .loop_cfg import LoopCfg
 
@@ -95,13 +96,13 @@ class Round:
 def context_of(cfg: LoopCfg, round: Round, dataset: Dataset) -> RoundContext:
     """What the decisions of `round` may know, once it begins."""
     with dataset.answers() as store:
-        asked = [pair for pair in store.pairs(round=0) if pair.gold is None]
+        asked, _ = asked_and_left(store, 0)
     return RoundContext(
         number=round.number,
         rounds=cfg.rounds,
         labels=cfg.labels,
         noisy=decided_before(round).get("noisy"),
-        first_asked=len(asked),
+        first_asked=asked,
     )
 
 

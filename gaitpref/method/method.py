@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
-from data.files.plain import ONE_OF
+from data.files.plain import NONE_AS_BEFORE, ONE_OF
 from policy.env.known_terms import KnownTermsCfg
 from rewardmodel.cfg import FitCfg, LinearCfg, PosteriorCfg
 
@@ -18,6 +18,7 @@ from .clip_sources import ClipSources
 from .context import RoundContext
 from .expectations import OnceItWalks
 from .exploration import Descending, Exploration, PutBack
+from .meanwhile import Meanwhile
 from .paid import AsFitted, Paid, SurelyLiked
 from .questions import Questions
 from .tracking import TrackingPrice
@@ -57,6 +58,8 @@ class Method:
     tracking: TrackingPrice | None = None
     """What following commands worse than the base costs; None: nothing, or there is no
     base."""
+    meanwhile: Meanwhile | None = field(default=None, metadata=NONE_AS_BEFORE)
+    """What people are asked while a policy is trained; None: nothing."""
 
     REMOVED: ClassVar = ("start",)
 

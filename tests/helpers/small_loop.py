@@ -20,6 +20,7 @@ from gaitpref.cli.shared.launched import ranks_of_launch
 from gaitpref.cli.shared.loop_arguments import resolve
 from gaitpref.loop.loop_cfg import LoopCfg, StepsCfg
 from gaitpref.loop.run import run_loop
+from gaitpref.method.meanwhile import Meanwhile
 from policy.rollouts.record import RecordCfg
 from policy.training.ppo import PpoCfg
 
@@ -50,7 +51,12 @@ def small_cfg(*, seed: int = 0, base: str = "none") -> LoopCfg:
 def human_cfg() -> LoopCfg:
     """The same with people; long enough that they can answer while it trains."""
     cfg = small_cfg()
-    return replace(cfg, rater="human", steps=replace(cfg.steps, round=20_000))
+    return replace(
+        cfg,
+        rater="human",
+        method=replace(cfg.method, meanwhile=Meanwhile()),
+        steps=replace(cfg.steps, round=20_000),
+    )
 
 
 def main(options: Options) -> None:

@@ -22,6 +22,7 @@ from gaitpref.loop.run_config import claim
 from gaitpref.loop.run_inputs import inputs_of
 from labeling_ui.web.tokens import TokenStore
 from rewardmodel.answers.answered_pairs import count_evidence
+from rewardmodel.asking.asked_meanwhile import asked_for
 from tests.helpers.small_loop import human_cfg
 
 LIMIT_S = 180.0
@@ -108,9 +109,17 @@ def fitted(run: Path, round: int) -> int:
     return report["fit"]["answers"] - report["fit"]["ties"]
 
 
+def answered_meanwhile(run: Path) -> list[str]:
+    """Ids of the answers to pairs that round 1 did not ask itself."""
+    with Dataset.open(run / "dataset").answers() as store:
+        given = [answer for pair, answer in store.all_answers() if asked_for(pair) == 1]
+    return [answer.answer_id for answer in given]
+
+
 @pytest.mark.slow
 def test_people_answer_when_they_like(tmp_path: Path) -> None:
-    """Killed while it waits, patient for a while, answered while it trains."""
+    """Killed while it waits and while it trains, patient for a while, answered while it
+    trains, and asked then."""
     run, port = tmp_path / "run", free_port()
     claim(run, human_cfg(), inputs_of(human_cfg()).contents)
     token = TokenStore(Dataset.create(run / "dataset").root).add("ann")
@@ -130,24 +139,36 @@ def test_people_answer_when_they_like(tmp_path: Path) -> None:
 
     late: list[int] = []
 
-    async def the_rest(visitor: Visitor) -> None:
+    async def while_training(visitor: Visitor) -> None:
         await until(lambda: visitor.open > 0)
         await answer(visitor, lambda: evidence(run) >= 8)
         # Nobody answers any more, so the loop goes on when its patience is over.
         await until(lambda: any("2 of 2: training" in words for words in visitor.loop))
+        assert any("1 of 2: waiting for" in words for words in visitor.loop)
+        assert any("pairs of earlier clips" in words for words in visitor.loop)
         before = evidence(run)
-        await answer(visitor, lambda: evidence(run) >= before + 2)
+        await answer(visitor, lambda: len(answered_meanwhile(run)) >= 2)
         late.append(evidence(run) - before)
         assert not (run / "rounds/01/policy/policy.pt").exists()
+
+    with running(run, port, "--patience", "10") as loop:
+        asyncio.run(_visit(port, token, while_training))
+        loop.send_signal(signal.SIGKILL)
+        loop.wait()
+    given = answered_meanwhile(run)
+    assert late[0] >= 2
+
+    async def the_rest(visitor: Visitor) -> None:
         ended = run / "rounds/01/reward/reward.json"
         await answer(visitor, ended.exists)
-        assert any("1 of 2: waiting for" in words for words in visitor.loop)
 
     with running(run, port, "--patience", "10") as loop:
         asyncio.run(_visit(port, token, the_rest))
         assert loop.wait(LIMIT_S) == 0
     assert fitted(run, 0) == 8
-    assert late == [2]
+    # What was answered before the kill is there once, and counted in the next fit.
+    assert answered_meanwhile(run)[: len(given)] == given
+    assert fitted(run, 1) >= 8 + late[0]
     with Dataset.open(run / "dataset").answers() as store:
         of_first_round = [
             pair for pair, answer in store.current_answers(round=0) if not pair.gold
