@@ -21,6 +21,8 @@ Role = Literal["first", "repeat", "undo"]
 """`repeat`: the rater was asked again, to see whether the answer holds. `undo`: takes
 back the answer it supersedes, and is none itself."""
 RaterKind = Literal["human", "scripted", "model"]
+"""`scripted`: a criterion, as of a simulated rater. `model`: a program that looks at
+the clips, as a vision model does."""
 Aspect = Literal["posture", "feet", "rhythm", "steadiness", "effort"]
 """What of a gait an answer is about."""
 ASPECTS: tuple[Aspect, ...] = get_args(Aspect)

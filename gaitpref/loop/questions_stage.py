@@ -84,7 +84,7 @@ def _count_going_on(
     most = budget.most_first(context, kept=labels_kept(cfg.method, context))
     if not context.is_first or asked >= most:
         return asked
-    pairs = load_pairs([dataset], at_least=0)
+    pairs = load_pairs([dataset], at_least=0, unchecked=cfg.unchecked)
     if pairs.too_little:
         console.print(f"round 0: {pairs.too_little}, so it asks on, up to {most}")
         return min(asked + batch, most)
@@ -108,7 +108,8 @@ def _add_pairs(
     with dataset.answers() as store:
         known = store.pairs()
         informed_from = cfg.method.questions.informed_from
-        enough = count_evidence(store, dataset) >= informed_from
+        evidence = count_evidence(store, dataset, unchecked=cfg.unchecked)
+        enough = evidence >= informed_from
     # More pairs for the same round are others, even after a restart.
     before = [pair for pair in known if pair.round == round.number]
     asked_before = len(before)
@@ -128,7 +129,9 @@ def _add_pairs(
             seed = seed_of(cfg, round.number, 7, asked_before)
             fit = cfg.method.fit_of(context)
             # Only its doubt is asked for; the round's own fit is the one measured.
-            pairs = load_pairs([dataset], at_least=informed_from)
+            pairs = load_pairs(
+                [dataset], at_least=informed_from, unchecked=cfg.unchecked
+            )
             model, _ = fit_reward(pairs, fit, seed=seed, measured=False)
         chosen += ask(
             dataset,
@@ -185,11 +188,12 @@ def _enough(cfg: LoopCfg, context: RoundContext, dataset: Dataset) -> bool:
     if not cfg.stop_asking:
         return False
     with dataset.answers() as store:
-        if count_evidence(store, dataset) < MIN_ANSWERS:
+        if count_evidence(store, dataset, unchecked=cfg.unchecked) < MIN_ANSWERS:
             return False
     seed = seed_of(cfg, context.number, 5)
     fit = cfg.method.fit_of(context)
-    _, report = fit_reward(load_pairs([dataset]), fit, seed=seed)
+    pairs = load_pairs([dataset], unchecked=cfg.unchecked)
+    _, report = fit_reward(pairs, fit, seed=seed)
     if report.enough:
         console.print(
             f"round {context.number}: {what_remains(report)}, so it stops asking"

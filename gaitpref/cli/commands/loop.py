@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 
 from data.datasets.dataset import Dataset
@@ -13,6 +14,7 @@ from gaitpref.cli.options.options import Loop
 from gaitpref.cli.shared.dataset_argument import address
 from gaitpref.cli.shared.launched import ranks_of_launch
 from gaitpref.cli.shared.loop_arguments import resolve
+from gaitpref.cli.shared.rater_arguments import reach_of
 from gaitpref.console.extras import require
 from gaitpref.console.progress import console
 from gaitpref.loop.people import People
@@ -29,6 +31,7 @@ def run(command: options.Loop) -> int:
             cfg,
             open_page=partial(page_of_loop, command) if human else no_page,
             answers=address(command.answers),
+            reach=reach_of(command.asking),
             ranks=ranks,
         )
     console.print(f"the report is {page}")
@@ -50,7 +53,7 @@ def page_of_loop(options: Loop, dataset: Dataset) -> Iterator[People]:
         os.nice(page.NICENESS)
         for line in command.greeting(notices, dataset.root, cfg):
             console.print(line)
-        patience = {}
+        people = People(announce=opened.announce, require_page=opened.require)
         if options.patience is not None:
-            patience = {"patience_s": 60 * options.patience}
-        yield People(announce=opened.announce, require_page=opened.require, **patience)
+            people = replace(people, patience_s=60 * options.patience)
+        yield people
