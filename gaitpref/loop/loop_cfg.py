@@ -117,6 +117,14 @@ class LoopCfg:
         return self.rater if isinstance(self.rater, ProgramCfg) else None
 
     @property
+    def rater_words(self) -> str:
+        """Who answers, in words."""
+        if self.program is None:
+            return f"{self.rater} rater"
+        unchecked = ", which nobody compared with people" * self.program.unchecked
+        return f"rater {self.program.rater_id}{unchecked}"
+
+    @property
     def unchecked(self) -> bool:
         """Whether answers of programs teach: of the one that was let in, and of no
         other."""

@@ -168,9 +168,10 @@ def _current_answers(
     kinds: dict[str, RaterKind] = {}
     for dataset in datasets:
         with dataset.answers_copy() as store:
-            programs = dict.fromkeys((n for n in kinds if kinds[n] == PROGRAM), PROGRAM)
+            programs = [name for name in kinds if kinds[name] == PROGRAM]
+            kinds |= store.raters()
             # Whoever is a program in one of them is a person in none.
-            kinds |= store.raters() | programs
+            kinds |= dict.fromkeys(programs, PROGRAM)
             for pair, answer in store.current_answers():
                 answers[answer.answer_id] = (pair, answer)
     # A copy of a data set may not know that its answer was corrected elsewhere.
