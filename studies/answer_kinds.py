@@ -32,7 +32,7 @@ import json
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import torch
@@ -57,6 +57,7 @@ from rewardmodel.posterior.sampler import Answers, after_moves, effective, resam
 from .few_answers import FewAnswers, Recording, recordings, share_of_best
 
 Kind = Literal["pairs", "rankings", "ratings"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
 SECONDS: dict[Kind, float] = {"pairs": 6.0, "rankings": 14.0, "ratings": 4.0}
 CLIPS: dict[Kind, int] = {"pairs": 2, "rankings": 4, "ratings": 1}
 BUDGETS_S = (60.0, 120.0, 240.0)
@@ -189,10 +190,11 @@ class Asked:
             seed: Of everything.
             particles: N.
         """
-        self.kind, self.chosen = kind, chosen
+        self.kind: Kind = kind
+        self.chosen = chosen
         self.opinions, self.worth, self.truth = opinions, worth, truth
         self.command = command
-        self.rng = np.random.default_rng([seed, list(SECONDS).index(kind), chosen])
+        self.rng = np.random.default_rng([seed, KINDS.index(kind), chosen])
         self.generator = torch.Generator().manual_seed(seed)
         self.prior = Prior()
         self.found = drawn(opinions, self.prior, particles, self.generator)
@@ -326,7 +328,7 @@ def main(cfg: AnswerKinds) -> None:
         true, true_fresh = asked_of.worth(score), fresh.worth(score)
         truth = np.array([true[c.rollout][c.rows].mean() for c in asked_of.clips])
         aim = np.array([true_fresh[c.rollout][c.rows].mean() for c in fresh.clips])
-        for kind, chosen in itertools.product(SECONDS, (False, True)):
+        for kind, chosen in itertools.product(KINDS, (False, True)):
             person = Asked(
                 kind,
                 chosen=chosen,
