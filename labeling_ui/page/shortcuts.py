@@ -10,14 +10,14 @@ from labeling_ui.questions.judgement import Verdict
 
 Key = Literal[
     "0", "1", "2", "3", "4", "5", "7", "8", "9", "Z", "F", "H", "R", "J", "K", "L", "U",
-    "I", "T", "V", "C", "P", "M", "O", "B", "Y", "N", "G", "space", "escape",
+    "I", "T", "V", "C", "P", "M", "O", "B", "Y", "N", "G", "X", "space", "escape",
 ]  # fmt: skip
 """Keys viser knows; W A S D Q E and the arrows move the camera."""
 
 Name = Literal[
     "bad", "undo", "keep", "guidelines", "close", "play", "replay", "back", "on",
     "slower", "faster", "view", "ghost", "camera", "theme", "curves", "unsure",
-    "fairly", "sure",
+    "fairly", "sure", "here",
 ]  # fmt: skip
 
 
@@ -111,6 +111,7 @@ SHORTCUTS: dict[Name, Shortcut] = {
         Shortcut("7", "unsure", "Unsure"),
         Shortcut("8", "fairly", "Fairly sure"),
         Shortcut("9", "sure", "Sure"),
+        Shortcut("X", "here", "Mark this moment"),
     )
 }
 
