@@ -18,6 +18,9 @@ from .method.context import RoundContext as RoundContext
 from .method.method import FROM_SCRATCH as FROM_SCRATCH
 from .method.method import STYLE as STYLE
 from .method.method import Method as Method
+from .programs.program_cfg import ProgramCfg as ProgramCfg
+from .programs.program_cfg import ReachCfg as ReachCfg
+from .programs.seen_pair import SeenPair as SeenPair
 from .raters.criteria import Criterion as Criterion
 from .raters.criteria import load_criterion as load_criterion
 from .raters.rater_cfg import RaterCfg as RaterCfg
@@ -32,9 +35,12 @@ __all__ = [
     "Judge",
     "LoopCfg",
     "Method",
+    "ProgramCfg",
     "RaterCfg",
+    "ReachCfg",
     "RoundContext",
     "RunError",
+    "SeenPair",
     "StepsCfg",
     "TotalReward",
     "Verdict",

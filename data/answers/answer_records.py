@@ -21,9 +21,18 @@ Role = Literal["first", "repeat", "undo"]
 """`repeat`: the rater was asked again, to see whether the answer holds. `undo`: takes
 back the answer it supersedes, and is none itself."""
 RaterKind = Literal["human", "scripted", "model"]
+"""`scripted`: a criterion, as of a simulated rater. `model`: a program that looks at
+the clips, as a vision model does."""
 Aspect = Literal["posture", "feet", "rhythm", "steadiness", "effort"]
 """What of a gait an answer is about."""
 ASPECTS: tuple[Aspect, ...] = get_args(Aspect)
+
+HERE = "here_s"
+"""Where an answer's `client` has the moments that were marked."""
+MOST_HERE = 8
+"""Moments that one answer can mark."""
+LONGEST_S = 3600.0
+"""Farther in a clip nothing is marked."""
 
 _PREFERENCES = {"a": 1.0, "b": 0.0, "equal": 0.5}
 _ALLOWED = {
@@ -161,6 +170,16 @@ class Answer:
             raise ValueError("an undo supersedes an answer and has the choice 'skip'")
         _parsed_utc(self.created_utc)
         to_json("client", self.client)
+
+    @property
+    def here_s(self) -> tuple[float, ...]:
+        """Moments of both clips that the rater marked, since their beginning."""
+        marked = self.client.get(HERE)
+        if not isinstance(marked, list):
+            return ()
+        # Whoever wrote the data set may have written anything there.
+        found = [m for m in marked if type(m) in (int, float) and 0 <= m <= LONGEST_S]
+        return tuple(map(float, found[:MOST_HERE]))
 
     @property
     def target(self) -> float | None:

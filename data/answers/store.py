@@ -45,6 +45,12 @@ from .rows import (
 )
 from .typed_text import too_long
 
+_BY_OTHERS = (
+    " AND NOT EXISTS (SELECT 1 FROM rater AS r WHERE r.rater_id = s.rater_id "
+    "AND r.kind = :kind)"
+)
+"""The condition that an answer `s` is by a rater of another kind."""
+
 
 class AnswerStore:
     """Pairs, raters, answers and questions in a SQLite file, or in PostgreSQL.
@@ -181,18 +187,32 @@ class AnswerStore:
         return decode_pair(rows[0])
 
     def unanswered(
-        self, rater_id: str | None = None, round: int | None = None
+        self,
+        rater_id: str | None = None,
+        round: int | None = None,
+        *,
+        but_by: RaterKind | None = None,
     ) -> list[Pair]:
         """Pairs without an answer by this rater, or by anyone, in insertion order.
 
         An answer that was taken back is none.
+
+        Args:
+            rater_id: Who has not answered them.
+            round: Only pairs of this round.
+            but_by: Answers of raters of this kind are none either.
         """
+        values: dict[str, Any] = {"rater": rater_id, "round": round}
+        others = ""
+        if but_by is not None:
+            values["kind"] = but_by
+            others = _BY_OTHERS
         rows = self.query(
             f"SELECT {PAIR_COLUMNS} FROM pair AS p "
             f"WHERE {either('round')} AND NOT EXISTS ("
             "SELECT 1 FROM answer_current AS s WHERE s.pair_id = p.pair_id "
-            f"AND {either('rater', 's.rater_id')}) ORDER BY position",
-            {"rater": rater_id, "round": round},
+            f"AND {either('rater', 's.rater_id')}{others}) ORDER BY position",
+            values,
         )
         return [decode_pair(row) for row in rows]
 

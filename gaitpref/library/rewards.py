@@ -26,20 +26,26 @@ if TYPE_CHECKING:  # Criteria need the simulator, fitting does not.
 
 
 def fit(
-    datasets: Sequence[Dataset], *, cfg: FitCfg | Method = STYLE, seed: int = 0
+    datasets: Sequence[Dataset],
+    *,
+    cfg: FitCfg | Method = STYLE,
+    unchecked: bool = False,
+    seed: int = 0,
 ) -> tuple[RewardModel, FitReport]:
     """Fit a reward to all answers of some data sets, and measure it on held-out ones.
 
     Args:
         datasets: Any number; an answer that lies in several counts once.
         cfg: What is fitted, or the method whose first reward it is.
+        unchecked: Learn from answers of programs too that do not agree with people.
         seed: Bootstrap draws and folds.
 
     Raises:
         GaitprefError: too few answers prefer a clip, or a data set cannot be used.
     """
     settings = cfg.reward if isinstance(cfg, Method) else cfg
-    return fit_reward(load_pairs(datasets), settings, seed=seed)
+    pairs = load_pairs(datasets, unchecked=unchecked)
+    return fit_reward(pairs, settings, seed=seed)
 
 
 def score_episode(

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 
 from data.datasets.dataset import Dataset
 from gaitpref.console.progress import console, counting_bar
+from gaitpref.programs.program_answers import answer_by_program
+from gaitpref.programs.program_cfg import ProgramCfg, ProgramError
 from gaitpref.raters.criteria import Criterion
 from gaitpref.raters.simulated import answer_pairs
 from rewardmodel.answers.answered_pairs import MIN_ANSWERS, count_evidence
@@ -19,6 +21,8 @@ from .run_dir import Round, place_of, seed_of
 
 RATER_ID = "simulated"
 _POLL_S = 0.5
+_MOST_MORE = 40
+"""Questions beyond its own that a round puts to a program which prefers nothing."""
 _OPEN_PAIRS = 2
 """Pairs that keep people busy while the next are chosen."""
 
@@ -51,6 +55,8 @@ class Collector:
         """
         if self.cfg.rater == "human":
             return self._wait(count, open_pairs=0 if last else _OPEN_PAIRS)
+        if self.cfg.program is not None:
+            return self._by_program(self.cfg.program, last=last)
         answer_pairs(
             self.dataset,
             self.criterion,
@@ -60,6 +66,35 @@ class Collector:
             round=self.round.number,
         )
         return True
+
+    def _by_program(self, cfg: ProgramCfg, *, last: bool) -> bool:
+        """Have the program answer; after the last, as many more as it takes until
+        enough answers prefer a clip."""
+        if self.people.program is None:
+            raise ValueError(f"nobody said how {cfg.name} is asked")
+        seed, asked_more = seed_of(self.cfg, self.round.number, 4), 0
+        while True:
+            answer_by_program(
+                self.dataset,
+                self.people.program,
+                cfg,
+                seed=seed,
+                round=self.round.number,
+            )
+            with self.dataset.answers() as store:
+                evidence = count_evidence(store, self.dataset, unchecked=True)
+            wanted = MIN_ANSWERS - evidence
+            if not last or wanted <= 0 or self.ask_more is None:
+                return True
+            if asked_more >= _MOST_MORE:
+                raise ProgramError(
+                    f"{cfg.rater_id} prefers a clip in {evidence} of its answers, and "
+                    f"{asked_more} more questions did not help: a reward needs "
+                    f"{MIN_ANSWERS}; `gaitpref raters compare --dataset "
+                    f"{self.dataset.root}` shows what it said"
+                )
+            self.ask_more(wanted)
+            asked_more += wanted
 
     def _wait(self, count: int, *, open_pairs: int) -> bool:
         """Wait until at most `open_pairs` of the round, `count` in all, are open, or
@@ -74,7 +109,7 @@ class Collector:
         with self.dataset.answers() as store, counting_bar(title, count) as bar:
             while True:
                 self.people.require_page()
-                asked, left = asked_and_left(store, number)
+                asked, left = asked_and_left(store, number, by_people=True)
                 bar.update(bar.task_ids[0], completed=asked - left)
                 done = left <= open_pairs
                 if done and open_pairs:

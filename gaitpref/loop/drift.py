@@ -61,7 +61,7 @@ def trust_of_round(
         lengths: [N] of its episodes.
         return_rose: Whether training raised the learned return.
     """
-    pairs = load_pairs([dataset], at_least=0)
+    pairs = load_pairs([dataset], at_least=0, unchecked=cfg.unchecked)
     before = judged_before(pairs, round)
     reached, foreseen = None, None
     found: dict[str, Any] = {"confirmed": False}

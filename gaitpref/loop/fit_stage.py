@@ -13,6 +13,7 @@ from gaitpref.method.context import RoundContext
 from gaitpref.method.noisy import NoisyAnswers
 from gaitpref.report.fit_summary import fit_summary
 from rewardmodel.answers.answered_pairs import load_pairs
+from rewardmodel.answers.program_agreement import told_untaught
 from rewardmodel.fitting.fit_reward import fit_reward, no_reward
 from rewardmodel.models.storage import save_reward
 
@@ -35,7 +36,7 @@ def fit_stage(
     if round.reward.exists():
         return
     people.tell(f"{place_of(cfg, round)}: learning from the answers")
-    pairs = load_pairs([dataset], at_least=0)
+    pairs = load_pairs([dataset], at_least=0, unchecked=cfg.unchecked)
     settings = cfg.method.fit_of(context)
     if pairs.too_little:
         model, _ = no_reward(pairs, settings)
@@ -51,5 +52,7 @@ def fit_stage(
             told = f"{told}; {decided}"
     save_reward(model, round.reward)
     console.print(f"round {round.number}: {told}")
+    for each in pairs.untaught:
+        console.print(f"round {round.number}: answers: {told_untaught(each)}")
     if gone := told_gone(pairs.num_gone, pairs.num_collected, dataset.root):
         console.print(f"round {round.number}: {gone}")

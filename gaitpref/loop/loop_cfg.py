@@ -9,6 +9,7 @@ from typing import Literal
 from data.errors import GaitprefError
 from data.files.plain import NONE_AS_BEFORE
 from gaitpref.method.method import Method
+from gaitpref.programs.program_cfg import ProgramCfg
 from gaitpref.raters.rater_cfg import RaterCfg
 from policy.env.env_cfg import EnvCfg
 from policy.robots.shipped import WALK
@@ -18,6 +19,8 @@ from policy.training.ppo import PpoCfg
 from rewardmodel.answers.answered_pairs import MIN_ANSWERS
 from rewardmodel.asking.clip_questions import ClipCfg
 
+RATERS = ("simulated", "human")
+"""Who can answer but a program."""
 NEW_BASES = ("task", "none")
 """What a loop can begin with instead of a policy file."""
 
@@ -58,7 +61,7 @@ class LoopCfg:
     """Times questions are asked and the policy is retrained."""
     labels: int
     """Answers in all."""
-    rater: Literal["simulated", "human"]
+    rater: Literal["simulated", "human"] | ProgramCfg
     """Who answers."""
     simulated: RaterCfg = field(default_factory=RaterCfg)
     """How the simulated rater errs; as it is, never."""
@@ -107,6 +110,25 @@ class LoopCfg:
     def keeps_task(self) -> bool:
         """Whether the hand-written walking reward stays part of the total."""
         return self.base != "none"
+
+    @property
+    def program(self) -> ProgramCfg | None:
+        """The program that answers; None where none does."""
+        return self.rater if isinstance(self.rater, ProgramCfg) else None
+
+    @property
+    def rater_words(self) -> str:
+        """Who answers, in words."""
+        if self.program is None:
+            return f"{self.rater} rater"
+        unchecked = ", which nobody compared with people" * self.program.unchecked
+        return f"rater {self.program.rater_id}{unchecked}"
+
+    @property
+    def unchecked(self) -> bool:
+        """Whether answers of programs teach: of the one that was let in, and of no
+        other."""
+        return self.program is not None
 
     @property
     def wish(self) -> str | None:

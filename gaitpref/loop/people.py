@@ -1,4 +1,4 @@
-"""What the stages of the loop know of the people who answer, and tell them."""
+"""What the stages of the loop know of those who answer, and tell people."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from gaitpref.programs.seen_pair import ProgramRater
 from labeling_ui.page.loop_status import LoopStatus
 
 
@@ -19,6 +20,8 @@ class People:
     """Shows on the page what the loop is doing."""
     require_page: Callable[[], None] = lambda: None
     """Raises GaitprefError where nobody could answer any more."""
+    program: ProgramRater | None = None
+    """Answers in their place."""
 
     def tell(self, text: str, progress: float | None = None) -> None:
         """Say what the loop is doing, and how much of that is done, in [0, 1]."""

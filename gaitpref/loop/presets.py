@@ -8,6 +8,8 @@ from typing import Literal
 
 from gaitpref.method.meanwhile import Meanwhile
 from gaitpref.method.method import FROM_SCRATCH, STYLE, Method
+from gaitpref.programs.function_rater import Look, name_of
+from gaitpref.programs.program_cfg import ProgramCfg, is_program
 from gaitpref.raters.rater_cfg import RaterCfg
 from policy.rollouts.record import LONGEST_S, RecordCfg
 from policy.training.setup import setting_of
@@ -28,11 +30,12 @@ def loop_cfg(
     rounds: int | None = None,
     labels: int | None = None,
     steps: int | None = None,
-    rater: Literal["simulated", "human"] = "simulated",
+    rater: str | ProgramCfg | Look = "simulated",
     simulated: RaterCfg | None = None,
     clip_s: float = 1.2,
     change_s: float | None = None,
     stop_asking: bool = False,
+    unchecked: bool = False,
     method: Method | None = None,
     seed: int = 0,
 ) -> LoopCfg:
@@ -49,7 +52,9 @@ def loop_cfg(
         rounds: Times questions are asked and the policy is retrained.
         labels: Answers in all.
         steps: Environment steps of each training.
-        rater: Who answers.
+        rater: Who answers: `simulated`, `human`, or a program, as a `ProgramCfg`, the
+            name `package.module:function` of a function, or that function.
+        unchecked: Let a program's answers teach though nobody compared it with people.
         simulated: How the simulated rater errs; by default never.
         clip_s: Length of a clip.
         change_s: Another command every so many seconds of what is recorded.
@@ -64,11 +69,6 @@ def loop_cfg(
     if change_s is not None and not 0.0 < change_s <= LONGEST_S:
         raise RunError(
             f"--change-s must lie in (0, {LONGEST_S:g}] seconds, got {change_s:g}"
-        )
-    if rater not in ("simulated", "human"):
-        raise RunError(
-            f"rater is 'simulated' or 'human', got {rater!r}: a program that scores "
-            f"steps is a criterion, and `examples/own_rater.py` has one that sees clips"
         )
     if steps is not None and steps < 1:
         raise RunError(f"--steps must be at least 1, got {steps}")
@@ -86,7 +86,7 @@ def loop_cfg(
         method=method or usual,
         rounds=usual_rounds if rounds is None else rounds,
         labels=usual_labels if labels is None else labels,
-        rater=rater,
+        rater=_rater_of(rater, unchecked),
         simulated=simulated or RaterCfg(),
         criterion=criterion,
         base=base,
@@ -109,6 +109,27 @@ def usual_base(robot: Path | None) -> str:
     """What a loop begins with that is told nothing else: the walk that ships, on the
     robot it is of."""
     return "walk" if robot is None else "task"
+
+
+def _rater_of(
+    rater: str | ProgramCfg | Look, unchecked: bool
+) -> Literal["simulated", "human"] | ProgramCfg:
+    """
+    Raises:
+        GaitprefError: it is nobody, or a function that no name imports again.
+    """
+    if isinstance(rater, ProgramCfg):
+        return rater
+    if isinstance(rater, str) and rater in ("simulated", "human"):
+        return rater
+    if callable(rater):
+        return ProgramCfg(name=name_of(rater), unchecked=unchecked)
+    if isinstance(rater, str) and is_program(rater):
+        return ProgramCfg(name=rater, unchecked=unchecked)
+    raise RunError(
+        f"rater is 'simulated', 'human', a function that looks at a pair of clips, or "
+        f"its name as package.module:function; got {rater!r}"
+    )
 
 
 def _steps(*, scratch: bool, quick: bool, given: int | None) -> StepsCfg:

@@ -94,7 +94,7 @@ def _count_going_on(
     most = budget.most_first(context, kept=labels_kept(cfg.method, context))
     if not context.is_first or asked >= most:
         return asked
-    pairs = load_pairs([dataset], at_least=0)
+    pairs = load_pairs([dataset], at_least=0, unchecked=cfg.unchecked)
     if pairs.too_little:
         console.print(f"round 0: {pairs.too_little}, so it asks on, up to {most}")
         return min(asked + batch, most)
@@ -166,9 +166,9 @@ def doubting(
     answers for one."""
     informed_from = cfg.method.questions.informed_from
     with dataset.answers() as store:
-        if count_evidence(store, dataset) < informed_from:
+        if count_evidence(store, dataset, unchecked=cfg.unchecked) < informed_from:
             return None
-    pairs = load_pairs([dataset], at_least=informed_from)
+    pairs = load_pairs([dataset], at_least=informed_from, unchecked=cfg.unchecked)
     # Only its doubt is asked for; the round's own fit is the one measured.
     fit = cfg.method.fit_of(context)
     return fit_reward(pairs, fit, seed=seed, measured=False)[0]
@@ -204,11 +204,12 @@ def _enough(cfg: LoopCfg, context: RoundContext, dataset: Dataset) -> bool:
     if not cfg.stop_asking:
         return False
     with dataset.answers() as store:
-        if count_evidence(store, dataset) < MIN_ANSWERS:
+        if count_evidence(store, dataset, unchecked=cfg.unchecked) < MIN_ANSWERS:
             return False
     seed = seed_of(cfg, context.number, 5)
     fit = cfg.method.fit_of(context)
-    _, report = fit_reward(load_pairs([dataset]), fit, seed=seed)
+    pairs = load_pairs([dataset], unchecked=cfg.unchecked)
+    _, report = fit_reward(pairs, fit, seed=seed)
     if report.enough:
         console.print(
             f"round {context.number}: {what_remains(report)}, so it stops asking"

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 from data.answers.address import Address
 from data.datasets.dataset import Dataset
 from data.files.lock import only_writer
 from gaitpref.console.progress import console
+from gaitpref.programs.program_answers import program_rater
+from gaitpref.programs.program_cfg import ReachCfg
+from gaitpref.programs.program_trust import require_teaching
 from gaitpref.report.journal import note_round, note_start
 from policy.parallel.ranks import ALONE, Ranks
 
@@ -21,7 +25,7 @@ from .policy_stage import policy_stage, train_along
 from .questions_stage import questions_stage
 from .record_stage import record_stage
 from .report_stage import report_stage
-from .run_config import claim
+from .run_config import CONFIG_NAME, claim
 from .run_dir import Round, context_of
 from .run_inputs import inputs_of
 from .run_report import PAGE_NAME, write_report
@@ -43,6 +47,7 @@ def run_loop(
     *,
     open_page: OpenPage = no_page,
     answers: Address | None = None,
+    reach: ReachCfg | None = None,
     ranks: Ranks = ALONE,
     command: str = "",
 ) -> Path:
@@ -54,13 +59,16 @@ def run_loop(
         open_page: Lets people in while it runs.
         answers: Where pairs and answers are kept, if not in a file of the run. It is
             no part of the configuration: it may hold a password.
+        reach: How a vision model that answers is reached; no part of the configuration
+            either.
         ranks: Processes that train together, each of which calls this with the same
             arguments; the first one does all the rest alone.
         command: What was typed, for the run's journal.
     """
     if ranks.is_first:
         with only_writer(run, console.print):
-            _run(run, cfg, open_page, answers, ranks, command)
+            reached = reach or ReachCfg()
+            _run(run, cfg, open_page, answers, reached, ranks, command)
         ranks.end()
     else:
         train_along(run, cfg, inputs_of(cfg).robot, answers, ranks)
@@ -72,11 +80,17 @@ def _run(
     cfg: LoopCfg,
     open_page: OpenPage,
     answers: Address | None,
+    reach: ReachCfg,
     ranks: Ranks,
     command: str,
 ) -> None:
     inputs = inputs_of(cfg)
     robot, criterion = inputs.robot, inputs.criterion
+    program = None
+    if cfg.program is not None:
+        program = program_rater(cfg.program, reach)
+        if not (run / CONFIG_NAME).exists():
+            require_teaching(cfg.program)
     claim(run, cfg, inputs.contents)
     if not Round(run, cfg.rounds).report.exists():
         note_start(run, command)
@@ -85,7 +99,7 @@ def _run(
         open_page(dataset) as visitors,
         meanwhile(run, cfg, visitors, answers) as asking,
     ):
-        people = asking.people
+        people = replace(asking.people, program=program)
         for number in range(cfg.rounds + 1):
             round = Round(run, number)
             round.root.mkdir(parents=True, exist_ok=True)

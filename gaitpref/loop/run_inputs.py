@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from data.files.files import sha256_file
+from gaitpref.programs.function_rater import Look, function_of
 from gaitpref.raters.criteria import Criterion, load_criterion
 from gaitpref.raters.criterion_scores import criterion_context
 from policy.robots.robot import Robot
@@ -25,14 +26,18 @@ class RunInputs:
     base_sha256: str | None
     """Hash of the policy file it begins with; None where it begins with none."""
 
+    look: Look | None = None
+    """The function that answers; None where none does."""
+
     @property
     def contents(self) -> dict[str, Any]:
         """Plain values that are the same as long as what is behind the names is."""
-        return {
+        told = {
             "base": self.base_sha256,
             "robot": self.robot.model_sha256,
             "criterion": content_of(self.criterion),
         }
+        return told if self.look is None else told | {"rater": content_of(self.look)}
 
 
 def inputs_of(cfg: LoopCfg) -> RunInputs:
@@ -44,4 +49,9 @@ def inputs_of(cfg: LoopCfg) -> RunInputs:
     base = cfg.base_file
     robot = setting_of(base, None if cfg.robot is None else Path(cfg.robot)).robot
     criterion = load_criterion(cfg.criterion, criterion_context(robot, cfg.env))
-    return RunInputs(robot, criterion, None if base is None else sha256_file(base))
+    sha256 = None if base is None else sha256_file(base)
+    program = cfg.program
+    look = None
+    if program is not None and program.url is None:
+        look = function_of(program.name)
+    return RunInputs(robot, criterion, sha256, look)

@@ -92,7 +92,7 @@ def render(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
     )
     settings = html.escape(
         f"base {cfg.base}, {cfg.labels} answers in {cfg.rounds} rounds by the "
-        f"{cfg.rater} rater, seed {cfg.seed}"
+        f"{cfg.rater_words}, seed {cfg.seed}"
     )
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8">'

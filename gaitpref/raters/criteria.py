@@ -10,14 +10,10 @@ Shapes: F feature columns, T steps, N environments.
 
 from __future__ import annotations
 
-import importlib
 import inspect
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from typing import cast
 
 import torch
 from torch import Tensor
@@ -27,6 +23,7 @@ from data.features import FEATURE_DIM, column
 from policy.env.task_reward import TaskRewardCfg, task_score
 from policy.training.ppo import ScoreFn
 
+from .own_code import imported
 from .styles import (
     TROT_HZ,
     crouch,
@@ -204,22 +201,10 @@ def _import(name: str) -> Callable[..., Tensor]:
             f"there is no criterion {name!r}; take one of {', '.join(BUILT_IN)}, or "
             f"give your own as package.module:function"
         )
-    here = str(Path.cwd())
-    if here not in sys.path:
-        # A console script does not search the directory its user stands in.
-        sys.path.append(here)
     try:
-        found = getattr(importlib.import_module(module_name), attribute)
-    except Exception as error:
-        raise CriterionError(
-            f"criterion {name} cannot be imported from {here}: "
-            f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
-        ) from error
-    if not callable(found):
-        raise CriterionError(
-            f"criterion {name} is a {type(found).__name__}, not callable"
-        )
-    return cast(Callable[..., Tensor], found)
+        return imported("criterion", name)
+    except GaitprefError as error:
+        raise CriterionError(str(error)) from error.__cause__
 
 
 def _probe_rows(context: CriterionContext) -> Tensor:

@@ -17,6 +17,7 @@ from data.datasets.dataset import Dataset
 from gaitpref.console.progress import working
 from gaitpref.method.method import STYLE
 from rewardmodel.answers.answered_pairs import MIN_ANSWERS, AnsweredPairs, load_pairs
+from rewardmodel.answers.program_agreement import RULE
 from rewardmodel.errors import RewardError
 from rewardmodel.posterior.group_raters import Group, Grouping, group_raters
 
@@ -37,7 +38,7 @@ def told_of_groups(dataset: Dataset) -> tuple[dict[str, Any], list[str]]:
     Raises:
         GaitprefError: there are too few answers.
     """
-    pairs = load_pairs([dataset])
+    pairs = load_pairs([dataset], unchecked=True)
     found = grouping_of(pairs)
     lines = list(_lines(found))
     values = {
@@ -62,6 +63,12 @@ def answers_for(pairs: AnsweredPairs, whom: Sequence[str]) -> AnsweredPairs:
         RewardError: somebody gave no answer, or too few prefer a clip.
     """
     known = sorted(set(pairs.raters))
+    for each in pairs.untaught:
+        if each.rater_id in whom:
+            raise RewardError(
+                f"--for {each.rater_id}: it {each}, {RULE} to teach; --unchecked takes "
+                "its word"
+            )
     for name in whom:
         if name.removeprefix(GROUP) not in known:
             raise RewardError(

@@ -10,7 +10,6 @@ from typing import Any
 import viser
 from viser import GuiButtonHandle, GuiEvent
 
-from data.answers.answer_records import Aspect
 from data.files.limits import NOTE_CHARS
 from labeling_ui.questions.judgement import Past
 
@@ -65,7 +64,7 @@ class Controls:
     def __init__(self, client: viser.ClientHandle, post: Post) -> None:
         self._gui = gui = client.gui
         self._told: tuple[str, Showing] | None = None
-        self._said_why: Aspect | None = None
+        self._said = Remarks()
         gui.main_panel.dock_right()
         gui.main_panel.set_width(PANEL_WIDTH_PX)
         self._head = gui.add_html("")
@@ -81,6 +80,7 @@ class Controls:
             button.on_click(posts(post, "verdict", verdict.verdict))
         self._why = gui.add_button_group("because of", tuple(ASPECT_OF_LABEL))
         self._why.on_click(posts_value(post, "why_label"))
+        self._here = self._button("here", post)
         self._bad = self._button("bad", post)
         self._undo = self._button("undo", post)
         self._keep = self._button("keep", post)
@@ -114,7 +114,7 @@ class Controls:
         self._bar.value = 100.0 * progress.answered / done if done else 0.0
         question = showing.question
         asked = question is not None
-        for button in (*self._answers, self._bad):
+        for button in (*self._answers, self._here, self._bad):
             button.disabled = not asked
         # viser cannot disable a group.
         self._why.visible = asked
@@ -137,12 +137,12 @@ class Controls:
     def say(self, remarks: Remarks) -> None:
         """Show all but the note, whose newest letters may be under way."""
         self.confidence.value = remarks.confidence
-        self._said_why = remarks.why
+        self._said = remarks
         self._fill_head()
 
     def _fill_head(self) -> None:
         if self._told is not None:
-            self._head.content = head(*self._told, self._said_why)
+            self._head.content = head(*self._told, self._said)
 
     def fill_status(self, status: LoopStatus | None) -> None:
         """Show what the loop does."""

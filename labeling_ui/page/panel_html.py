@@ -11,20 +11,20 @@ import html
 from collections.abc import Sequence
 from datetime import datetime
 
-from data.answers.answer_records import Aspect
 from labeling_ui.questions.judgement import Past, Verdict
 from labeling_ui.scene.clip_motion import Command
 
 from .page_access import Showing
+from .remarks import Remarks
 from .shortcuts import WORDS
 
 _HEAD_PX = 128
 """Room for six lines, two of them the command: what follows stands still."""
 
 
-def head(rater_id: str, showing: Showing, why: Aspect | None) -> str:
+def head(rater_id: str, showing: Showing, said: Remarks) -> str:
     """The top of the panel: who, what is asked, under which command."""
-    progress = showing.progress
+    progress, why = showing.progress, said.why
     count = f"{progress.answered} answered, {progress.open} open"
     question, lines = showing.question, []
     if question is None:
@@ -40,10 +40,10 @@ def head(rater_id: str, showing: Showing, why: Aspect | None) -> str:
         if motion is not None and not lies:
             lines.append(command_words(motion.commands))
     if question is not None and question.earlier is not None:
-        said = WORDS[question.earlier].lower()
-        lines.append(f"<i>Reopened: you said “{said}”.</i>")
-    if why is not None:
-        lines.append(f"Because of <b>{why}</b>: now answer.")
+        before = WORDS[question.earlier].lower()
+        lines.append(f"<i>Reopened: you said “{before}”.</i>")
+    if why is not None or said.here_s:
+        lines.append(f"{_said_words(said)}: now answer.")
     if showing.notice:
         lines.append(warning(showing.notice))
     top = (
@@ -53,14 +53,24 @@ def head(rater_id: str, showing: Showing, why: Aspect | None) -> str:
     return (
         f'<div data-gp-ready data-gp-question="{showing.question_id or ""}" '
         f'data-gp-why="{why or ""}" '
-        f'data-gp-spoken="{html.escape(spoken(showing, why))}" '
+        f'data-gp-spoken="{html.escape(spoken(showing, said))}" '
         f'style="height:{_HEAD_PX}px;overflow:auto">'
         + boxed(top + "".join(f"<div>{line}</div>" for line in lines))
         + "</div>"
     )
 
 
-def spoken(showing: Showing, why: Aspect | None) -> str:
+def _said_words(said: Remarks) -> str:
+    """What decides, as far as it was said."""
+    words = [] if said.why is None else [f"because of <b>{said.why}</b>"]
+    if said.here_s:
+        moments = ", ".join(f"{moment:.2f} s" for moment in said.here_s)
+        words.append(f"marked <b>{moments}</b>")
+    text = ", ".join(words)
+    return text[:1].upper() + text[1:]
+
+
+def spoken(showing: Showing, said: Remarks) -> str:
     """What a screen reader is told when the panel changes."""
     progress, question = showing.progress, showing.question
     says = [f"{progress.answered} answers stored, {progress.open} pairs to go."]
@@ -71,8 +81,10 @@ def spoken(showing: Showing, why: Aspect | None) -> str:
         says.append(f"Asked: {', then '.join(map(_one_command, commands))}.")
     if question is not None and question.earlier is not None:
         says.append(f"Open again; your answer was {WORDS[question.earlier]}.")
-    if why is not None:
-        says.append(f"What decides: {why}.")
+    if said.why is not None:
+        says.append(f"What decides: {said.why}.")
+    if said.here_s:
+        says.append(f"{len(said.here_s)} moments marked.")
     return " ".join([*says, showing.notice]).strip()
 
 

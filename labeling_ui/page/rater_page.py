@@ -230,6 +230,9 @@ class Page:
             self._set_clock(_CLOCK[name](self._clock))
         elif name in CONFIDENCE_OF:
             self._remark(replace(self._remarks, confidence=CONFIDENCE_OF[name]))
+        elif name == "here":
+            if self._showing is not None and self._showing.question is not None:
+                self._remark(self._remarks.marked(self._clock.time_s))
         elif name == "bad":
             if self._showing is not None and self._showing.question is not None:
                 self._modal = bad_clip_dialog(self.client, self.post)
@@ -296,7 +299,8 @@ class Page:
             confidence=self._remarks.sure,
             watched_ms=round(1000 * clock.watched_s),
             response_ms=round(1000 * (time.monotonic() - self._shown_at)),
-            client={"replays": clock.replays, "speed": clock.speed},
+            client={"replays": clock.replays, "speed": clock.speed}
+            | self._remarks.client,
             dialog_open=self._modal is not None,
         )
         self._store(lambda desk: desk.answer(judgement))

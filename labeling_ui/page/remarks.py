@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
-from data.answers.answer_records import Answer, Aspect
+from data.answers.answer_records import HERE, MOST_HERE, Answer, Aspect
 
 from .shortcuts import CONFIDENCES
+
+_SAME_MOMENT_S = 0.1
+"""A mark so near to another is meant to take it back."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,11 +21,27 @@ class Remarks:
     confidence: str = next(iter(CONFIDENCES))
     """One of CONFIDENCES, in words."""
     why: Aspect | None = None
+    here_s: tuple[float, ...] = ()
+    """Moments of the clips that were marked."""
 
     @property
     def sure(self) -> float | None:
         """The confidence as it is stored, in [0, 1]."""
         return CONFIDENCES[self.confidence]
+
+    def marked(self, time_s: float) -> Remarks:
+        """With a mark at a moment of the clips, or without the one that is there."""
+        near = [m for m in self.here_s if abs(m - time_s) < _SAME_MOMENT_S]
+        if near:
+            here_s = tuple(m for m in self.here_s if m not in near)
+        else:
+            here_s = tuple(sorted((*self.here_s, round(time_s, 2))))[:MOST_HERE]
+        return replace(self, here_s=here_s)
+
+    @property
+    def client(self) -> dict[str, Any]:
+        """What of it is stored with how the clips were shown."""
+        return {HERE: list(self.here_s)} if self.here_s else {}
 
 
 def remarks_of(answer: Answer | None) -> Remarks:
@@ -32,6 +52,7 @@ def remarks_of(answer: Answer | None) -> Remarks:
         note=answer.note,
         confidence=_words_of(answer.confidence),
         why=answer.why or None,
+        here_s=answer.here_s,
     )
 
 

@@ -17,7 +17,7 @@ Key = Literal[
 Name = Literal[
     "bad", "undo", "keep", "guidelines", "close", "play", "replay", "back", "on",
     "slower", "faster", "view", "ghost", "camera", "theme", "curves", "unsure",
-    "fairly", "sure", "differed",
+    "fairly", "sure", "differed", "here",
 ]  # fmt: skip
 
 
@@ -112,6 +112,7 @@ SHORTCUTS: dict[Name, Shortcut] = {
         Shortcut("7", "unsure", "Unsure"),
         Shortcut("8", "fairly", "Fairly sure"),
         Shortcut("9", "sure", "Sure"),
+        Shortcut("X", "here", "Mark this moment"),
     )
 }
 

@@ -29,7 +29,7 @@ _GROUPS = (
     KeyGroup(
         "Say more, before the answer",
         tuple((key.key, f"Because of {key.aspect}") for key in ASPECT_KEYS)
-        + _rows("unsure", "fairly", "sure")
+        + _rows("here", "unsure", "fairly", "sure")
         + (("escape", "Leave the note, go on by key"),),
     ),
     KeyGroup(

@@ -22,6 +22,7 @@ from data.episodes.clips import Clip
 from rewardmodel.errors import RewardError
 
 from .clip_batch import ClipBatch, fill_clips, with_past
+from .program_agreement import Agreement, told_untaught
 from .recorded import RecordedClips, recorded_clips
 from .used import UsedAnswers, answers_used, count_preferences
 from .used import count_evidence as count_evidence
@@ -67,6 +68,8 @@ class AnsweredPairs:
     """Answers left out because an episode they are about is gone."""
     sides: tuple[Sides, ...] = ()
     """Which side of the screen each rater prefers, in all answers of the data sets."""
+    untaught: tuple[Agreement, ...] = ()
+    """Programs whose answers were left out, as they do not agree with people."""
     recorded: RecordedClips | None = None
     """What else there is of the kind that was judged; None where nobody knows."""
 
@@ -142,7 +145,10 @@ class AnsweredPairs:
 
 
 def load_pairs(
-    datasets: Sequence[Dataset], *, at_least: int = MIN_ANSWERS
+    datasets: Sequence[Dataset],
+    *,
+    at_least: int = MIN_ANSWERS,
+    unchecked: bool = False,
 ) -> AnsweredPairs:
     """Gather the current answers of `datasets`, in an order that depends on them alone.
 
@@ -151,14 +157,20 @@ def load_pairs(
     with the mean of both answers: a contradiction says that the clips are close. Pairs
     with a known answer measure raters and teach nothing.
 
-    Answers about an episode that no data set lists any more are left out and counted.
+    Answers about an episode that no data set lists any more are left out and counted,
+    those of programs that do not agree with people are left out too.
+
+    Args:
+        datasets: Any number.
+        at_least: Answers that must prefer a clip.
+        unchecked: Take the answers of all programs.
 
     Raises:
         RewardError: fewer than `at_least` answers prefer a clip, without those that
             others take back, or none has a target.
         DatasetError, EpisodeError: an episode is missing or damaged.
     """
-    used = answers_used(datasets)
+    used = answers_used(datasets, unchecked=unchecked)
     if used.preferences < at_least or not used.rows:
         raise RewardError(_too_few(datasets, used, max(1, at_least)))
     gathered = gather_pairs(datasets, [row.pair for row in used.rows])
@@ -172,6 +184,7 @@ def load_pairs(
         num_collected=used.collected,
         num_gone=used.gone,
         sides=used.sides,
+        untaught=used.untaught,
         answers_sha256=_label_set(row.line for row in used.rows),
         recorded=recorded_clips(datasets),
     )
@@ -235,6 +248,7 @@ def _too_few(datasets: Sequence[Dataset], used: UsedAnswers, needed: int) -> str
     others = [
         f"{ties} call both clips equal" * bool(ties),
         f"{used.gone} are about episodes that are gone" * bool(used.gone),
+        *map(told_untaught, used.untaught),
     ]
     besides = "".join(f", {words}" for words in others if words)
     return (

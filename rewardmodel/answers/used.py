@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from data.answers.answer_records import Answer, Pair, utc_text
+from data.answers.answer_records import Answer, Pair, RaterKind, utc_text
 from data.answers.rater_habits import Sides, sides_of
 from data.answers.store import AnswerStore
 from data.datasets.dataset import Dataset
 from data.datasets.gone import listed_in
+
+from .program_agreement import PROGRAM, Agreement, agreements
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,8 @@ class UsedAnswers:
     """Answers about an episode that no data set has any more."""
     sides: tuple[Sides, ...]
     """Which side of the screen each rater prefers."""
+    untaught: tuple[Agreement, ...] = ()
+    """Programs whose answers are left out, as they do not agree with people."""
 
     @property
     def preferences(self) -> int:
@@ -55,30 +59,60 @@ class UsedAnswers:
         return count_preferences(clips, [row.target for row in self.rows])
 
 
-def answers_used(datasets: Sequence[Dataset]) -> UsedAnswers:
+def answers_used(
+    datasets: Sequence[Dataset], *, unchecked: bool = False
+) -> UsedAnswers:
     """What `datasets` say; an answer found in several of them counts once.
+
+    Args:
+        datasets: Any number.
+        unchecked: Take answers of programs too that do not agree with people.
 
     Raises:
         DatasetError, AnswerError: a manifest or the answers cannot be read.
     """
-    answered = _current_answers(datasets)
+    answered, kinds = _current_answers(datasets)
     listed = listed_in(datasets)
     here = [row for row in answered if listed(row[0])]
+    untaught = () if unchecked else _untaught(here, kinds)
+    left_out = {each.rater_id for each in untaught}
+    gone = len(answered) - len(here)
+    here = [row for row in here if row[1].rater_id not in left_out]
     return UsedAnswers(
         rows=tuple(evidence_of(here)),
         collected=len(answered),
         without_target=sum(answer.target is None for _, answer in here),
-        gone=len(answered) - len(here),
+        gone=gone,
         sides=sides_of(answer for _, answer in here),
+        untaught=untaught,
     )
 
 
-def count_evidence(store: AnswerStore, dataset: Dataset | None = None) -> int:
+def _untaught(
+    rows: Sequence[tuple[Pair, Answer]], kinds: Mapping[str, RaterKind]
+) -> tuple[Agreement, ...]:
+    """Programs that answered, and may not teach."""
+    if PROGRAM not in kinds.values():
+        return ()
+    answered = {answer.rater_id for _, answer in rows}
+    return tuple(
+        each
+        for name, each in agreements(rows, kinds).items()
+        if name in answered and not each.teaches
+    )
+
+
+def count_evidence(
+    store: AnswerStore, dataset: Dataset | None = None, *, unchecked: bool = False
+) -> int:
     """How many preferences of a store a fit would use, those left out that are about
-    episodes which `dataset` lists no more."""
+    episodes which `dataset` lists no more, or of programs that may not teach."""
     listed = listed_in([] if dataset is None else [dataset])
     answered = store.current_answers()
-    rows = evidence_of(row for row in answered if dataset is None or listed(row[0]))
+    here = [row for row in answered if dataset is None or listed(row[0])]
+    untaught = () if unchecked else _untaught(here, store.raters())
+    left_out = {each.rater_id for each in untaught}
+    rows = evidence_of(row for row in here if row[1].rater_id not in left_out)
     clips = [(row.pair.a.key, row.pair.b.key) for row in rows]
     return count_preferences(clips, [row.target for row in rows])
 
@@ -126,13 +160,21 @@ def evidence_of(answered: Iterable[tuple[Pair, Answer]]) -> list[Used]:
     return sorted(evidence, key=lambda row: row.line)
 
 
-def _current_answers(datasets: Sequence[Dataset]) -> list[tuple[Pair, Answer]]:
-    """Every current answer once."""
+def _current_answers(
+    datasets: Sequence[Dataset],
+) -> tuple[list[tuple[Pair, Answer]], dict[str, RaterKind]]:
+    """Every current answer once, and what the raters are."""
     answers: dict[str, tuple[Pair, Answer]] = {}
+    kinds: dict[str, RaterKind] = {}
     for dataset in datasets:
         with dataset.answers_copy() as store:
+            programs = [name for name in kinds if kinds[name] == PROGRAM]
+            kinds |= store.raters()
+            # Whoever is a program in one of them is a person in none.
+            kinds |= dict.fromkeys(programs, PROGRAM)
             for pair, answer in store.current_answers():
                 answers[answer.answer_id] = (pair, answer)
     # A copy of a data set may not know that its answer was corrected elsewhere.
     corrected = {answer.supersedes for _, answer in answers.values()}
-    return [row for row in answers.values() if row[1].answer_id not in corrected]
+    rows = [row for row in answers.values() if row[1].answer_id not in corrected]
+    return rows, kinds

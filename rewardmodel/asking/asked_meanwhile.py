@@ -13,6 +13,7 @@ from dataclasses import replace
 
 from data.answers.answer_records import Pair
 from data.answers.store import AnswerStore
+from rewardmodel.answers.program_agreement import PROGRAM
 
 _KEY = "meanwhile"
 
@@ -31,10 +32,19 @@ def asked_for(pair: Pair) -> int | None:
     return found.get("for_round") if isinstance(found, dict) else None
 
 
-def asked_and_left(store: AnswerStore, round: int) -> tuple[int, int]:
+def asked_and_left(
+    store: AnswerStore, round: int, *, by_people: bool = False
+) -> tuple[int, int]:
     """Pairs a round asked itself, and those nobody answered; a known answer is not
-    waited for."""
-    asked, left = store.pairs(round=round), store.unanswered(round=round)
+    waited for.
+
+    Args:
+        store: The run's answers.
+        round: Its number.
+        by_people: What only a program answered, nobody did.
+    """
+    but_by = PROGRAM if by_people else None
+    asked, left = store.pairs(round=round), store.unanswered(round=round, but_by=but_by)
     return len(own_of(asked)), len(own_of(left))
 
 

@@ -176,7 +176,7 @@ def sampled(
             found = found[resampled(log_weight, generator)]
             log_weight = torch.zeros(count)
             so_far = answers.part(torch.arange(number + 1))
-            found = _moved(found, opinions, prior, so_far, generator)
+            found = after_moves(found, opinions, prior, so_far, generator)
     return Posterior(found, evidence)
 
 
@@ -194,7 +194,7 @@ def resampled(log_weight: Tensor, generator: torch.Generator) -> Tensor:
     return torch.searchsorted(ends, at / count).clamp(max=count - 1)
 
 
-def _moved(
+def after_moves(
     found: Hypotheses,
     opinions: Opinions,
     prior: Prior,

@@ -23,6 +23,8 @@ ROOT = Path(__file__).resolve().parents[2]
 _TOML = re.compile(r"```toml\n(.*?)```", re.DOTALL)
 _WISH = re.compile(r"```python\n(from data import column\n.*?)```", re.DOTALL)
 
+_LOOKER = re.compile(r"```python\n(from gaitpref import SeenPair\n.*?)```", re.DOTALL)
+
 
 def make_readers_world(world: Path) -> None:
     """Write into `world` a finished run, an answered data set and files of others."""
@@ -50,6 +52,10 @@ def make_readers_world(world: Path) -> None:
     wish = _WISH.search((ROOT / "README.md").read_text())
     assert wish
     (world / "mymodule.py").write_text(wish[1])
+    page = (ROOT / "docs" / "how-to" / "raters-that-are-programs.md").read_text()
+    looker = _LOOKER.search(page)
+    assert looker
+    (world / "looker.py").write_text(looker[1])
     (world / "examples").symlink_to(ROOT / "examples")
     _make_certificate(world)
 

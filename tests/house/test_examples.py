@@ -28,6 +28,7 @@ from gaitpref import (
 )
 from policy import EnvCfg, PpoCfg, RecordCfg, TrainCfg, load_robot, train
 from rewardmodel import load_reward
+from tests.helpers.own_lookers import fewer_feet_down
 
 PACKAGES = (data, gaitpref, labeling_ui, policy, rewardmodel)
 
@@ -109,9 +110,25 @@ def test_a_criterion_scores_an_episode_by_name_or_as_a_function(
         score_episode("hihg_step", rows)
 
 
-def test_a_program_is_no_rater_of_a_loop() -> None:
-    with pytest.raises(GaitprefError, match=r"criterion.*own_rater"):
-        loop_cfg(rater=print)  # pyright: ignore[reportArgumentType]
+def test_a_loop_asks_a_function(tmp_path: Path) -> None:
+    """If it may: nobody compared it with people."""
+    refused = tiny(loop_cfg(base="none", rater=fewer_feet_down))
+    with pytest.raises(GaitprefError, match="was never compared with people"):
+        run_loop(tmp_path / "run", refused)
+    cfg = tiny(loop_cfg(base="none", rater=fewer_feet_down, unchecked=True))
+    page = run_loop(tmp_path / "run", cfg)
+    assert "rater program:tests.helpers.own_lookers:fewer_feet_down" in page.read_text()
+    with open_dataset(tmp_path / "run" / "dataset").answers() as store:
+        assert set(store.raters().values()) == {"model"}
+        assert store.count() >= 12
+    reward = load_reward(tmp_path / "run" / "rounds" / "00" / "reward")
+    # Something was learned of what it said.
+    assert (reward.provenance.report.train_accuracy or 0.0) > 0.7
+    simulated = replace(cfg, rater="simulated")
+    with pytest.raises(GaitprefError, match="started with other settings"):
+        run_loop(tmp_path / "run", simulated)
+    with pytest.raises(GaitprefError, match="rater is 'simulated', 'human', a func"):
+        loop_cfg(rater="nobody")
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.__name__)

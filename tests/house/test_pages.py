@@ -28,7 +28,7 @@ PROGRAM = re.compile(r"python -m (benchmarks|studies|examples)\.([a-z]\w*)")
 PACKAGES = ("data", "rewardmodel", "policy", "labeling_ui", "gaitpref")
 FOLDERS = (*PACKAGES, "benchmarks", "studies", "tests", "examples", "docs")
 WHOLE = {"README.md", "quickstart.md", "concepts.md"}
-MADE = {"scene.toml", "walk.toml", "wish.py"}
+MADE = {"looker.py", "scene.toml", "walk.toml", "wish.py"}
 """Names of files that are the reader's own."""
 
 

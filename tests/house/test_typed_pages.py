@@ -64,6 +64,7 @@ ELSEWHERE = {
     "pip install": "what CI does first",
     "createdb": "tests/helpers/postgres.py makes the data base",
     "torchrun": "tests/policy/test_ranks.py starts ranks",
+    "gaitpref answer --dataset runs/clips --rater openai:": "test_programs serves one",
     "ray start": "tests/policy/test_actors.py starts Ray",
     "gaitpref train --out runs/walk --reward task --actors": "tests/policy/test_actors",
 }

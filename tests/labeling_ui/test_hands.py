@@ -279,6 +279,29 @@ def test_remarks_come_back_with_their_question(
     assert (newest.supersedes is not None) == (back == "reopen")
 
 
+def test_a_moment_is_marked_and_taken_back(page: "Page", site: Site) -> None:
+    """While the clips stand still; it comes back with the question."""
+    before = len(site.answers())
+    marked = page.get_by_text(re.compile("^Marked [0-9.]+ s: now answer"))
+    page.keyboard.press("j")
+    page.keyboard.press("x")
+    marked.wait_for()
+    page.keyboard.press("x")
+    marked.wait_for(state="detached")
+    pressed(page, "Mark this moment [X]")
+    marked.wait_for()
+    page.keyboard.press("2")
+    counted(page, before + 1)
+    (moment,) = site.answers()[0].here_s
+    page.keyboard.press("z")
+    counted(page, before)
+    page.get_by_text(f"Marked {moment:.2f} s: now answer").wait_for()
+    keep_picture(page, "marked.png")
+    page.keyboard.press("2")
+    counted(page, before + 1)
+    assert site.answers()[0].here_s == (moment,)
+
+
 def test_answers_stand_still(page: "Page") -> None:
     """Whatever is said above them."""
 

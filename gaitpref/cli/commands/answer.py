@@ -1,20 +1,49 @@
-"""`gaitpref answer`: a simulated rater answers the open pairs."""
+"""`gaitpref answer`: a simulated rater, or a program, answers the open pairs."""
 
 from __future__ import annotations
 
+from data.datasets.dataset import Dataset
 from data.datasets.gone import pairs_gone
+from data.errors import GaitprefError
 from gaitpref.cli.options import options
+from gaitpref.cli.options.program_options import Teaching
 from gaitpref.cli.shared.dataset_argument import open_dataset
-from gaitpref.cli.shared.rater_arguments import rater_cfg
+from gaitpref.cli.shared.rater_arguments import program_of, rater_cfg, reach_of
 from gaitpref.console.progress import console, counted
+from gaitpref.programs.program_answers import answer_by_program, program_rater
+from gaitpref.programs.program_cfg import ProgramCfg
 from gaitpref.raters.criteria import load_criterion
 from gaitpref.raters.criterion_scores import context_of_dataset
 from gaitpref.raters.simulated import answer_pairs
 
+SIMULATED = ("perfect", "stochastic")
+
 
 def run(command: options.Answer) -> int:
     """Run the command; gives the exit code."""
+    program = program_of(command.rater, SIMULATED, command.asking, Teaching())
     dataset = open_dataset(command)
+    if program is None:
+        _simulated(command, dataset)
+    else:
+        _by_program(command, program, dataset)
+    if gone := pairs_gone(dataset):
+        console.print(gone)
+    console.next(
+        f"`gaitpref fit --dataset {command.dataset} --out REWARD` fits a reward to them"
+    )
+    return 0
+
+
+def _simulated(command: options.Answer, dataset: Dataset) -> None:
+    if command.criterion is None:
+        raise GaitprefError(
+            "what does the simulated rater look for? --criterion high_step, or another"
+        )
+    if command.most is not None:
+        raise GaitprefError(
+            "--most is about a program: a simulated rater answers every open pair"
+        )
     cfg = rater_cfg(command)
     criterion = load_criterion(command.criterion, context_of_dataset(dataset))
     rater = f"simulated:{command.criterion}"
@@ -25,9 +54,20 @@ def run(command: options.Answer) -> int:
     console.print(
         f"{count} pairs of {command.dataset} were answered by {command.criterion}"
     )
-    if gone := pairs_gone(dataset):
-        console.print(gone)
-    console.next(
-        f"`gaitpref fit --dataset {command.dataset} --out REWARD` fits a reward to them"
+
+
+def _by_program(command: options.Answer, program: ProgramCfg, dataset: Dataset) -> None:
+    if command.criterion is not None or command.erring != options.Erring():
+        raise GaitprefError(
+            "--criterion and how a simulated rater errs are not for a program, which "
+            "looks at the clips itself: leave them out"
+        )
+    rate = program_rater(program, reach_of(command.asking))
+    count = answer_by_program(
+        dataset, rate, program, seed=command.seed, most=command.most
     )
-    return 0
+    console.print(
+        f"{count} pairs of {command.dataset} were answered by {program.rater_id}; "
+        f"`gaitpref raters --dataset {command.dataset} compare` says how it agrees "
+        "with people"
+    )

@@ -31,6 +31,7 @@ from gaitpref.raters.rater_groups import answers_for
 from gaitpref.report.findings import findings_of_fit
 from gaitpref.report.fit_summary import fit_summary
 from rewardmodel.answers.answered_pairs import load_pairs
+from rewardmodel.answers.program_agreement import told_untaught
 from rewardmodel.cfg import FitCfg
 from rewardmodel.extensions.questions.unanswered import unanswered_pairs
 from rewardmodel.extensions_cfg import LabelFilterCfg, SemiSupervisedCfg
@@ -81,7 +82,8 @@ def _fit_alone(command: options.Fit) -> None:
     stage = stage_of(command)
     if stage is not None:
         cfg = stage.fit
-    pairs, unanswered = load_pairs(datasets), None
+    pairs = load_pairs(datasets, unchecked=command.unchecked)
+    unanswered = None
     if command.whom:
         pairs = answers_for(pairs, command.whom)
     if command.semi_supervised:
@@ -100,7 +102,8 @@ def _fit_alone(command: options.Fit) -> None:
         return
     console.print(f"{kind}: {fit_summary(report)}; the reward is {command.out}")
     gone = told_gone(pairs.num_gone, pairs.num_collected, command.dataset[0])
-    for line in filter(None, (gone, *findings.besides)):
+    untaught = [f"answers: {told_untaught(each)}" for each in pairs.untaught]
+    for line in filter(None, (gone, *untaught, *findings.besides)):
         console.print(line)
     if stage is None:
         console.print(told_without_method("fits other settings"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 
 from data.datasets.dataset import Dataset
@@ -14,6 +15,7 @@ from gaitpref.cli.shared.as_typed import as_typed
 from gaitpref.cli.shared.dataset_argument import address
 from gaitpref.cli.shared.launched import ranks_of_launch
 from gaitpref.cli.shared.loop_arguments import resolve
+from gaitpref.cli.shared.rater_arguments import reach_of
 from gaitpref.console.browser import open_page
 from gaitpref.console.extras import require
 from gaitpref.console.progress import console
@@ -33,6 +35,7 @@ def run(command: options.Loop) -> int:
             cfg,
             open_page=partial(page_of_loop, command) if human else no_page,
             answers=address(command.answers),
+            reach=reach_of(command.asking),
             ranks=ranks,
             command=as_typed("loop", command),
         )
@@ -62,7 +65,7 @@ def page_of_loop(options: Loop, dataset: Dataset) -> Iterator[People]:
             console.print(line)
         if options.page.open:
             open_page(opened.url)
-        patience = {}
+        people = People(announce=opened.announce, require_page=opened.require)
         if options.patience is not None:
-            patience = {"patience_s": 60 * options.patience}
-        yield People(announce=opened.announce, require_page=opened.require, **patience)
+            people = replace(people, patience_s=60 * options.patience)
+        yield people

@@ -45,6 +45,11 @@ def run(command: options.Raters) -> int:
                 dataset
             )
             _show(command, *told)
+        case "compare":
+            trust = require("gaitpref.programs.program_trust", "fit")
+            with dataset.answers_copy() as store:
+                told = trust.told_of_programs(store)
+            _show(command, *told)
     return 0
 
 

@@ -5,7 +5,7 @@ Nothing here imports torch or a simulator: `gaitpref --help` answers at once.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -22,6 +22,7 @@ from .policy_options import Policy as Policy
 from .policy_options import Record as Record
 from .policy_options import Robot as Robot
 from .policy_options import Train as Train
+from .program_options import Asking, Teaching
 from .reward_options import Answer as Answer
 from .reward_options import Erring as Erring
 from .reward_options import Explain as Explain
@@ -75,8 +76,13 @@ class Loop(Looping, _InRun):
     together; all the rest is done by the first one.
     """
 
-    rater: Literal["simulated", "human"] = "simulated"
-    """Who answers: a program, or people on a labeling page that is up all the time."""
+    rater: str = "simulated"
+    """Who answers: simulated, by a criterion; human, people on a labeling page that is
+    up all the time; or a program that looks at clips: your own function as
+    package.module:function, which is imported and so run, or a vision model as
+    openai:http://127.0.0.1:PORT/v1."""
+    asking: Asking = field(default_factory=Asking)
+    teaching: Teaching = field(default_factory=Teaching)
     patience: Annotated[float, AtLeast(0)] | None = None
     """Minutes a round waits for people; then it goes on with the answers there are.
     Without it, a round waits until all its pairs are answered."""
@@ -151,11 +157,12 @@ class Raters:
     """Say who may log in to the labeling page, and how well they agree."""
 
     action: tyro.conf.Positional[
-        Literal["list", "add", "revoke", "stats", "groups"]
+        Literal["list", "add", "revoke", "stats", "groups", "compare"]
     ] = "list"
     """list shows who has a token; add makes one and shows it once; revoke makes it
     worthless; stats shows speed, habits and agreement; groups shows who wants the same,
-    and whose taste has changed."""
+    and whose taste has changed; compare shows how far programs agree with people, which
+    side they like, what they cost, and whether they may teach."""
     name: tyro.conf.Positional[str | None] = None
     """Rater to add or revoke: letters, digits, - and _. A pseudonym is best."""
     dataset: Path

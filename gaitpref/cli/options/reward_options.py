@@ -11,6 +11,7 @@ import tyro
 from data.answers.strategy_names import StrategyName
 
 from .bounds import AtLeast, Count, CountOrZero, Seed
+from .program_options import Asking
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,17 +73,23 @@ class Erring:
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """Let the simulated rater answer every open pair."""
+    """Let a simulated rater, or a program, answer every open pair."""
 
     dataset: Path
     """Data set directory."""
-    criterion: str
-    """task, smooth, high_step, crouch, low_energy, trot, pace, get_up, a trot of
-    another frequency as trot@HZ, or your own as package.module:function."""
-    rater: Literal["perfect", "stochastic"] = "perfect"
-    """Takes the better clip, or is the less sure the closer the two are, with a BETA of
-    1 by default."""
+    criterion: str | None = None
+    """What a simulated rater looks for: task, smooth, high_step, crouch, low_energy,
+    trot, pace, get_up, a trot of another frequency as trot@HZ, or your own as
+    package.module:function."""
+    rater: str = "perfect"
+    """perfect takes the better clip by the criterion; stochastic is the less sure the
+    closer the two are, with a BETA of 1 by default. Or a program that looks at clips:
+    your own function as package.module:function, which is imported and so run, or a
+    vision model as openai:http://127.0.0.1:PORT/v1."""
     erring: Erring = Erring()
+    asking: Asking = field(default_factory=Asking)
+    most: Count | None = None
+    """Answer so many pairs at most, of a program."""
     answers: str | None = None
     """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
     file by default."""
@@ -134,6 +141,9 @@ class Fit:
     whom: Annotated[tuple[str, ...], tyro.conf.arg(name="for", metavar="RATER")] = ()
     """Learn what some raters want: their names, or group:RATER for all who want what
     that one does; `gaitpref raters groups` shows them. By default what all share."""
+    unchecked: bool = False
+    """Learn from answers of programs too that do not agree with people, or were never
+    compared with them; `gaitpref raters compare` shows it."""
     json: bool = False
     """Print one JSON object and nothing else."""
     answers: str | None = None

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 from gaitpref.cli.options.options import Erring, Loop
-from gaitpref.loop.loop_cfg import NEW_BASES, LoopCfg, RunError
+from gaitpref.loop.loop_cfg import NEW_BASES, RATERS, LoopCfg, RunError
 from gaitpref.loop.presets import loop_cfg
 from policy.env.env_cfg import EnvCfg, getup_env
 
-from .rater_arguments import erring_rater
+from .rater_arguments import erring_rater, program_of
 from .simulator import sim_of
 
 
@@ -20,11 +20,12 @@ def resolve(options: Loop) -> LoopCfg:
         GaitprefError: an option is out of range, says something of who is not there, or
             names a file that cannot be used.
     """
-    if options.rater == "human" and options.erring != Erring():
+    if options.rater != "simulated" and options.erring != Erring():
         raise RunError(
             "--beta, --gamma, --mistakes, --skip, --equal and --why say how the "
-            "simulated rater answers: leave them out with --rater human"
+            f"simulated rater answers: leave them out with --rater {options.rater}"
         )
+    program = program_of(options.rater, RATERS, options.asking, options.teaching)
     cfg = loop_cfg(
         criterion=options.criterion,
         base="task" if options.base is None and options.getup else options.base,
@@ -33,7 +34,7 @@ def resolve(options: Loop) -> LoopCfg:
         rounds=options.rounds,
         labels=options.labels,
         steps=options.steps,
-        rater=options.rater,
+        rater=program or options.rater,
         simulated=erring_rater(options.erring),
         clip_s=options.clip_s,
         change_s=options.change_s,

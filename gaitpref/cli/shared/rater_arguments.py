@@ -3,10 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import replace
 
 from data.errors import GaitprefError
 from gaitpref.cli.options.options import Answer, Erring
+from gaitpref.cli.options.program_options import Asking, Teaching
+from gaitpref.programs.program_cfg import (
+    ProgramCfg,
+    ProgramError,
+    ReachCfg,
+    is_program,
+)
 from gaitpref.raters.rater_cfg import RaterCfg
 
 
@@ -24,6 +32,51 @@ def rater_cfg(options: Answer) -> RaterCfg:
     if options.rater == "stochastic" and erring.beta is None:
         erring = replace(erring, beta=1.0)
     return erring_rater(erring)
+
+
+def program_of(
+    rater: str, others: Collection[str], asking: Asking, teaching: Teaching
+) -> ProgramCfg | None:
+    """The program that `--rater` names; None where it is one of `others`.
+
+    Raises:
+        GaitprefError: it names nobody, or an option says something of who is not there.
+    """
+    if rater in others:
+        if asking != Asking() or teaching != Teaching():
+            raise ProgramError(
+                "--model, --wish, --key-env, --timeout-s, --tries, --beyond-loopback, "
+                "--checked-on and --unchecked are about a program, and --rater "
+                f"{rater} is none: leave them out"
+            )
+        return None
+    if not is_program(rater):
+        raise ProgramError(
+            f"--rater {rater}: take {', '.join(others)}, package.module:function or "
+            "openai:http://127.0.0.1:PORT/v1"
+        )
+    checked_on = teaching.checked_on
+    return ProgramCfg(
+        name=rater,
+        model=asking.model,
+        wish=asking.wish,
+        unchecked=teaching.unchecked,
+        checked_on=None if checked_on is None else str(checked_on),
+    )
+
+
+def reach_of(asking: Asking) -> ReachCfg:
+    """How the program is reached.
+
+    Raises:
+        GaitprefError: a value is out of range.
+    """
+    return ReachCfg(
+        key_env=asking.key_env,
+        timeout_s=asking.timeout_s,
+        tries=asking.tries,
+        beyond_loopback=asking.beyond_loopback,
+    )
 
 
 def erring_rater(erring: Erring) -> RaterCfg:

@@ -129,11 +129,14 @@ def _cfg(command: Sweep, changes: Mapping[str, Any]) -> LoopCfg:
     options = {name: v for name, v in changes.items() if name in _OPTIONS}
     paths = {name: v for name, v in changes.items() if name not in _OPTIONS}
     cfg = resolve(_loop(command, options))
-    if not paths:
-        return cfg
-    cfg = changed(cfg, paths)
-    if cfg.rater != "simulated":
+    if paths:
+        cfg = changed(cfg, paths)
+    if cfg.rater == "human":
         raise SweepError("people cannot answer a sweep: leave rater=human out")
+    if cfg.program is not None:
+        raise SweepError(
+            f"a sweep has no program answer: leave rater={cfg.program.name} out"
+        )
     return cfg
 
 

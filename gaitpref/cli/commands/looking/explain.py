@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from data.answers.answer_records import Answer, Pair
 from data.datasets.dataset import Dataset, EpisodeEntry
 from data.episodes.clips import Clip
 from data.errors import GaitprefError
@@ -20,6 +22,7 @@ from gaitpref.report.reward_strips import clip_picture, curves_picture
 from rewardmodel.answers.clip_batch import read_clips
 from rewardmodel.explain.attribution import Explanation, explain
 from rewardmodel.explain.learned_curves import Curve, learned_curves
+from rewardmodel.explain.marked import decided_there, moments_of
 from rewardmodel.models.model import RewardModel
 from rewardmodel.models.storage import load_reward
 
@@ -36,11 +39,14 @@ def run(command: options.Explain) -> int:
     else:
         with working("looking for the best and the worst clips"):
             chosen = extremes(model, dataset, command.count)
+    with dataset.answers_copy() as store:
+        answered = store.current_answers()
+    chosen += _marked(model, dataset, answered, command)
     told = []
     with counted("explaining") as tell:
         for done, (name, found) in enumerate(chosen):
             tell(done, len(chosen))
-            told.append(_explained(command, model, dataset, name, found))
+            told.append(_explained(command, model, dataset, name, found, answered))
     dt_s = dataset.entry(chosen[0][1].clip.rollout).meta.control_dt_s
     if curves := learned_curves(model, control_dt_s=dt_s):
         picture = command.out / "habits.svg"
@@ -66,6 +72,7 @@ def _explained(
     dataset: Dataset,
     name: str,
     found: Ranked,
+    answered: list[tuple[Pair, Answer]],
 ) -> dict[str, Any]:
     """The figures of a clip, whose picture is written."""
     entry = dataset.entry(found.clip.rollout)
@@ -73,8 +80,46 @@ def _explained(
     shown = explain(model, seen, method=command.method)
     picture = command.out / f"{name}.svg"
     save_picture(clip_picture(shown, entry, found.clip, found.reward), picture)
-    say(f"{picture}  reward {found.reward:+.2f}  {found.clip.key}")
-    return clip_json(name, found, entry, shown)
+    here_s = moments_of(answered, found.clip)
+    there = decided_there(shown, entry.meta.control_dt_s, here_s)
+    marks = marked_words(here_s, there)
+    say(f"{picture}  reward {found.reward:+.2f}  {found.clip.key}{marks}")
+    marked = {"marked_s": here_s, "at_the_marks": _rounded_values(there)}
+    return clip_json(name, found, entry, shown) | marked
+
+
+def _marked(
+    model: RewardModel,
+    dataset: Dataset,
+    answered: list[tuple[Pair, Answer]],
+    command: options.Explain,
+) -> list[tuple[str, Ranked]]:
+    """Clips in which people marked moments, as many as of the best."""
+    if command.clip is not None:
+        return []
+    clips = {
+        clip: None
+        for pair, answer in answered
+        if answer.here_s
+        for clip in (pair.a, pair.b)
+        if dataset.holds(clip.rollout)
+    }
+    found = ranked(model, dataset, list(clips)[: 2 * command.count]) if clips else []
+    return [(f"marked-{number}", each) for number, each in enumerate(found, start=1)]
+
+
+def marked_words(here_s: Sequence[float], there: Mapping[str, float]) -> str:
+    """What the reward sees at the moments that people marked; nothing without any."""
+    if not here_s:
+        return ""
+    moments = ", ".join(f"{moment:.2f} s" for moment in here_s)
+    group, more = next(iter(there.items()), ("", 0.0))
+    seen = f"; there the reward is {more:+.2f} for {group}" * bool(group)
+    return f"  marked at {moments}{seen}"
+
+
+def _rounded_values(values: Mapping[str, float]) -> dict[str, float]:
+    return {name: round(value, 4) for name, value in values.items()}
 
 
 def find_clip(dataset: Dataset, name: str) -> Clip:

@@ -28,7 +28,7 @@ EPISODES = 16
 def run(command: options.Trust) -> int:
     """Run the command; gives the exit code, 0 with an alarm too."""
     model = load_reward(command.reward)
-    judged = load_pairs([open_dataset(command)])
+    judged = load_pairs([open_dataset(command)], unchecked=True)
     with working(f"foreseeing {len(judged)} answers without their episodes"):
         foreseen = foresee(model, judged, seed=command.seed)
     reached = None

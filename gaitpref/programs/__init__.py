@@ -1,0 +1,1 @@
+"""Raters that are programs: functions, and vision models that are shown pictures."""
