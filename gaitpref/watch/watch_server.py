@@ -58,8 +58,8 @@ class WatchServer:
         """Where the page is; the port is known while `serve` runs."""
         return f"http://{HOST}:{self._port}/"
 
-    async def serve(self, ready: Callable[[], None], stopped: threading.Event) -> None:
-        """Serve until `stopped`; `ready` is called once the page is there.
+    async def serve(self, ready: Callable[[], None], wait: Callable[[], None]) -> None:
+        """Serve until `wait` returns; `ready` is called once the page is there.
 
         Raises:
             GaitprefError: the port cannot be opened.
@@ -84,8 +84,7 @@ class WatchServer:
                 ) from None
             self._port = runner.addresses[0][1]
             ready()
-            while not stopped.is_set():
-                await asyncio.sleep(0.1)
+            await asyncio.to_thread(wait)
         finally:
             await runner.cleanup()
 

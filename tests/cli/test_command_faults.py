@@ -16,6 +16,7 @@ import pytest
 import gaitpref
 import gaitpref.cli.commands.label
 import gaitpref.cli.commands.looking.play
+import gaitpref.cli.commands.looking.watch
 from gaitpref.cli.main import main
 from gaitpref.cli.usage import commands
 
@@ -159,7 +160,11 @@ def test_who_reads_needs_no_right_to_write(
 def own_world(world: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A world that may be changed; pages are closed as soon as they are open."""
     monkeypatch.chdir(tmp_path)
-    for module in (gaitpref.cli.commands.label, gaitpref.cli.commands.looking.play):
+    for module in (
+        gaitpref.cli.commands.label,
+        gaitpref.cli.commands.looking.play,
+        gaitpref.cli.commands.looking.watch,
+    ):
         monkeypatch.setattr(module, "wait_until_stopped", lambda _: None)
     return Path(shutil.copytree(world, tmp_path / "wörld"))
 
@@ -167,6 +172,13 @@ def own_world(world: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> P
 def _quick(typed: Typed) -> bool:
     """Whether it takes less than a second where nothing is wrong."""
     return typed.words[0] not in ("loop", "sweep", "train", "export", "explain")
+
+
+ENDS = {
+    *("arena", "export", "film", "labels", "list", "method", "play", "revoke", "stats"),
+    *("verify", "watch"),
+}
+"""Words of commands after which nothing has to come, or which say so otherwise."""
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
@@ -193,6 +205,8 @@ def test_an_output_of_few_letters(
         said = err.buffer.getvalue().decode(encoding)
         assert code == 0, (args, said)
         assert "Traceback" not in said
+        ends = "--help" in args or set(args) & ENDS
+        assert ends or "next: " in said, (args, said)
 
 
 @pytest.mark.parametrize("redirected", [">/dev/full", ">&-"])

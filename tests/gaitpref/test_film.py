@@ -174,7 +174,7 @@ def test_the_page_says_when_and_with_what_a_run_was_made(run: Path) -> None:
     assert f"gaitpref {__version__}" in text
     for command in ("gaitpref play --policy", "gaitpref watch", "tensorboard --logdir"):
         assert f"<code>{command}" in text
-    for link in re.findall(r'href="([^"#]+)"', text):
+    for link in re.findall(r'href="(\.\.[^"]+)"', text):
         assert (run / "report" / link).exists()
     (run / JOURNAL_NAME).unlink()
 

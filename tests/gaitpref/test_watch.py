@@ -153,9 +153,11 @@ def served(run: Path, port: int = 0) -> Iterator[str]:
         threading.Event(),
         threading.Event(),
     )
-    thread = threading.Thread(
-        target=lambda: asyncio.run(server.serve(ready.set, stopped))
-    )
+
+    def wait() -> None:
+        stopped.wait()
+
+    thread = threading.Thread(target=lambda: asyncio.run(server.serve(ready.set, wait)))
     thread.start()
     assert ready.wait(30)
     try:

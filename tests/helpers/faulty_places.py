@@ -27,6 +27,7 @@ from pathlib import Path
 
 import gaitpref.cli.commands.label
 import gaitpref.cli.commands.looking.play
+import gaitpref.cli.commands.looking.watch
 from gaitpref.cli.main import main
 from tests.helpers.command_table import TABLE, Typed
 
@@ -360,7 +361,11 @@ PLACES: dict[str, Callable[[Path], dict[str, Outcome]]] = {
 
 def run(world: Path, place: str, found: Path) -> int:
     """Write what became of every command in one place; gives the exit code."""
-    for module in (gaitpref.cli.commands.label, gaitpref.cli.commands.looking.play):
+    for module in (
+        gaitpref.cli.commands.label,
+        gaitpref.cli.commands.looking.play,
+        gaitpref.cli.commands.looking.watch,
+    ):
         module.wait_until_stopped = lambda _: None  # type: ignore[attr-defined]
     with tempfile.TemporaryDirectory() as folder:
         os.chmod(folder, 0o755)

@@ -69,7 +69,7 @@ ELSEWHERE = {
     "gaitpref train --out runs/walk --reward task --actors": "tests/policy/test_actors",
 }
 """Lines that are not typed here, and where what they do is tried."""
-SERVERS = ("label", "play")
+SERVERS = ("label", "play", "watch")
 
 
 def lines(page: Path) -> list[str]:

@@ -6,7 +6,7 @@ import asyncio
 
 from data.errors import GaitprefError
 from gaitpref.cli.options import options
-from gaitpref.cli.shared.serving import require_port, stoppable
+from gaitpref.cli.shared.serving import require_port, stoppable, wait_until_stopped
 from gaitpref.console.browser import open_page
 from gaitpref.console.progress import console
 from gaitpref.console.terminal import say
@@ -34,5 +34,5 @@ def run(command: options.Watch) -> int:
             open_page(server.url)
 
     with stoppable() as stopped:
-        asyncio.run(server.serve(ready, stopped))
+        asyncio.run(server.serve(ready, lambda: wait_until_stopped(stopped)))
     return 0
