@@ -35,7 +35,6 @@ from gaitpref.loop.run_inputs import inputs_of
 from gaitpref.raters.error_model import better
 from gaitpref.raters.simulated import ClipScores
 from labeling_ui.page.shortcuts import VERDICTS
-from rewardmodel.asking.asked_meanwhile import asked_for
 from tests.helpers.label_browser import launched
 
 from .harness import Figure, publish
@@ -224,7 +223,7 @@ def _figures(
         rows = store.current_answers()
     kinds = Counter(
         "meanwhile"
-        if asked_for(pair) is not None
+        if pair.meanwhile is not None
         else "known"
         if pair.gold
         else "repeated"

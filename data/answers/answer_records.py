@@ -86,6 +86,13 @@ class Pair:
         """
         return self.info.get("gold")
 
+    @property
+    def meanwhile(self) -> int | None:
+        """The round before which the pair was asked, on top of what rounds ask
+        themselves; None if a round asked it."""
+        found = self.info.get("meanwhile")
+        return found.get("for_round") if isinstance(found, dict) else None
+
     @staticmethod
     def make(
         a: Clip,

@@ -20,7 +20,6 @@ from rewardmodel.answers.answered_pairs import MIN_ANSWERS, count_evidence, load
 from rewardmodel.asking.asked_meanwhile import (
     answered_before,
     asked_and_left,
-    asked_for,
 )
 from rewardmodel.asking.clip_questions import ask, with_known_answer
 from rewardmodel.asking.visible import Visible
@@ -118,7 +117,7 @@ def _add_pairs(
     with dataset.answers() as store:
         known = store.pairs()
     # More pairs for the same round are others, even after a restart.
-    before = [p for p in known if p.round == round.number and asked_for(p) is None]
+    before = [p for p in known if p.round == round.number and p.meanwhile is None]
     asked_before = len(before)
     entries = episodes_asked_about(cfg, round, dataset)
     rng = np.random.default_rng([seed_of(cfg, round.number, 3), asked_before])

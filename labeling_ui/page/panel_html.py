@@ -39,6 +39,8 @@ def head(rater_id: str, showing: Showing, said: Remarks) -> str:
         lines.append(f"<b>Which one {'gets up' if lies else 'walks'} better?</b>")
         if motion is not None and not lies:
             lines.append(command_words(motion.commands))
+    if question is not None and question.pair.meanwhile is not None:
+        lines.append("<i>Extra, while the robot learns: earlier clips.</i>")
     if question is not None and question.earlier is not None:
         before = WORDS[question.earlier].lower()
         lines.append(f"<i>Reopened: you said “{before}”.</i>")

@@ -15,21 +15,12 @@ from data.answers.answer_records import Pair
 from data.answers.store import AnswerStore
 from rewardmodel.answers.program_agreement import PROGRAM
 
-_KEY = "meanwhile"
-
 
 def for_round(pair: Pair, number: int, *, answers: int) -> Pair:
     """`pair`, asked before the round `number` begins, chosen with a reward fitted to
     so many `answers`."""
     asked = {"for_round": number, "answers": answers}
-    return replace(pair, info=pair.info | {_KEY: asked})
-
-
-def asked_for(pair: Pair) -> int | None:
-    """The round that `pair` was asked for before it began; None where a round asked
-    itself."""
-    found = pair.info.get(_KEY)
-    return found.get("for_round") if isinstance(found, dict) else None
+    return replace(pair, info=pair.info | {"meanwhile": asked})
 
 
 def asked_and_left(
@@ -50,15 +41,15 @@ def asked_and_left(
 
 def own_of(pairs: Iterable[Pair]) -> list[Pair]:
     """Those that a round asked itself, without those whose answer is known."""
-    return [pair for pair in pairs if pair.gold is None and asked_for(pair) is None]
+    return [pair for pair in pairs if pair.gold is None and pair.meanwhile is None]
 
 
 def open_before(store: AnswerStore) -> int:
     """Pairs that were asked before a round began, and nobody answered."""
-    return sum(asked_for(pair) is not None for pair in store.unanswered())
+    return sum(pair.meanwhile is not None for pair in store.unanswered())
 
 
 def answered_before(store: AnswerStore, number: int) -> int:
     """Pairs that were asked for the round `number` before it began, and answered."""
-    asked = {p.pair_id for p in store.pairs() if asked_for(p) == number}
+    asked = {p.pair_id for p in store.pairs() if p.meanwhile == number}
     return len(asked & {pair.pair_id for pair, _ in store.current_answers()})

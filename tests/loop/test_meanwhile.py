@@ -19,7 +19,6 @@ from gaitpref.method.meanwhile import Meanwhile
 from rewardmodel.asking.asked_meanwhile import (
     answered_before,
     asked_and_left,
-    asked_for,
     open_before,
 )
 from tests.helpers.small_loop import human_cfg
@@ -58,8 +57,8 @@ def test_a_round_counts_only_what_it_asked_itself(
     run, dataset = recorded
     assert keep_asked(run, human_cfg(), dataset, 1) == 4
     with dataset.answers() as store:
-        asked = [pair for pair in store.pairs() if asked_for(pair) is not None]
-        assert [asked_for(pair) for pair in asked] == 4 * [1]
+        asked = [pair for pair in store.pairs() if pair.meanwhile is not None]
+        assert [pair.meanwhile for pair in asked] == 4 * [1]
         assert [pair.info["meanwhile"]["answers"] for pair in asked] == 4 * [0]
         assert {pair.round for pair in asked} == {0}
         assert asked_and_left(store, 0) == (3, 3)
@@ -79,7 +78,7 @@ def test_more_is_asked_only_where_little_is_open(
     keep_asked(run, human_cfg(), dataset, 1)
     assert keep_asked(run, human_cfg(), dataset, 1) == 0
     with dataset.answers() as store:
-        first = [pair for pair in store.pairs() if asked_for(pair) == 1]
+        first = [pair for pair in store.pairs() if pair.meanwhile == 1]
         for pair in first[:2]:
             answered(store, pair)
         assert open_before(store) == 2

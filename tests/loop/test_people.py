@@ -22,7 +22,6 @@ from gaitpref.loop.run_config import claim
 from gaitpref.loop.run_inputs import inputs_of
 from labeling_ui.web.tokens import TokenStore
 from rewardmodel.answers.answered_pairs import count_evidence
-from rewardmodel.asking.asked_meanwhile import asked_for
 from tests.helpers.small_loop import human_cfg
 
 LIMIT_S = 180.0
@@ -112,7 +111,7 @@ def fitted(run: Path, round: int) -> int:
 def answered_meanwhile(run: Path) -> list[str]:
     """Ids of the answers to pairs that round 1 did not ask itself."""
     with Dataset.open(run / "dataset").answers() as store:
-        given = [answer for pair, answer in store.all_answers() if asked_for(pair) == 1]
+        given = [answer for pair, answer in store.all_answers() if pair.meanwhile == 1]
     return [answer.answer_id for answer in given]
 
 
