@@ -21,6 +21,10 @@ from data.answers.store import AnswerStore
 
 PAUSE_S = 300.0
 """More time than this between two answers is a pause, not work."""
+LAST_S, PACES = 3600.0, 8
+"""The last hour of work, and into how many parts it is told."""
+_IN_A_PART = 3
+"""Answers of which a median is told, at least."""
 FAST_S = 2.0
 """An answer within less is counted as fast."""
 
@@ -62,6 +66,9 @@ class RaterFigures:
     """Answers of two people to one pair that prefer the same, or neither."""
     alpha: float | None
     """Krippendorff's alpha, ordinal over five strengths: 1 is perfect, 0 is chance."""
+    pace_s: tuple[float, ...] = ()
+    """Median time per answer over the last hour of work, in equal parts of it, the
+    oldest first: whether a rater gets faster and faster."""
 
 
 def rater_figures(store: AnswerStore, rater_id: str) -> RaterFigures:
@@ -110,6 +117,7 @@ def _figures(
         gold=_gold(own),
         agreement=agreement_of(shared, raters),
         alpha=alpha(shared),
+        pace_s=_pace_s(answers) if len(raters) == 1 else (),
     )
 
 
@@ -181,6 +189,25 @@ def _direction(target: float) -> str:
 def _time_s(answer: Answer) -> float | None:
     time_ms = answer.shown_ms if answer.response_ms is None else answer.response_ms
     return None if time_ms is None else time_ms / 1000
+
+
+def _pace_s(answers: Sequence[Answer]) -> tuple[float, ...]:
+    """Median times of answers over the last hour of work of one rater."""
+    timed = sorted(
+        (datetime.fromisoformat(answer.created_utc), time_s)
+        for answer in answers
+        if (time_s := _time_s(answer)) is not None
+    )
+    worked_s, last = 0.0, list[float]()
+    for (at, time_s), (later, _) in itertools.pairwise([*timed[::-1], *timed[:1]]):
+        last.insert(0, time_s)
+        worked_s += min(max((at - later).total_seconds(), 0.0), PAUSE_S)
+        if worked_s >= LAST_S:
+            break
+    parts = min(PACES, len(last) // _IN_A_PART)
+    if parts < 2:
+        return ()
+    return tuple(map(float, map(np.median, np.array_split(np.array(last), parts))))
 
 
 def _per_hour(answers: Sequence[Answer]) -> float | None:

@@ -143,10 +143,15 @@ def page_policy(host: str) -> str:
     )
 
 
-def text_policy(css: str) -> str:
-    """Content-Security-Policy of our own pages: text and this one style sheet."""
-    digest = base64.b64encode(hashlib.sha256(css.encode()).digest()).decode()
+def text_policy(css: str, script: str) -> str:
+    """Content-Security-Policy of our own pages: text, this one style sheet and this one
+    script."""
+    style, program = (
+        base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+        for text in (css, script)
+    )
     return (
         "default-src 'none'; base-uri 'none'; form-action 'self'; "
-        f"frame-ancestors 'none'; img-src data:; style-src 'sha256-{digest}'"
+        f"frame-ancestors 'none'; img-src data:; style-src 'sha256-{style}'; "
+        f"script-src 'sha256-{program}'"
     )

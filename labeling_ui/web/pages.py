@@ -36,9 +36,21 @@ td.number { text-align: right; font-variant-numeric: tabular-nums;
   white-space: nowrap; }
 pre, code { font-family: ui-monospace, monospace; font-size: .9em; }
 pre { overflow-x: auto; } img { max-width: 100%; }
+svg { width: 100%; height: 6rem; fill: var(--accent); }
 form.quiet button { background: none; color: var(--soft); padding: 0;
   font-weight: 400; text-decoration: underline; }
 """
+
+LINK_SCRIPT = """
+const link = /^#token=([\\w-]{1,200})$/.exec(location.hash);
+if (link) {
+  history.replaceState(null, "", location.pathname);
+  document.getElementById("token").value = link[1];
+  document.querySelector("form").submit();
+}
+"""
+"""Logs in with the token of a link. What follows a # goes to no server and no log; the
+address forgets it at once."""
 
 _MARKDOWN = MarkdownIt("commonmark", {"html": False}).enable("table")
 
@@ -56,7 +68,8 @@ def login_page(complaint: str = "") -> str:
         'autocomplete="current-password" maxlength="200">'
         "<button>Log in</button></form>"
         '<p class="soft">The owner of the data set makes one with '
-        "<code>gaitpref raters --dataset DIR add NAME</code>.</p>",
+        "<code>gaitpref raters --dataset DIR add NAME</code>.</p>"
+        f"<script>{LINK_SCRIPT}</script>",
         css_class="narrow",
     )
 
@@ -109,13 +122,34 @@ def figures_page(figures: RaterFigures, *, can_leave: bool) -> str:
     return _page(
         "My figures",
         f"<h1>My figures</h1><p class='soft'>{html.escape(figures.rater_id)}</p>"
-        f"<table>{rows}</table><p class='soft'>They tell how reliable the answers are. "
+        f"<table>{rows}</table>{_pace_chart(figures.pace_s)}"
+        "<p class='soft'>They tell how reliable the answers are. "
         "Nobody is ranked, and nothing is kept from you.</p>"
         f"{_BACK}{leave if can_leave else ''}",
     )
 
 
 _BACK = '<p><a href="./">To the pairs</a></p>'
+
+
+def _pace_chart(pace_s: tuple[float, ...]) -> str:
+    """Median seconds per answer over the last hour of work, as bars; "" of too few."""
+    if len(pace_s) < 2:
+        return ""
+    most, width = max(pace_s), 100 / len(pace_s)
+    bars = "".join(
+        f'<rect x="{index * width:.1f}" y="{60 - 56 * value / most:.1f}" '
+        f'width="{width - 1:.1f}" height="{56 * value / most:.1f}">'
+        f"<title>{value:.1f} s</title></rect>"
+        for index, value in enumerate(pace_s)
+    )
+    return (
+        "<h2>Seconds per answer, last hour of work</h2>"
+        '<svg viewBox="0 0 100 60" preserveAspectRatio="none" role="img" '
+        f'aria-label="from {pace_s[0]:.1f} s to {pace_s[-1]:.1f} s">{bars}</svg>'
+        f"<p class='soft'>from {pace_s[0]:.1f} s, on the left, to {pace_s[-1]:.1f} s "
+        "now; much shorter bars may say that it is time for a break</p>"
+    )
 
 
 def _figure_rows(figures: RaterFigures) -> list[tuple[str, str, str]]:
@@ -127,21 +161,37 @@ def _figure_rows(figures: RaterFigures) -> list[tuple[str, str, str]]:
 
     return [
         ("Answers", str(figures.answers), "that count now"),
-        ("An hour", number(figures.per_hour, "{:.0f}"), "pauses left out"),
-        ("Time", number(figures.median_s, "{:.1f} s"), "half took less"),
-        ("Under 2 s", share(figures.fast), "perhaps too fast to have looked"),
-        ("Left", share(figures.left), "of your preferences; about 50 % is fair"),
+        ("Answers per hour", number(figures.per_hour, "{:.0f}"), "pauses left out"),
         (
-            "With yourself",
+            "Median time per answer",
+            number(figures.median_s, "{:.1f} s"),
+            "half of your answers took less",
+        ),
+        ("Answers under 2 s", share(figures.fast), "perhaps too fast to have looked"),
+        (
+            "Chosen left",
+            share(figures.left),
+            "of your preferences; sides are drawn by lot, so about 50 % is fair",
+        ),
+        (
+            "Agrees with yourself",
             share(figures.self_consistency),
             "same answer when a pair came back with the sides swapped",
         ),
-        ("Known", share(figures.gold), "of the pairs with a known answer"),
-        ("With others", share(figures.agreement), "same answer to the same pair"),
         (
-            "Alpha",
+            "Agrees with the known answer",
+            share(figures.gold),
+            "where one robot falls and the other does not",
+        ),
+        (
+            "Agrees with others",
+            share(figures.agreement),
+            "same answer to the same pair",
+        ),
+        (
+            "Agreement beyond chance",
             number(figures.alpha, "{:.2f}"),
-            "Krippendorff's: 1 is full agreement, 0 is chance",
+            "Krippendorff's alpha: 1 is full agreement, 0 is chance",
         ),
     ]
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from aiohttp import web
 
 from .checks import SECURITY_HEADERS, text_policy
-from .pages import CSS
+from .pages import CSS, LINK_SCRIPT
 
 
 def page(text: str, *, status: int = 200) -> web.Response:
     """One of our own pages."""
     response = web.Response(text=text, status=status, content_type="text/html")
-    response.headers["Content-Security-Policy"] = text_policy(CSS)
+    response.headers["Content-Security-Policy"] = text_policy(CSS, LINK_SCRIPT)
     return response
 
 

@@ -43,6 +43,10 @@ def test_a_token_is_shown_once_and_works(root: Path, capsys: Output) -> None:
     assert raters(root, "add", "ada") == 0
     token = capsys.readouterr().out.split()[0]
     assert TokenStore(root).rater_of(token) == "ada"
+    assert raters(root, "add", "bob", "--url", "https://g.example.org/x/") == 0
+    token_of_bob, said = capsys.readouterr().out.split(maxsplit=1)
+    assert f"\nhttps://g.example.org/x/login#token={token_of_bob}\n" in said
+    assert raters(root, "revoke", "bob") == 0
     assert raters(root) == 0
     shown = capsys.readouterr().out
     assert "2 answers" in shown
@@ -54,7 +58,7 @@ def test_a_token_is_shown_once_and_works(root: Path, capsys: Output) -> None:
 def test_everything_is_there_as_json(root: Path, capsys: Output) -> None:
     """One object each."""
     assert raters(root, "add", "ada", "--json") == 0
-    assert set(json.loads(capsys.readouterr().out)) == {"name", "token"}
+    assert set(json.loads(capsys.readouterr().out)) == {"name", "token", "link"}
     assert raters(root, "list", "--json") == 0
     (listed,) = json.loads(capsys.readouterr().out)["raters"]
     assert (listed["name"], listed["answers"]) == ("ada", 2)
@@ -64,7 +68,9 @@ def test_everything_is_there_as_json(root: Path, capsys: Output) -> None:
     assert stats["all"]["answers"] == 3
     assert stats["all"]["agreement"] == {"hits": 0, "of": 1, "share": 0.0}
     assert raters(root, "stats") == 0
-    assert "alpha" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    for words in ("chosen", "agrees with", "Krippendorff's alpha; 1 is full"):
+        assert words in shown
 
 
 @pytest.mark.parametrize(

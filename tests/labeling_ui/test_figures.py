@@ -56,6 +56,18 @@ def test_speed_leaves_pauses_out() -> None:
     assert figures(rows[:1], "ada").per_hour is None
 
 
+def test_a_rater_who_speeds_up_is_seen() -> None:
+    """Twelve answers of the last hour, ever faster; those of the day before are left
+    out, and few answers tell nothing."""
+    before = [row("ada", n, 1.0, second=n, shown_ms=60_000) for n in range(20)]
+    hour = [
+        row("ada", 20 + n, 1.0, second=90_000 + 300 * n, shown_ms=1000 * (13 - n))
+        for n in range(12)
+    ]
+    assert figures(before + hour, "ada").pace_s == (12.0, 9.0, 6.0, 3.0)
+    assert figures(hour[:5], "ada").pace_s == ()
+
+
 def test_people_side_by_side_do_not_share_an_hour() -> None:
     """Two at 360 an hour each are 360 an hour of work."""
     rows = [row(name, n, 1.0, second=10 * n) for name in "ab" for n in range(5)]

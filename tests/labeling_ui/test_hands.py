@@ -204,7 +204,7 @@ def test_what_differed_is_told_after_the_answer(page: "Page", site: Site) -> Non
     page.keyboard.press("4")
     counted(page, before)
     page.keyboard.press("x")
-    told = page.get_by_role("dialog", name="The pair before")
+    told = page.get_by_role("dialog")
     # By chance they differ or do not.
     told.get_by_text(
         re.compile("^(You had these two|They differ in nothing)")

@@ -18,7 +18,7 @@ from data.errors import GaitprefError
 from gaitpref.cli.main import main
 from labeling_ui.questions.rater_figures import figures
 from labeling_ui.web.checks import address_block, host_name, is_loopback, same_origin
-from labeling_ui.web.pages import guidelines_page, login_page
+from labeling_ui.web.pages import LINK_SCRIPT, guidelines_page, login_page
 from labeling_ui.web.tokens import TokenStore
 from labeling_ui.web.visitors import Attempts, Visitors
 from tests.helpers.labeling_visitor import PROTOCOL, house
@@ -128,7 +128,7 @@ def test_our_own_pages(tmp_path: Path) -> None:
             status, text, headers = await built.get("/login")
             assert status == 200
             assert 'method="post"' in text
-            assert "<script" not in text
+            assert re.findall("<script>(.*?)</script>", text, re.DOTALL) == [LINK_SCRIPT]
             assert headers["X-Frame-Options"] == "DENY"
             assert headers["Server"] == "gaitpref"
             assert "default-src 'none'" in headers["Content-Security-Policy"]

@@ -11,6 +11,7 @@ from gaitpref.console.browser import open_page
 from gaitpref.console.progress import console
 from labeling_ui.label_server import LabelCfg, LabelServer
 from labeling_ui.web.public_url import parse_public_url
+from labeling_ui.web.tokens import TokenStore
 
 
 def run(command: options.Label) -> int:
@@ -54,5 +55,7 @@ def greeting(notices: list[str], dataset: Path, cfg: LabelCfg) -> list[str]:
     """Where the page is, and how to get in."""
     if not cfg.auth:
         return notices
-    token = f"make a token with: gaitpref raters --dataset {dataset} add NAME"
-    return [*notices, token]
+    known, url = len(TokenStore(dataset).names()), notices[0].split()[-1]
+    have = "1 rater has a token" if known == 1 else f"{known} raters have a token"
+    more = f"gaitpref raters --dataset {dataset} add NAME --url {url}"
+    return [*notices, f"{have}; a login link for one more: {more}"]

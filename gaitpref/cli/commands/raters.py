@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
+from datetime import UTC, datetime
 from typing import Any
 
 from data.datasets.dataset import Dataset
@@ -22,6 +23,9 @@ from labeling_ui.questions.rater_figures import (
     figures,
     human_rows,
 )
+from labeling_ui.questions.rater_presence import seen_of
+from labeling_ui.questions.rater_table import table_of
+from labeling_ui.web.login_link import login_link, qr_lines, require_url
 from labeling_ui.web.tokens import TokenStore, require_name
 
 
@@ -59,23 +63,32 @@ def _add(command: options.Raters, dataset: Dataset, tokens: TokenStore) -> None:
     with dataset.answers() as store:
         # Tells at once if the name belongs to a simulated rater.
         store.add_rater(name, "human")
+    require_url(command.url)
     token = tokens.add(name)
-    lines = [token, f"This is the token of {name}; it is not shown again."]
-    _show(command, {"name": name, "token": token}, lines)
+    link = login_link(command.url, token)
+    lines = [
+        token,
+        f"This is the token of {name}; it is not shown again. This link logs in with "
+        "it, so give it to nobody else:",
+        link,
+        *qr_lines(link),
+    ]
+    _show(command, {"name": name, "token": token, "link": link}, lines)
     if not command.json:
         console.next(f"`gaitpref label --dataset {command.dataset}` serves the page")
 
 
 def _list(command: options.Raters, dataset: Dataset, tokens: TokenStore) -> None:
-    known = tokens.names()
+    known, now = tokens.names(), datetime.now(UTC)
     with dataset.answers_copy() as store:
-        counts = {name: store.count(rater_id=name) for name in known}
+        seen = {name: seen_of(store, name, now) for name in known}
     raters = [
-        {"name": name, "since": token.created_utc, "answers": counts[name]}
+        {"name": name, "since": token.created_utc, **asdict(seen[name])}
         for name, token in known.items()
     ]
     lines = [
-        f"{name:<20} {counts[name]:>6} answers, token of {token.created_utc[:10]}"
+        f"{name:<20} {seen[name].answers:>6} answers, {seen[name].words(now)}, token "
+        f"of {token.created_utc[:10]}"
         for name, token in known.items()
     ]
     hint = f"nobody has a token; `gaitpref raters --dataset {dataset.root} add NAME`"
@@ -96,32 +109,9 @@ def _stats(command: options.Raters, dataset: Dataset) -> None:
         ],
         "all": _as_json(together),
     }
-    header = (
-        f"{'rater':<16}{'answers':>8}{'per hour':>10}{'median':>8}{'left':>6}"
-        f"{'self':>6}{'known':>7}{'agree':>7}{'alpha':>7}"
-    )
-    lines = [header, *map(_line, [*raters, together])]
+    lines = table_of([*raters, together])
     lines += [told for name in names for told in doubted[name]]
     _show(command, values, lines)
-
-
-def _line(of_rater: RaterFigures) -> str:
-    def percent(share: Share) -> str:
-        return "-" if share.share is None else f"{share.share:.0%}"
-
-    def number(value: float | None, digits: int) -> str:
-        return "-" if value is None else f"{value:.{digits}f}"
-
-    def seconds(value: float | None) -> str:
-        return "-" if value is None else f"{value:.1f}s"
-
-    return (
-        f"{shown(of_rater.rater_id):<16}{of_rater.answers:>8}"
-        f"{number(of_rater.per_hour, 0):>10}{seconds(of_rater.median_s):>8}"
-        f"{percent(of_rater.left):>6}{percent(of_rater.self_consistency):>6}"
-        f"{percent(of_rater.gold):>7}{percent(of_rater.agreement):>7}"
-        f"{number(of_rater.alpha, 2):>7}"
-    )
 
 
 def _as_json(of_rater: RaterFigures) -> dict[str, Any]:

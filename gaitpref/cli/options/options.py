@@ -159,12 +159,15 @@ class Raters:
     action: tyro.conf.Positional[
         Literal["list", "add", "revoke", "stats", "groups", "compare"]
     ] = "list"
-    """list shows who has a token; add makes one and shows it once; revoke makes it
-    worthless; stats shows speed, habits and agreement; groups shows who wants the same,
-    and whose taste has changed; compare shows how far programs agree with people, which
-    side they like, what they cost, and whether they may teach."""
+    """list shows who has a token, who is in and since when not; add makes a login link
+    and shows it once, as text and to be scanned; revoke makes it worthless; stats shows
+    speed, habits and agreement; groups shows who wants the same, and whose taste has
+    changed; compare shows how far programs agree with people, which side they like,
+    what they cost, and whether they may teach."""
     name: tyro.conf.Positional[str | None] = None
     """Rater to add or revoke: letters, digits, - and _. A pseudonym is best."""
+    url: str = "http://127.0.0.1:8080"
+    """Where the page is opened; the login link begins with it."""
     dataset: Path
     """Data set directory."""
     answers: str | None = None

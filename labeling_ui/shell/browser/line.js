@@ -15,6 +15,10 @@ const line = {
   before: null, missed: [], beat: Date.now(), watched: Date.now(), heard: 0, silent: 0,
 };
 const root = document.documentElement;
+// A login link that was followed once more: its token stays in no address.
+if (location.hash.startsWith("#token=")) {
+  history.replaceState(null, "", location.pathname + location.search);
+}
 const byId = (id) => document.getElementById(id);
 const ready = () => document.querySelector("#root [data-gp-ready]");
 

@@ -1,0 +1,278 @@
+"""Pictures of every page: `python -m benchmarks.screenshots --run runs/demo`.
+
+They show the pages as people see them, in a real Chromium, at three sizes and in both
+themes; `docs/images/labeling.png`, of the README, is one of them.
+"""
+
+from __future__ import annotations
+
+import io
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import tyro
+from PIL import Image
+
+from data.answers.answer_records import Answer
+from data.datasets.dataset import Dataset
+from labeling_ui.label_server import LabelCfg, LabelServer
+from labeling_ui.web.tokens import TokenStore
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+Theme = Literal["light", "dark"]
+Size = tuple[int, int]
+THEMES: tuple[Theme, ...] = ("light", "dark")
+DESKTOP: tuple[Size, ...] = ((1280, 720), (1440, 900), (1024, 768))
+PHONE: tuple[Size, ...] = ((390, 844), (844, 390), (768, 1024))
+COLOURS = 96
+"""A picture has as many at most: a third of the bytes, and nothing is missed."""
+WAIT_MS, SETTLE_MS = 180_000, 6_000
+"""For a page to come, and for its scene to be drawn without a graphics card."""
+FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+ANSWERED = 24
+RATER = "ann"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Take pictures of every page."""
+
+    run: Path
+    """A finished run of the loop, such as `make demo` makes."""
+    out: Path = Path("docs/images")
+    """Where a folder for each page is made."""
+    pages: tuple[str, ...] = ()
+    """Those alone; all by default."""
+
+
+def main(options: Options) -> None:
+    """Take the pictures and say how large they are."""
+    from playwright.sync_api import sync_playwright
+
+    chosen = {name: _PAGES[name] for name in options.pages or _PAGES}
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as driver:
+        found = shutil.which("chromium") or shutil.which("google-chrome")
+        browser = driver.chromium.launch(executable_path=found, args=FLAGS)
+        for name, take in chosen.items():
+            camera = _Camera(options.out / name)
+            take(browser, camera, options.run.resolve(), Path(folder))
+            print(f"{name}: {camera.count} pictures, {camera.bytes / 1000:.0f} kB")
+        browser.close()
+    first = options.out / "label" / f"{DESKTOP[0][0]}x{DESKTOP[0][1]}-light.png"
+    if "label" in chosen:
+        shutil.copy(first, options.out / "labeling.png")
+
+
+class _Camera:
+    """Keeps pictures of one page."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self.count = self.bytes = 0
+
+    def take(
+        self, page: Page, size: Size, theme: Theme, *, whole: bool = False
+    ) -> None:
+        """One picture of the window, or of the whole page, as few bytes as it takes."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        picture = Image.open(io.BytesIO(page.screenshot(full_page=whole))).convert(
+            "RGB"
+        )
+        few = picture.quantize(COLOURS, dither=Image.Dither.NONE)
+        path = self._folder / f"{size[0]}x{size[1]}-{theme}.png"
+        few.save(path, optimize=True)
+        self.count += 1
+        self.bytes += path.stat().st_size
+
+
+def _plain(page: Page, camera: _Camera, url: str, *, whole: bool = False) -> None:
+    """A page of text, at every size and in both themes."""
+    for theme in THEMES:
+        page.emulate_media(color_scheme=theme)
+        page.goto(url)
+        for width, height in DESKTOP:
+            page.set_viewport_size({"width": width, "height": height})
+            camera.take(page, (width, height), theme, whole=whole)
+
+
+def _scene(
+    page: Page, camera: _Camera, sizes: tuple[Size, ...], other_theme: str | None
+) -> None:
+    """A page with robots; `other_theme` is the key that changes the theme."""
+    for theme in THEMES if other_theme else THEMES[:1]:
+        if theme == "dark" and other_theme:
+            page.keyboard.press(other_theme)
+        for width, height in sizes:
+            page.set_viewport_size({"width": width, "height": height})
+            page.wait_for_timeout(SETTLE_MS)
+            camera.take(page, (width, height), theme)
+
+
+@contextmanager
+def _label_server(folder: Path) -> Iterator[tuple[LabelServer, str]]:
+    """The labeling page of walks of the policy that ships, and a token for it."""
+    root = folder / "clips"
+    if not root.exists():
+        _gaitpref("record", "--dataset", root, "--method", "style")
+        _gaitpref("pairs", "--dataset", root, "--count", 60)
+        _answer(Dataset.open(root))
+    tokens = TokenStore(root)
+    if RATER in tokens.names():
+        tokens.revoke(RATER)
+    token = tokens.add(RATER)
+    cfg = LabelCfg(port=0, shadows=True)
+    with LabelServer(Dataset.open(root), cfg) as server:
+        yield server, token
+
+
+def _answer(dataset: Dataset) -> None:
+    """Answers of half an hour, for the page of figures."""
+    at = datetime.now(UTC) - timedelta(minutes=30)
+    with dataset.answers() as store:
+        store.add_rater(RATER, "human")
+        for number, pair in enumerate(store.pairs()[:ANSWERED]):
+            took_s = 12.0 - 0.3 * number
+            at += timedelta(seconds=took_s + 20)
+            answer = Answer(
+                answer_id=f"{RATER}-{number}",
+                pair_id=pair.pair_id,
+                rater_id=RATER,
+                choice="ab"[number % 2],  # type: ignore[arg-type]
+                p_a=1.0 - number % 2,
+                shown_left="a" if number % 3 else "b",
+                created_utc=at.isoformat(),
+                response_ms=round(1000 * took_s),
+            )
+            store.add_answer(answer)
+
+
+def _logged_in(page: Page, url: str, token: str) -> None:
+    page.request.post(f"{url}/login", form={"token": token}, headers={"Origin": url})
+
+
+def _label(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
+    del run
+    with _label_server(folder) as (server, token), _page(browser) as page:
+        _logged_in(page, server.url, token)
+        _opened(page, server.url)
+        _scene(page, camera, DESKTOP, "m")
+
+
+def _phone(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
+    del run
+    with (
+        _label_server(folder) as (server, token),
+        _page(browser, size=PHONE[0], touch=True) as page,
+    ):
+        _logged_in(page, server.url, token)
+        _opened(page, server.url)
+        _scene(page, camera, PHONE, "m")
+
+
+def _opened(page: Page, url: str) -> None:
+    page.goto(f"{url}/?fixedDpr=1")
+    page.locator("[data-gp-ready]").wait_for(state="attached")
+    page.wait_for_timeout(SETTLE_MS)
+    page.keyboard.press("Escape")
+
+
+def _login(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
+    del run
+    with _label_server(folder) as (server, _), _page(browser) as page:
+        _plain(page, camera, f"{server.url}/login")
+
+
+def _text_page(name: str) -> Callable[[Browser, _Camera, Path, Path], None]:
+    def take(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
+        del run
+        with _label_server(folder) as (server, token), _page(browser) as page:
+            _logged_in(page, server.url, token)
+            _plain(page, camera, f"{server.url}/{name}", whole=True)
+
+    return take
+
+
+def _play(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
+    del folder
+    last, first = _policies(run)
+    command = ["play", "--port", "0", "--policy", last, "--against", first]
+    with subprocess.Popen(
+        [sys.executable, "-m", "gaitpref", *map(str, command)],
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as server:
+        try:
+            assert server.stdout is not None
+            url = server.stdout.readline().split()[-1]
+            with _page(browser) as page:
+                page.goto(f"{url}/?fixedDpr=1")
+                page.locator("#root canvas[data-engine]").wait_for(state="attached")
+                page.wait_for_timeout(3 * SETTLE_MS)
+                _scene(page, camera, DESKTOP, None)
+        finally:
+            server.terminate()
+
+
+def _report(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
+    del folder
+    with _page(browser) as page:
+        _plain(page, camera, (run / "report" / "index.html").as_uri())
+
+
+def _arena(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
+    last, first = _policies(run)
+    out, players = folder / "arena", (f"before={first}", f"after={last}")
+    named = [word for player in players for word in ("--policy", player)]
+    small = ("--criterion", "high_step", "--most", 12, "--episodes", 5)
+    _gaitpref("arena", "--out", out, *named, *small)
+    with _page(browser) as page:
+        _plain(page, camera, (out / "index.html").as_uri())
+
+
+def _policies(run: Path) -> tuple[Path, Path]:
+    """The last policy of a run and its first."""
+    found = sorted(run.glob("rounds/*/policy/policy.pt"))
+    return found[-1], found[0]
+
+
+def _gaitpref(*words: object) -> None:
+    command = [sys.executable, "-m", "gaitpref", *map(str, words)]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+
+
+@contextmanager
+def _page(
+    browser: Browser, *, size: Size = DESKTOP[0], touch: bool = False
+) -> Iterator[Page]:
+    context = browser.new_context(
+        viewport={"width": size[0], "height": size[1]}, has_touch=touch, is_mobile=touch
+    )
+    context.set_default_timeout(WAIT_MS)
+    yield context.new_page()
+    context.close()
+
+
+_PAGES: dict[str, Callable[[Browser, _Camera, Path, Path], None]] = {
+    "login": _login,
+    "guidelines": _text_page("guidelines"),
+    "figures": _text_page("figures"),
+    "report": _report,
+    "arena": _arena,
+    "label": _label,
+    "phone": _phone,
+    "play": _play,
+}
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Options))
