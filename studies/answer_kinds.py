@@ -86,6 +86,12 @@ class AnswerKinds:
     seeds: tuple[int, ...] = (101, 102, 103, 104)
     """Seeds of questions, perception and particles."""
     particles: int = 1000
+    """N."""
+    scale_error: float = 0.0
+    """Error of where a person's scale of ratings lies, once for each person and
+    command, in deviations over clips of the command. Thought of after looking."""
+    kinds: tuple[Kind, ...] = KINDS
+    """Kinds that are asked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,6 +184,7 @@ class Asked:
         command: np.ndarray,
         seed: int,
         particles: int,
+        scale_error: float = 0.0,
     ) -> None:
         """
         Args:
@@ -189,6 +196,7 @@ class Asked:
             command: [C] what was told in each.
             seed: Of everything.
             particles: N.
+            scale_error: Of ratings.
         """
         self.kind: Kind = kind
         self.chosen = chosen
@@ -204,6 +212,8 @@ class Asked:
         for told in np.unique(command):
             own = command == told
             self.spread[own] = truth[own].std()
+        scale = np.random.default_rng([seed, 7])
+        self.shift = {told: scale_error * scale.normal() for told in np.unique(command)}
 
     def ask(self) -> None:
         """One question more, its answer, and what is believed then."""
@@ -215,7 +225,9 @@ class Asked:
         level = torch.zeros(1)
         if self.kind == "ratings":
             others = self.truth[self.command == self.command[clips[0]]]
-            share = float((others < perceived[0]).mean())
+            told_in = self.command[clips[0]]
+            seen = perceived[0] + self.shift[told_in] * self.spread[clips[0]]
+            share = float((others < seen).mean())
             level[0] = min(LEVELS - 1, int(LEVELS * share))
         told = torch.from_numpy(anchors)[None]
         new = given(columns_of(self.worth, ordered, told, self.kind), self.kind, level)
@@ -328,7 +340,7 @@ def main(cfg: AnswerKinds) -> None:
         true, true_fresh = asked_of.worth(score), fresh.worth(score)
         truth = np.array([true[c.rollout][c.rows].mean() for c in asked_of.clips])
         aim = np.array([true_fresh[c.rollout][c.rows].mean() for c in fresh.clips])
-        for kind, chosen in itertools.product(KINDS, (False, True)):
+        for kind, chosen in itertools.product(cfg.kinds, (False, True)):
             person = Asked(
                 kind,
                 chosen=chosen,
@@ -338,6 +350,7 @@ def main(cfg: AnswerKinds) -> None:
                 command=asked_of.command[standing.numpy()],
                 seed=seed,
                 particles=cfg.particles,
+                scale_error=cfg.scale_error,
             )
             row = _shares(person, fresh_worth, aim, fresh.command)
             shares.setdefault((kind, chosen), []).append(row)
@@ -365,7 +378,8 @@ def table(shares: dict[tuple[Kind, bool], list[list[float]]]) -> list[str]:
     """A line for each kind and way to choose, with the difference to pairs."""
     lines = []
     for (kind, chosen), rows in shares.items():
-        own, pairs = np.array(rows), np.array(shares["pairs", chosen])
+        own = np.array(rows)
+        pairs = np.array(shares.get(("pairs", chosen), rows))
         each = (own - pairs).mean(axis=1)
         error = each.std(ddof=1) / math.sqrt(len(each)) if len(each) > 1 else math.nan
         budgets = " ".join(f"{share:.3f}" for share in own.mean(axis=0))
