@@ -279,6 +279,21 @@ def test_remarks_come_back_with_their_question(
     assert (newest.supersedes is not None) == (back == "reopen")
 
 
+def test_a_busy_tab_stores_the_whole_note(page: "Page", site: Site) -> None:
+    """What is typed is sent a little later than a key is, the later the busier."""
+    before = len(site.answers())
+    slow = page.context.new_cdp_session(page)
+    slow.send("Emulation.setCPUThrottlingRate", {"rate": 20})
+    page.locator("#root textarea").first.click()
+    page.keyboard.type("A limps")
+    page.keyboard.press("Escape")
+    page.keyboard.press("2")
+    slow.send("Emulation.setCPUThrottlingRate", {"rate": 1})
+    counted(page, before + 1)
+    assert site.answers()[0].note == "A limps"
+    assert said(page)[0] == ""
+
+
 def test_a_moment_is_marked_and_taken_back(page: "Page", site: Site) -> None:
     """While the clips stand still; it comes back with the question."""
     before = len(site.answers())

@@ -4,8 +4,41 @@ const FIELDS = "input, textarea, select";
 const PRESSABLE = "button, a[href], [role=button], [role=tab], summary";
 const isField = (element) => element instanceof Element && element.matches(FIELDS);
 
+// viser sends what is typed up to 50 ms later, but a key or a click at once: an answer
+// would be stored without the end of its note, and the next question would get it. So both
+// wait for it. Timers fire in the order they are due, however busy the tab is.
+const SENT_MS = 80;
+const unsent = { fields: 0, waiting: [] };
+
+document.addEventListener("input", (event) => {
+  if (!isField(event.target)) return;
+  unsent.fields += 1;
+  setTimeout(() => {
+    unsent.fields -= 1;
+    if (!unsent.fields) unsent.waiting.splice(0).forEach((again) => again());
+  }, SENT_MS);
+}, true);
+
+function waits(event, again) {
+  if (!unsent.fields || !event.isTrusted) return false;
+  event.preventDefault();
+  event.stopImmediatePropagation();
+  unsent.waiting.push(again);
+  return true;
+}
+
+window.addEventListener("click", (event) => {
+  const button = event.target.closest?.("button");
+  if (button) waits(event, () => button.click());
+}, true);
+
 window.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
+  const { key, code, shiftKey, target } = event;
+  const again = () => target.dispatchEvent(
+    new KeyboardEvent("keydown", { key, code, shiftKey, bubbles: true, cancelable: true }),
+  );
+  if (!isField(target) && waits(event, again)) return;
   const handled = whileCovered(event) || inKeyMap(event) || inField(event) || onFocused(event);
   if (handled) event.stopImmediatePropagation();
 }, true);
