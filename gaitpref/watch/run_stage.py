@@ -67,7 +67,9 @@ def answers_of(run: Path, cfg: LoopCfg) -> Answered | None:
     """How many there are; None where they are kept elsewhere, or cannot be read now."""
     path = run / "dataset" / "preferences.sqlite"
     if not path.exists():
-        return Answered(given=0, most=cfg.labels, open=0)
+        # Questions follow what was recorded.
+        elsewhere = Round(run, 0).recorded.exists()
+        return None if elsewhere else Answered(given=0, most=cfg.labels, open=0)
     try:
         with AnswerStore.snapshot(path) as store:
             asked = [asked_and_left(store, n) for n in range(cfg.rounds + 1)]
