@@ -128,7 +128,9 @@ def test_our_own_pages(tmp_path: Path) -> None:
             status, text, headers = await built.get("/login")
             assert status == 200
             assert 'method="post"' in text
-            assert re.findall("<script>(.*?)</script>", text, re.DOTALL) == [LINK_SCRIPT]
+            assert re.findall("<script>(.*?)</script>", text, re.DOTALL) == [
+                LINK_SCRIPT
+            ]
             assert headers["X-Frame-Options"] == "DENY"
             assert headers["Server"] == "gaitpref"
             assert "default-src 'none'" in headers["Content-Security-Policy"]
