@@ -43,5 +43,11 @@ def test_it_names_the_sides_as_they_were_shown(tmp_path: Path, seed: int) -> Non
         quick = "A" if question.left == clips[1] else "B"
         said = f"{quick} takes 1.0 more strides a second."
         assert desk.differed().differences == (said,)
+        assert desk.reopen(question.question_id).accepted
+        assert (
+            desk.differed().says == "You are asked about this pair now: answer first."
+        )
+        assert desk.keep().accepted
+        assert desk.differed().differences == (said,)
         assert desk.undo().accepted
         assert desk.differed().differences == ()
