@@ -9,7 +9,7 @@ from data.answers.answer_records import Aspect
 from labeling_ui.questions.judgement import Verdict
 
 Key = Literal[
-    "0", "1", "2", "3", "4", "5", "7", "8", "9", "Z", "F", "H", "R", "J", "K", "L", "U",
+    "0", "1", "2", "3", "4", "5", "6", "7", "8", "9", "Z", "F", "H", "R", "J", "K", "L", "U",
     "I", "T", "V", "C", "P", "M", "O", "B", "Y", "N", "G", "X", "space", "escape",
 ]  # fmt: skip
 """Keys viser knows; W A S D Q E and the arrows move the camera."""
@@ -95,7 +95,7 @@ SHORTCUTS: dict[Name, Shortcut] = {
         Shortcut("F", "bad", "Bad clip"),
         Shortcut("Z", "undo", "Undo"),
         Shortcut("K", "keep", "Keep the earlier answer"),
-        Shortcut("X", "differed", "What differed before"),
+        Shortcut("6", "differed", "What differed before"),
         Shortcut("H", "guidelines", "Guidelines"),
         Shortcut("escape", "close", "Close the dialog"),
         Shortcut("space", "play", "Play or pause"),

@@ -165,7 +165,7 @@ def make_world(world: Path) -> None:
     train(world / "train", robot, TrainCfg(steps=96, env=EnvCfg(), ppo=ppo))
     for line in (
         "record --policy {policy} --dataset {dataset} --episodes 20 --episode-s 2",
-        "pairs --dataset {dataset} --count 14",
+        "pairs --dataset {dataset} --count 24",
         "answer --dataset {dataset} --criterion crouch",
         "fit --dataset {dataset} --out {reward} --model linear",
         "raters --dataset {dataset} add ada",

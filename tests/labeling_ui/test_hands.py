@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from labeling_ui.page.shortcuts import ASPECT_KEYS, SHORTCUTS, VERDICTS
 from labeling_ui.questions.key_repeat import GuardCfg
 from tests.helpers.label_browser import (
     Site,
@@ -203,7 +204,7 @@ def test_what_differed_is_told_after_the_answer(page: "Page", site: Site) -> Non
     before = len(site.answers()) + 1
     page.keyboard.press("4")
     counted(page, before)
-    page.keyboard.press("x")
+    page.keyboard.press("6")
     told = page.get_by_role("dialog")
     # By chance they differ or do not.
     told.get_by_text(
@@ -213,6 +214,15 @@ def test_what_differed_is_told_after_the_answer(page: "Page", site: Site) -> Non
     page.keyboard.press("Escape")
     told.wait_for(state="detached")
     assert len(site.answers()) == before
+
+
+def test_no_key_does_two_things() -> None:
+    keys = [
+        *(verdict.key for verdict in VERDICTS),
+        *(aspect.key for aspect in ASPECT_KEYS),
+        *(shortcut.key for shortcut in SHORTCUTS.values()),
+    ]
+    assert len(keys) == len(set(keys))
 
 
 def test_the_map_of_the_keys(page: "Page", site: Site) -> None:
