@@ -9,8 +9,8 @@ from data.answers.answer_records import Aspect
 from labeling_ui.questions.judgement import Verdict
 
 Key = Literal[
-    "0", "1", "2", "3", "4", "5", "6", "7", "8", "9", "Z", "F", "H", "R", "J", "K", "L", "U",
-    "I", "T", "V", "C", "P", "M", "O", "B", "Y", "N", "G", "X", "space", "escape",
+    "0", "1", "2", "3", "4", "5", "6", "7", "8", "9", "Z", "F", "H", "R", "J", "K", "L",
+    "U", "I", "T", "V", "C", "P", "M", "O", "B", "Y", "N", "G", "X", "space", "escape",
 ]  # fmt: skip
 """Keys viser knows; W A S D Q E and the arrows move the camera."""
 
