@@ -52,7 +52,6 @@ ABLATIONS: tuple[tuple[str, tuple[Place, ...]], ...] = (
     ("few-walk", WALKS),
     ("no-mirror", (*STYLES, *WALKS)),
     ("no-hope", WALKS),
-    ("no-later", WALKS),
     ("unjudged", WALKS),
     ("no-earlier", WALKS),
     ("no-front", WALKS),
@@ -77,7 +76,6 @@ LEFT_OUT = {
     "few-walk": "six decisions at once",
     "no-mirror": "steps in the mirror",
     "no-hope": "optimism where a robot stands still",
-    "no-later": "what is expected once it walks",
     "no-front": "a large first round",
     "no-rhythms": "clips of random rhythms",
     "no-caution": "caution where answers err",
@@ -86,6 +84,10 @@ LEFT_OUT = {
     "keep-noise": "the schedule of exploration noise",
 }
 """What each method lacks, and has instead."""
+BEFORE = "before"
+"""The method from scratch before a decision left, of which some rows are."""
+BESIDE = {"no-hope": BEFORE}
+"""What rows are compared with that are not of the present method without one thing."""
 SCREENED = "few-walk"
 """Many decisions at once: what it says is in the rows of each."""
 KEPT_FOR = {
@@ -164,10 +166,11 @@ def worths(rows: Sequence[Row]) -> list[Worth]:
     by_key = {(_place_of(row), row["method"], row["seed"]): row for row in rows}
     found = []
     for method in dict.fromkeys(name for name, _ in ABLATIONS if name != "default"):
+        whole = BESIDE.get(method, "default")
         pairs = [
-            (place, by_key[place, "default", seed], row)
+            (place, by_key[place, whole, seed], row)
             for (place, name, seed), row in sorted(by_key.items())
-            if name == method and (place, "default", seed) in by_key
+            if name == method and (place, whole, seed) in by_key
         ]
         if pairs:
             found.append(

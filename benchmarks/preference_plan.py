@@ -14,7 +14,6 @@ from data.answers.answer_records import Aspect
 from gaitpref.loop.loop_cfg import LoopCfg, StepsCfg
 from gaitpref.loop.presets import loop_cfg
 from gaitpref.method.budget import FrontLoaded
-from gaitpref.method.expectations import OnceItWalks
 from gaitpref.method.exploration import PutBack
 from gaitpref.method.method import STYLE, Method
 from gaitpref.method.paid import AsFitted, SurelyLiked
@@ -83,7 +82,6 @@ METHODS: dict[str, Change] = {
         name: lambda method, name=name: replace(
             method,
             reward=replace(method.reward, kind=name),
-            once_it_walks=None,
             paid=AsFitted(),
         )
         for name in ("linear", "posterior", "gp", "mlp", "auto")
@@ -93,31 +91,22 @@ METHODS: dict[str, Change] = {
         reward=replace(STYLE.reward, posterior=PosteriorCfg()),
         questions=STYLE.questions,
         paid=AsFitted(),
-        once_it_walks=None,
         unstick=None,
     ),
     "plain-linear": lambda method: replace(
         method,
         reward=FitCfg(kind="linear", error_share=0.0, tie_threshold=0.0, adapt=False),
-        once_it_walks=None,
         paid=AsFitted(),
     ),
     "not-sure": lambda method: replace(method, paid=SurelyLiked(sure=0.0)),
     "no-caution": lambda method: replace(method, paid=SurelyLiked(caution=0.0)),
-    "no-hurry": lambda method: replace(method, once_it_walks=OnceItWalks(hurry=0.0)),
-    "no-quiet": lambda method: replace(
-        method, once_it_walks=OnceItWalks(quiet_logit=0.0)
-    ),
-    "lean": lambda method: replace(
-        method, once_it_walks=None, paid=SurelyLiked(sure=0.0)
-    ),
+    "lean": lambda method: replace(method, paid=SurelyLiked(sure=0.0)),
     "not-steady": lambda method: _expecting(method, unsteady_logit=0.0),
     "not-told": lambda method: _expecting(method, told_most=False),
     "no-calm": lambda method: replace(method, exploration=PutBack(calm_from=0.999)),
     "keep-noise": lambda method: replace(method, exploration=None),
     "no-limit": lambda method: replace(method, tracking=None),
     "no-mirror": lambda method: replace(method, mirror=False),
-    "no-later": lambda method: replace(method, once_it_walks=None),
     "no-hope": lambda method: replace(method, unstick=None),
     "unjudged": lambda method: replace(method, accept=None),
     "no-posture": lambda method: _showing(method, posture_share=0.0),
@@ -129,7 +118,6 @@ METHODS: dict[str, Change] = {
     "few-walk": lambda method: replace(
         _showing(method, posture_share=0.0, earlier_share=0.0, rhythm_share=0.0),
         budget=FrontLoaded(first_share=0.4),
-        once_it_walks=None,
         accept=None,
     ),
 }

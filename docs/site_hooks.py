@@ -24,7 +24,6 @@ RECORDS = (
     "gaitpref.method.clip_sources.ClipSources",
     "gaitpref.method.budget.FrontLoaded",
     "gaitpref.method.questions.Questions",
-    "gaitpref.method.expectations.OnceItWalks",
     "gaitpref.method.paid.SurelyLiked",
     "gaitpref.method.exploration.Descending",
     "gaitpref.method.exploration.PutBack",

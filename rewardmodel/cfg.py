@@ -21,6 +21,9 @@ from .extensions_cfg import (
 class LinearCfg:
     """The default: a reward linear in the gait descriptors."""
 
+    REMOVED: ClassVar = ("quiet_logit", "hurry")
+    """Settings that older files have: of what was expected once a robot walks."""
+
     num_members: int = 50
     """Models fitted to resampled answers, fewer where answers are many; their spread
     measures what is unknown."""
@@ -30,14 +33,6 @@ class LinearCfg:
     """Logit by which a clip that bounces, sways, rocks or slips by the usual amount
     more, each, is expected to lose before any answer. Answers overrule it; wrong ones
     are kept from teaching that rocking is wanted."""
-    quiet_logit: float = field(default=0.0, metadata=ADDED_LATER)
-    """Logit by which a clip is expected to lose, where answers err, for each habit of
-    moving more than a walk takes. A reward that expects it before there is a walk
-    prefers standing."""
-    hurry: float = field(default=0.0, metadata=ADDED_LATER)
-    """How much short, hurried steps are expected to be disliked, whether answers err or
-    not, in deviations of the prior: as much as opinions are strong. One that expects it
-    before there is a walk prefers standing."""
     told_most: bool = field(default=False, metadata=ADDED_LATER)
     """Where answers err, whether opinions about doing what the robot is told are
     expected to be twice as strong as others, for or against it, and of one piece, those

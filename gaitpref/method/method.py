@@ -16,7 +16,6 @@ from .acceptance import Compared
 from .budget import FrontLoaded
 from .clip_sources import ClipSources
 from .context import RoundContext
-from .expectations import OnceItWalks
 from .exploration import Descending, Exploration, PutBack
 from .meanwhile import Meanwhile
 from .paid import AsFitted, Paid, SurelyLiked
@@ -37,8 +36,6 @@ class Method:
     """Which pairs it asks about."""
     reward: FitCfg
     """What is fitted to the answers."""
-    once_it_walks: OnceItWalks | None = None
-    """What the last rewards expect besides; None: nothing."""
     paid: Paid = field(metadata=ONE_OF)
     """What of the reward a training is paid."""
     weight: float
@@ -61,7 +58,7 @@ class Method:
     meanwhile: Meanwhile | None = field(default=None, metadata=NONE_AS_BEFORE)
     """What people are asked while a policy is trained; None: nothing."""
 
-    REMOVED: ClassVar = ("start",)
+    REMOVED: ClassVar = ("start", "once_it_walks")
 
     def __post_init__(self) -> None:
         suited = self.paid.kind
@@ -73,10 +70,7 @@ class Method:
 
     def fit_of(self, context: RoundContext) -> FitCfg:
         """What is fitted in the round of `context`."""
-        fit = replace(self.reward, answers_err=context.noisy)
-        if self.once_it_walks is None:
-            return fit
-        return self.once_it_walks.expected(fit, context)
+        return replace(self.reward, answers_err=context.noisy)
 
 
 FROM_SCRATCH = Method(
@@ -86,7 +80,6 @@ FROM_SCRATCH = Method(
     # Robots that tumble move their feet and joints whatever they do of what they are
     # told; answers that err cannot tell the two apart.
     reward=FitCfg(kind="linear", linear=LinearCfg(told_most=True)),
-    once_it_walks=OnceItWalks(),
     paid=SurelyLiked(),
     weight=1.0,
     exploration=Descending(),

@@ -21,11 +21,6 @@ TOLD = (
 """Not doing what the robot is told."""
 EFFORT = ("joint_speed_sq", "torque_sq", "power", "action_rate_sq")
 """What any motion costs, and hardly anybody wants more of for its own sake."""
-QUIET = ("joint_offset_sq", "joint_speed_sq", "action_sq", "action_rate_sq")
-"""What moves more than a walk takes: legs far from where they stand, and shaking."""
-HURRIED = ("lift_offs",)
-"""Short steps one after the other. Where no answer speaks of them, PPO takes as many as
-noise makes: what it learns from has no reason for longer ones."""
 FEET = (
     "contacts",
     "foot_height_mean",

@@ -14,15 +14,7 @@ import torch
 from torch import Tensor
 
 from rewardmodel.cfg import FitCfg, LinearCfg
-from rewardmodel.descriptors.habits import (
-    EFFORT,
-    FEET,
-    HURRIED,
-    QUIET,
-    TOLD,
-    UNSTEADY,
-    named,
-)
+from rewardmodel.descriptors.habits import EFFORT, FEET, TOLD, UNSTEADY, named
 from rewardmodel.descriptors.table import DESCRIPTOR_NAMES
 from rewardmodel.prepared.described import ClipPairs, bootstrap_counts
 from rewardmodel.prepared.prepared import MIN_SPREAD, Prepared
@@ -108,13 +100,10 @@ def expected_weights(pairs: ClipPairs, spread: Tensor, cfg: LinearCfg) -> Tensor
     grow without bound by its being rare. Where no clip was preferred to another,
     nothing is expected either.
     """
-    expects = cfg.unsteady_logit or cfg.quiet_logit or cfg.hurry
-    if not expects or (pairs.target == 0.5).all():
+    if not cfg.unsteady_logit or (pairs.target == 0.5).all():
         return torch.zeros_like(spread)
-    disliked = cfg.unsteady_logit * named(UNSTEADY) + cfg.quiet_logit * named(QUIET)
-    disliked = disliked + cfg.hurry / cfg.prior_precision**0.5 * named(HURRIED)
     seen = (spread / _USUAL_SPREAD).clamp_max(1) * (spread > MIN_SPREAD)
-    return -disliked * seen
+    return -cfg.unsteady_logit * named(UNSTEADY) * seen
 
 
 def prior_factor(cfg: LinearCfg, count: int) -> Tensor:
@@ -131,9 +120,6 @@ def prior_factor(cfg: LinearCfg, count: int) -> Tensor:
     strength = torch.ones(len(DESCRIPTOR_NAMES), dtype=torch.float64)
     for names, times in _STRENGTHS:
         strength[named(names)] = times
-    if cfg.hurry:
-        # Who likes what is expected to be disliked has to be heard.
-        strength[named(HURRIED)] = 1.0
     told = named(TOLD).double()
     alike = _ALIKE * torch.outer(told, told)
     own = torch.diag(1 - alike.diagonal())

@@ -108,7 +108,7 @@ def _tried(prepared: Prepared, cfg: FitCfg) -> Tried:
 def expected_of_all(prepared: Prepared, cfg: FitCfg) -> Tensor:
     """Weights [D] expected of raters who do not err: of these it is asked whether they
     do."""
-    plain = replace(cfg.linear, told_most=False, quiet_logit=0.0, hurry=0.0)
+    plain = replace(cfg.linear, told_most=False)
     return expected_weights(
         prepared.described, prepared.clips.differences.spread, plain
     )
@@ -151,7 +151,7 @@ def settled(cfg: FitCfg, found: Found, *, tells_errors: bool) -> FitCfg:
         return replace(cfg, adapt=False, error_share=share)
     linear = replace(cfg.linear, prior_precision=found.prior_precision)
     if found.error_share <= FEW_ERRORS:
-        linear = replace(linear, told_most=False, quiet_logit=0.0)
+        linear = replace(linear, told_most=False)
     return replace(cfg, adapt=False, error_share=found.error_share, linear=linear)
 
 

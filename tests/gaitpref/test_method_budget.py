@@ -8,10 +8,8 @@ import pytest
 
 from gaitpref.method.budget import FrontLoaded
 from gaitpref.method.context import RoundContext
-from gaitpref.method.expectations import OnceItWalks
 from gaitpref.method.method import FROM_SCRATCH, STYLE
 from rewardmodel.answers.answered_pairs import MIN_ANSWERS
-from rewardmodel.cfg import FitCfg
 
 BUDGETS = {
     "style": STYLE.budget,
@@ -96,21 +94,3 @@ def test_shares_that_are_none_are_refused(share: float) -> None:
 def test_a_round_that_is_none_is_refused(number: int, rounds: int) -> None:
     with pytest.raises(ValueError, match=rf"number must lie in \[0, rounds {rounds}\]"):
         RoundContext(number=number, rounds=rounds, labels=60)
-
-
-@pytest.mark.parametrize(
-    ("rounds", "walking"),
-    [(1, []), (2, [1]), (3, [1, 2]), (4, [2, 3]), (6, [4, 5])],
-)
-def test_a_walk_is_expected_by_the_last_two_rewards_and_never_by_the_first(
-    rounds: int, walking: list[int]
-) -> None:
-    """The last round fits none; there is no walk before the first."""
-    expects = OnceItWalks(hurry=0.5, quiet_logit=0.3)
-    fit = FitCfg(kind="linear")
-    for number in range(rounds):
-        context = RoundContext(number=number, rounds=rounds, labels=60)
-        linear = fit.linear
-        if number in walking:
-            linear = replace(linear, hurry=0.5, quiet_logit=0.3)
-        assert expects.expected(fit, context) == replace(fit, linear=linear)

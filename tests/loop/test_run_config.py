@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -107,20 +106,6 @@ def test_what_robots_are_told_weighs_most_only_from_scratch() -> None:
     scratch, style = (resolve(Loop(run=RUN, base=base)) for base in ("none", "task"))
     assert scratch.method.reward.linear.told_most
     assert not style.method.reward.linear.told_most
-
-
-def test_a_quiet_walk_is_expected_only_once_there_is_one() -> None:
-    """From scratch, by the rewards of the last two retrainings; never of a style."""
-    scratch = resolve(Loop(run=RUN, base="none", preset="quick"))
-    fits = [scratch.method.fit_of(context(scratch, round)) for round in range(4)]
-    assert [fit.linear.quiet_logit for fit in fits] == [0.0, 0.0, 0.2, 0.2]
-    assert [fit.linear.hurry for fit in fits] == [0.0, 0.0, 1.0, 1.0]
-    short = replace(scratch, rounds=1)
-    assert short.method.fit_of(context(short, 0)) == short.method.reward
-    style = resolve(Loop(run=RUN, base="task"))
-    for round in range(style.rounds):
-        fitted = style.method.fit_of(context(style, round))
-        assert fitted == style.method.reward
 
 
 def test_robots_that_tumble_are_shown_with_noise_and_rhythms() -> None:

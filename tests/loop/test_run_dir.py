@@ -117,7 +117,7 @@ def test_the_configuration_that_is_written_is_whole(
     written = yaml.safe_load((tmp_path / "run" / CONFIG_NAME).read_text())
     assert names(written) == names(to_plain(cfg, whole=True)) > names(to_plain(cfg))
     method = written["method"]
-    assert {"paid", "once_it_walks", "exploration", "tracking"} <= method.keys()
+    assert {"paid", "unstick", "exploration", "tracking"} <= method.keys()
     assert {"sure", "caution"} < method["paid"].keys()
     assert read_config(tmp_path / "run") == cfg
     claim(tmp_path / "run", cfg, INPUTS)
@@ -127,7 +127,6 @@ METHODS = {
     "from scratch": FROM_SCRATCH,
     "style": STYLE,
     "from scratch, no hope": replace(FROM_SCRATCH, unstick=None),
-    "from scratch, no walk": replace(FROM_SCRATCH, once_it_walks=None),
     "from scratch, unjudged": replace(FROM_SCRATCH, accept=None),
     "from scratch, keeps its noise": replace(FROM_SCRATCH, exploration=None),
     "style, keeps its noise": replace(STYLE, exploration=None),
@@ -154,9 +153,7 @@ def test_every_decision_that_may_be_left_out_is() -> None:
         for name, hint in get_type_hints(Method).items()
         if type(None) in get_args(hint)
     }
-    assert optional == {
-        *("once_it_walks", "exploration", "unstick", "accept", "tracking")
-    }
+    assert optional == {*("exploration", "unstick", "accept", "tracking", "meanwhile")}
     for shipped in (FROM_SCRATCH, STYLE):
         for name in optional:
             changed = replace(shipped, **{name: None})

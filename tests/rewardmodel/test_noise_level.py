@@ -12,7 +12,7 @@ from rewardmodel import fit_reward
 from rewardmodel.answers.answered_pairs import AnsweredPairs
 from rewardmodel.answers.clip_batch import ClipBatch, mean_over
 from rewardmodel.cfg import FitCfg, LinearCfg
-from rewardmodel.descriptors.habits import EFFORT, FEET, QUIET, TOLD, named
+from rewardmodel.descriptors.habits import EFFORT, FEET, TOLD, named
 from rewardmodel.descriptors.table import DESCRIPTOR_NAMES, describe
 from rewardmodel.linear.laplace import evidence
 from rewardmodel.linear.linear import LinearScorer, prior_factor
@@ -216,22 +216,3 @@ def weights_of(pairs: AnsweredPairs, *, told_most: bool) -> torch.Tensor:
     model, _ = fit_reward(pairs, cfg, seed=0, measured=False)
     assert isinstance(model.scorer, LinearScorer)
     return model.scorer.weights.mean(dim=0)
-
-
-def test_moving_more_than_it_takes_is_disliked_only_where_answers_err() -> None:
-    """Of a rater who errs, habits nobody told of are charged for; one who agrees with
-    himself is taken at his word."""
-    cfg = FitCfg(linear=LinearCfg(quiet_logit=0.2))
-    quiet = [DESCRIPTOR_NAMES.index(name) for name in QUIET]
-    for flipped, expected in ((0.25, True), (0.0, False)):
-        pairs = answered(150, seed=3, flipped=flipped)
-        model, _ = fit_reward(pairs, cfg, seed=0, measured=False)
-        plain, _ = fit_reward(pairs, FitCfg(), seed=0, measured=False)
-        assert isinstance(model.scorer, LinearScorer)
-        assert isinstance(plain.scorer, LinearScorer)
-        shift = model.scorer.weights.mean(0) - plain.scorer.weights.mean(0)
-        assert (shift[quiet] < 0).all() == expected
-        assert model.scorer.expected[quiet].any() == expected
-        assert torch.equal(shift, torch.zeros_like(shift)) != expected
-        own, other = model.provenance.cfg, plain.provenance.cfg
-        assert own.error_share == other.error_share
