@@ -8,6 +8,7 @@ import pytest
 
 from labeling_ui.questions.key_repeat import GuardCfg
 from tests.helpers.label_browser import (
+    WAIT_MS,
     Site,
     counted,
     keep_picture,
@@ -376,7 +377,10 @@ def test_a_phone_has_room_for_both_clips_and_all_answers(
     before = len(site.answers())
     scene = page.locator("#root canvas[data-engine]")
     upright = height > width
-    expect(scene).to_have_js_property("clientWidth", width if upright else width - 316)
+    side, length = ("clientWidth", width) if upright else ("clientHeight", height)
+    expect(scene).to_have_js_property(side, length, timeout=WAIT_MS)
+    if not upright:
+        expect(page.locator("[data-dock-region=right]")).to_be_in_viewport(ratio=0.9)
     answers = [page.get_by_role("button", name=f"[{key}]") for key in "123450"]
     for answer in answers:
         found = box(answer)
