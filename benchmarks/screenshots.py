@@ -39,6 +39,10 @@ COLOURS = 96
 WAIT_MS, SETTLE_MS = 180_000, 6_000
 """For a page to come, and for its scene to be drawn without a graphics card."""
 FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+_LAID_OUT = """() => [...document.querySelectorAll("[data-dock-region=right]")]
+  .every((panel) => panel.getBoundingClientRect().right <= innerWidth + 1
+    && panel.getBoundingClientRect().right >= innerWidth - 1)"""
+"""Whether the page has followed a new size of its window."""
 ANSWERED = 24
 RATER = "ann"
 
@@ -114,6 +118,7 @@ def _scene(
             page.keyboard.press(other_theme)
         for width, height in sizes:
             page.set_viewport_size({"width": width, "height": height})
+            page.wait_for_function(_LAID_OUT)
             page.wait_for_timeout(SETTLE_MS)
             camera.take(page, (width, height), theme)
 

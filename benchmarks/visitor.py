@@ -40,6 +40,7 @@ class Visitor:
         url: str,
         token: str | None,
         connector: Callable[[], aiohttp.BaseConnector] | None = None,
+        picture: tuple[int, int] = (1280, 720),
     ) -> None:
         """Nobody has come yet.
 
@@ -47,8 +48,11 @@ class Visitor:
             url: Of the page, without a slash at the end.
             token: Without one there is no login either.
             connector: Makes the way to the server, where it is an unusual one.
+            picture: Width and height in which the robots are seen, pixels.
         """
         self._url, self._token, self._connector = url, token, connector
+        width, height = picture
+        self._camera = {**CAMERA, "image_width": width, "image_height": height}
         self._commands: dict[str, str] = {}
         self.elements: dict[str, str] = {}
         """Ids of sliders, texts and buttons by their labels."""
@@ -60,6 +64,8 @@ class Visitor:
         """Answers the page has shown."""
         self.open = 0
         """Pairs the page says are open."""
+        self.places: dict[str, tuple[float, float, float]] = {}
+        """Where what stands still is, m, by its name."""
         self.pose_times: list[float] = []
         """When poses arrived, s of the monotonic clock."""
         self.first_pose_s: float | None = None
@@ -87,7 +93,7 @@ class Visitor:
                 response.raise_for_status()
             async with await self._connect(session) as socket:
                 self._socket = socket
-                await self._send(CAMERA)
+                await self._send(self._camera)
                 async for message in socket:
                     if message.type is aiohttp.WSMsgType.BINARY:
                         self._read(message.data, opened)
@@ -150,6 +156,9 @@ class Visitor:
                     robot = message["name"].split("/")[1]
                     self.moved[robot] += 1
                     moved |= robot == "robot_A"
+            elif kind == "SetPositionMessage":
+                x, y, z = message["position"]
+                self.places[message["name"]] = (x, y, z)
             elif kind == "GuiUpdateMessage":
                 self._read_text(message["uuid"], message["updates"].get("content"))
             elif kind in _ELEMENTS:
