@@ -34,8 +34,8 @@ Size = tuple[int, int]
 THEMES: tuple[Theme, ...] = ("light", "dark")
 DESKTOP: tuple[Size, ...] = ((1280, 720), (1440, 900), (1024, 768))
 PHONE: tuple[Size, ...] = ((390, 844), (844, 390), (768, 1024))
-COLOURS = 96
-"""A picture has as many at most: a third of the bytes, and nothing is missed."""
+COLOURS = 200
+"""A picture has as many at most: about a third of the bytes."""
 WAIT_MS, SETTLE_MS = 180_000, 6_000
 """For a page to come, and for its scene to be drawn without a graphics card."""
 FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")

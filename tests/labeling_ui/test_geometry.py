@@ -144,7 +144,7 @@ def test_a_motion_keeps_nothing_else_of_its_episode(dataset: Dataset) -> None:
     """Hundreds are kept ready, and an episode is many times as long."""
     motion = load_motion(dataset, Clip(dataset.entries()[0].sha256, 0, 40))
     arrays = [value for value in vars(motion).values() if isinstance(value, np.ndarray)]
-    assert len(arrays) == 7
+    assert len(arrays) == 8
     for array in arrays:
         owner = array if array.base is None else array.base
         assert owner.nbytes <= 4 * array.nbytes
