@@ -1,7 +1,7 @@
 """Pictures of every page: `python -m benchmarks.screenshots --run runs/demo`.
 
 They show the pages as people see them, in a real Chromium, at three sizes and in both
-themes; `docs/images/labeling.png`, of the README, is one of them.
+themes; `labeling.png` and `play.png`, which the pages show, are two of them.
 """
 
 from __future__ import annotations
@@ -72,9 +72,10 @@ def main(options: Options) -> None:
             take(browser, camera, options.run.resolve(), Path(folder))
             print(f"{name}: {camera.count} pictures, {camera.bytes / 1000:.0f} kB")
         browser.close()
-    first = options.out / "label" / f"{DESKTOP[0][0]}x{DESKTOP[0][1]}-light.png"
-    if "label" in chosen:
-        shutil.copy(first, options.out / "labeling.png")
+    first = f"{DESKTOP[0][0]}x{DESKTOP[0][1]}-light.png"
+    for name, shown in (("label", "labeling.png"), ("play", "play.png")):
+        if name in chosen:
+            shutil.copy(options.out / name / first, options.out / shown)
 
 
 class _Camera:
@@ -109,13 +110,11 @@ def _plain(page: Page, camera: _Camera, url: str, *, whole: bool = False) -> Non
             camera.take(page, (width, height), theme, whole=whole)
 
 
-def _scene(
-    page: Page, camera: _Camera, sizes: tuple[Size, ...], other_theme: str | None
-) -> None:
-    """A page with robots; `other_theme` is the key that changes the theme."""
-    for theme in THEMES if other_theme else THEMES[:1]:
-        if theme == "dark" and other_theme:
-            page.keyboard.press(other_theme)
+def _scene(page: Page, camera: _Camera, sizes: tuple[Size, ...]) -> None:
+    """A page with robots, at each of `sizes` and in both themes."""
+    for theme in THEMES:
+        if theme == "dark":
+            page.keyboard.press("m")
         for width, height in sizes:
             page.set_viewport_size({"width": width, "height": height})
             page.wait_for_function(_LAID_OUT)
@@ -170,7 +169,7 @@ def _label(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
     with _label_server(folder) as (server, token), _page(browser) as page:
         _logged_in(page, server.url, token)
         _opened(page, server.url)
-        _scene(page, camera, DESKTOP, "m")
+        _scene(page, camera, DESKTOP)
 
 
 def _phone(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
@@ -181,7 +180,7 @@ def _phone(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
     ):
         _logged_in(page, server.url, token)
         _opened(page, server.url)
-        _scene(page, camera, PHONE, "m")
+        _scene(page, camera, PHONE)
 
 
 def _opened(page: Page, url: str) -> None:
@@ -223,7 +222,7 @@ def _play(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
                 page.goto(f"{url}/?fixedDpr=1")
                 page.locator("#root canvas[data-engine]").wait_for(state="attached")
                 page.wait_for_timeout(3 * SETTLE_MS)
-                _scene(page, camera, DESKTOP, None)
+                _scene(page, camera, DESKTOP)
         finally:
             server.terminate()
 

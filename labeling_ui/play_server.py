@@ -19,6 +19,7 @@ from labeling_ui.page.footfall_svg import live_footfalls
 from labeling_ui.page.loop_status import LoopStatus, no_status
 from labeling_ui.page.theme import set_theme
 from labeling_ui.questions.rater_figures import RaterFigures
+from labeling_ui.scene.aim import Aim
 from labeling_ui.scene.live_robot import HISTORY_S, Drive, LivePolicy, LiveRobot
 from labeling_ui.scene.scene import NAMES, PairScene
 from labeling_ui.shell.key_map import KeyGroup
@@ -62,6 +63,13 @@ class PlayPage:
             geometries = [policy.geometry for policy in policies]
             self._scene.show(*geometries, *[None] * (2 - len(geometries)))
             self._build(client.gui)
+        self._aim = Aim(self._scene, client.camera)
+        client.camera.on_update(self._seen_from)
+
+    async def _seen_from(self, camera: viser.CameraHandle) -> None:
+        """Look anew where the window became wider or narrower."""
+        if self._aim.is_lost(camera):
+            self.post("camera")
 
     def post(self, name: str, value: Any = None) -> None:
         """Hand an event in; from any thread."""

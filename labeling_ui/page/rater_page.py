@@ -26,9 +26,10 @@ from labeling_ui.limits.page_limits import (
 )
 from labeling_ui.questions.judgement import Judgement, Question, Verdict
 from labeling_ui.questions.rater_session import utc_now
+from labeling_ui.scene.aim import Aim
 from labeling_ui.scene.clip_motion import Motion
 from labeling_ui.scene.fast_updates import Frames
-from labeling_ui.scene.scene import PairScene, Pose, aspect_of
+from labeling_ui.scene.scene import PairScene, Pose
 
 from .controls import Controls
 from .dialogs import Dialog, bad_clip_dialog, differed_dialog, guidelines_dialog
@@ -45,9 +46,6 @@ ACTIVE_S = 300.0
 """Without an event for longer than this, nobody is there."""
 REFRESH_S = 1.0
 """How often the desk is asked whether something else is to be shown."""
-_OTHER_ASPECT = 0.03
-_AIMS = 2
-"""How often a new page's camera is put in its place again."""
 NOTE_LATE_S = 0.1
 NOTE_RECENT_S = 0.3
 """A note's last letters may be on their way for 50 ms: an answer that soon after one
@@ -117,19 +115,13 @@ class Page:
             self._scene.darken(self._habits.dark)
             self._controls = Controls(client, self.post)
             self._transport = Transport(client, self.post)
-        self._aspect, self._aims_left = aspect_of(client.camera), _AIMS
+        self._aim = Aim(self._scene, client.camera)
         client.camera.on_update(self._seen_from)
         self._look(Desk.look)
 
     async def _seen_from(self, camera: viser.CameraHandle) -> None:
         """Look anew where the window became wider or narrower."""
-        aspect = aspect_of(camera)
-        if abs(aspect / self._aspect - 1.0) > _OTHER_ASPECT:
-            self._aspect = aspect
-            self.post("resized")
-        elif self._aims_left and not self._scene.is_seen_as_set(camera):
-            # viser's page puts its camera back once while it builds the scene.
-            self._aims_left -= 1
+        if self._aim.is_lost(camera):
             self.post("resized")
 
     def post(self, name: str, value: Any = None) -> None:
