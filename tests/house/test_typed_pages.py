@@ -44,6 +44,7 @@ INSTEAD = {
     "s3://lab/gaits": "lab",
     "HASH": "$HASH",
     "--steps 2000000": "--steps 256",
+    "--steps 1200000": "--steps 512",
     "--labels 60": "",
 }
 """What is typed in place of what the page says; nothing else differs but `SMALL`."""

@@ -68,7 +68,7 @@ def labeling(root: Path, *options: str) -> Iterator[Labeling]:
     try:
         for line in process.stdout:
             said.append(line.strip())
-            if line.startswith("make a token"):
+            if "a login link for one more" in line:
                 break
         assert said, log.read_text()
         yield Labeling(process, said)
