@@ -17,6 +17,8 @@ from multiprocessing import connection
 from multiprocessing.process import BaseProcess
 from typing import Self
 
+from gaitpref.console.deaf_children import deaf_children
+
 from .gpu_slots import Place, Slots, require_gpus, visible_gpus
 from .pieces import DEVICES, Outcome, Piece, attempt, cores, died, unpacked
 
@@ -113,7 +115,8 @@ class _Child:
             args=(there, job.packed, ",".join(place.gpus)),
             name=job.piece.name,
         )
-        process.start()
+        with deaf_children():
+            process.start()
         there.close()
         return cls(job, place, process, here)
 
@@ -159,8 +162,7 @@ def _stop(running: Sequence[_Child]) -> None:
 
 def _work(pipe: connection.Connection, packed: bytes, gpus: str) -> None:
     """Run a piece, in its process."""
-    # Ctrl-C reaches the whole group; who started this says when it ends.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # It hears no Ctrl-C: who started this says when it ends.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     # Before anything is unpacked that could look for GPUs.

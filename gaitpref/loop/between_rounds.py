@@ -10,7 +10,6 @@ who asks again after a restart finds what is still open.
 from __future__ import annotations
 
 import multiprocessing
-import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -23,6 +22,7 @@ import torch
 from data.answers.address import Address
 from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
+from gaitpref.console.deaf_children import deaf_children
 from gaitpref.console.progress import console
 from gaitpref.method.meanwhile import Meanwhile as MeanwhileCfg
 from labeling_ui.page.loop_status import LoopStatus
@@ -94,7 +94,8 @@ def meanwhile(
     process = context.Process(
         target=_serve, args=(run, cfg, answers, there), name="meanwhile"
     )
-    process.start()
+    with deaf_children():
+        process.start()
     there.close()
     try:
         yield Meanwhile(cfg, people, here)
@@ -107,8 +108,7 @@ def meanwhile(
 
 
 def _serve(run: Path, cfg: LoopCfg, answers: Address | None, pipe: Connection) -> None:
-    # Ctrl-C reaches the whole group; that the loop is gone is what the pipe says.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # It hears no Ctrl-C: that the loop is gone is what the pipe says.
     torch.set_num_threads(1)
     dataset = Dataset.open(run / "dataset", answers=answers)
     number: int | None = None

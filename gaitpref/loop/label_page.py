@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
@@ -18,6 +17,7 @@ from pathlib import Path
 
 from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
+from gaitpref.console.deaf_children import deaf_children
 from labeling_ui.label_server import LabelCfg, LabelServer
 from labeling_ui.page.loop_status import LoopStatus
 
@@ -66,7 +66,8 @@ def loop_page(root: Path, cfg: LabelCfg) -> Iterator[tuple[list[str], LoopPage]]
     context = multiprocessing.get_context("spawn")
     here, there = context.Pipe()
     process = context.Process(target=_serve, args=(root, cfg, there), name="page")
-    process.start()
+    with deaf_children():
+        process.start()
     there.close()
     try:
         url, notices = _greeting(here)
@@ -107,9 +108,8 @@ class _Latest:
 
 
 def _serve(root: Path, cfg: LabelCfg, pipe: Connection) -> None:
-    # Ctrl-C reaches the whole group: the loop saves first, and the page stays until it
-    # has. That the loop is gone is what the pipe says.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # It hears no Ctrl-C: the loop saves first, and the page stays until it has. That
+    # the loop is gone is what the pipe says.
     latest = _Latest()
     try:
         server = LabelServer(Dataset.open(root), cfg, status=latest.read)

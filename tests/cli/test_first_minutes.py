@@ -160,17 +160,17 @@ def test_data_info_calls_policies_by_where_they_are(
     capsys.readouterr()
     assert main([*info, "--json"]) == 0
     names = json.loads(capsys.readouterr().out)["policy_names"]
-    assert names == {sha256_file(WALK): "the walk that ships at 0.80 M steps"}
+    assert names == {sha256_file(WALK): "the walk that ships at 1.20 M steps"}
     monkeypatch.setattr(policy_names, "WALK", tmp_path / "no such file")
     found = policy_names.policy_names(Dataset.open(dataset))
-    assert found == {sha256_file(WALK): "walk-1 at 0.80 M steps"}
+    assert found == {sha256_file(WALK): "walk-1 at 1.20 M steps"}
     (walk / "policy.pt").unlink()
     found = policy_names.policy_names(Dataset.open(dataset))
-    assert found == {sha256_file(WALK): "trained on task at 0.80 M steps"}
+    assert found == {sha256_file(WALK): "trained on task at 1.20 M steps"}
     monkeypatch.undo()
     assert main(info) == 0
     shown = capsys.readouterr()
-    assert "the walk that ships at 0.80 M steps" in shown.out
+    assert "the walk that ships at 1.20 M steps" in shown.out
     # Nobody was asked yet: no table of raters, and what comes next.
     assert "rater" not in shown.out
     assert "gaitpref pairs --dataset" in shown.err

@@ -196,6 +196,7 @@ def test_bags_that_cannot_be_used_are_refused_in_one_line(
 ) -> None:
     """Topics, joints, files and maps that are not what they should be."""
     imported(tmp_path, motion, robot, duration_s=2.0)
+    capsys.readouterr()
     (tmp_path / "noise.mcap").write_bytes(b"noise" * 100)
     for bag, text, message in (
         ("walk.mcap", MAP.replace('"/base"', '"/odom"'), "no message on /odom"),

@@ -100,7 +100,9 @@ def test_a_function_looks_at_both_clips_whichever_is_left(dataset: Dataset) -> N
     assert [answer.choice for _, answer in rows] == [
         better(dataset, pair) for pair, _ in rows
     ]
-    assert all(" against " in answer.note for _, answer in rows)
+    chosen = [answer for _, answer in rows if answer.choice != "equal"]
+    assert len(chosen) > 8
+    assert all(" against " in answer.note for answer in chosen)
 
 
 def test_a_program_is_no_person(dataset: Dataset) -> None:
@@ -121,11 +123,14 @@ def test_a_model_sees_pictures_in_both_orders(dataset: Dataset) -> None:
     with vision_server() as (url, seen):
         cfg = model(url)
         assert answered(dataset, cfg) == 12
-        rows = given(dataset)
-        # A pixel is less than a step, so that close ones can be equal.
-        assert [answer.choice for _, answer in rows] == [
-            better(dataset, pair) for pair, _ in rows
+        # A pixel is less than a step, so where feet are equal, pixels say what they do.
+        rows = [
+            (answer.choice, wanted)
+            for pair, answer in given(dataset)
+            if (wanted := better(dataset, pair)) != "equal"
         ]
+        assert len(rows) > 8
+        assert all(choice == wanted for choice, wanted in rows)
         assert len(seen.bodies) == 24
         film, feet = (384, 1024, 3), (130, 850, 3)
         assert seen.shapes == 24 * [[film, feet, film, feet]]

@@ -6,10 +6,13 @@ import shutil
 from pathlib import Path
 
 import pytest
+import yaml
 
 from gaitpref.cli.main import main
+from gaitpref.loop.loop_cfg import RunError
 from gaitpref.loop.run import run_loop
-from gaitpref.loop.run_config import read_config
+from gaitpref.loop.run_config import CONFIG_NAME, read_config
+from rewardmodel.cfg import LinearCfg
 from tests.helpers.older_run import older_run
 
 
@@ -18,18 +21,38 @@ def run(tmp_path: Path) -> Path:
     return older_run(tmp_path / "run")
 
 
-def test_a_finished_one_is_left_as_it_is_and_shown(run: Path) -> None:
+@pytest.fixture
+def without_what_left(run: Path) -> Path:
+    """As if it had been begun without a decision that there is no more."""
+    path = run / CONFIG_NAME
+    told = yaml.safe_load(path.read_text())
+    told["method"]["once_it_walks"] = None
+    for name in LinearCfg.REMOVED:
+        del told["method"]["reward"]["linear"][name]
+    path.write_text(yaml.safe_dump(told))
+    return run
+
+
+def test_one_with_a_decision_that_left_is_shown_and_not_gone_on_with(run: Path) -> None:
+    with pytest.raises(RunError, match="once_it_walks"):
+        run_loop(run, read_config(run))
+    (run / "report/index.html").unlink()
+    assert main(["report", "--run", str(run)]) == 0
+    page = (run / "report/index.html").read_text()
+    assert "not better than what it started from" in page
+
+
+def test_a_finished_one_is_left_as_it_is(without_what_left: Path) -> None:
+    run = without_what_left
     before = {
         path: path.read_bytes() for path in run.rglob("*") if path.suffix == ".pt"
     }
-    page = run_loop(run, read_config(run))
+    run_loop(run, read_config(run))
     assert {path: path.read_bytes() for path in before} == before
-    page.unlink()
-    assert main(["report", "--run", str(run)]) == 0
-    assert "not better than what it started from" in page.read_text()
 
 
-def test_one_that_was_cut_off_goes_on(run: Path) -> None:
+def test_one_that_was_cut_off_goes_on(without_what_left: Path) -> None:
+    run = without_what_left
     shutil.rmtree(run / "rounds" / "01")
     run_loop(run, read_config(run))
     assert (run / "rounds" / "01" / "report.json").exists()

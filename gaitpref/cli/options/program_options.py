@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from .bounds import Count
+
 
 @dataclass(frozen=True, kw_only=True)
 class Asking:
@@ -19,7 +21,7 @@ class Asking:
     """Environment variable with the key, where it asks for one; it is not stored."""
     timeout_s: float = 60.0
     """How long one question may take."""
-    tries: int = 4
+    tries: Count = 4
     """How often a question is put before the command gives up, with growing pauses."""
     beyond_loopback: bool = False
     """Send pictures of the clips to another machine, where the address is one."""
