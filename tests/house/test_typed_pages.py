@@ -34,7 +34,7 @@ INSTEAD = {
     "rounds/02/": "rounds/01/",
     "demo/rounds/01/reward": "demo/rounds/00/reward",
     "group:ann": "group:simulated:crouch",
-    "--part train=0.8 --part test=0.2": "--part train=0.6 --part test=0.4",
+    "--part train=0.8 --part test=0.2": "--part train=0.5 --part test=0.5",
     "ros2 walk_bag": "ros2 walk.mcap",
     "runs/logs --count 50": "runs/logs --count 20",
     "--device cuda": "",
