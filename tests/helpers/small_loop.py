@@ -55,7 +55,7 @@ def human_cfg() -> LoopCfg:
         cfg,
         rater="human",
         method=replace(cfg.method, meanwhile=Meanwhile()),
-        steps=replace(cfg.steps, round=30_000),
+        steps=replace(cfg.steps, round=120_000),
     )
 
 

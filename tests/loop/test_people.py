@@ -165,6 +165,7 @@ def test_people_answer_when_they_like(tmp_path: Path) -> None:
         before = evidence(run)
         await answer(run, visitor, lambda: len(answered_meanwhile(run)) >= 1)
         late.append(evidence(run) - before)
+        assert not (run / "rounds/01/policy/policy.pt").exists()
 
     with running(run, port, "--patience", "10") as loop:
         asyncio.run(_visit(port, token, while_training))
