@@ -24,7 +24,6 @@ from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from gaitpref.console.deaf_children import deaf_children
 from gaitpref.console.progress import console
-from gaitpref.method.meanwhile import Meanwhile as MeanwhileCfg
 from labeling_ui.page.loop_status import LoopStatus
 from rewardmodel.answers.used import count_evidence
 from rewardmodel.asking.asked_meanwhile import for_round, open_before
@@ -138,7 +137,9 @@ def keep_asked(run: Path, cfg: LoopCfg, dataset: Dataset, number: int) -> int:
     Raises:
         GaitprefError: there is nothing left to ask about.
     """
-    decision = cfg.method.meanwhile or MeanwhileCfg()
+    decision = cfg.method.meanwhile
+    if decision is None:
+        return 0
     with dataset.answers() as store:
         people = sum(kind == "human" for kind in store.raters().values())
         if open_before(store) > max(_OPEN_PAIRS, people):

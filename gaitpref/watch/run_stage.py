@@ -8,9 +8,9 @@ from typing import Literal
 
 from data.answers.store import AnswerStore
 from data.errors import AnswerError
-from gaitpref.loop.collect import asked_and_left
 from gaitpref.loop.loop_cfg import LoopCfg
 from gaitpref.loop.run_dir import Round, place_of
+from rewardmodel.asking.asked_meanwhile import asked_and_left
 
 Stage = Literal["training", "recording", "asking", "measuring", "finished"]
 
