@@ -71,7 +71,8 @@ function figure(curve) {
     drawn(svg, "text", {x: L - 6, y: y(v) + 4, "text-anchor": "end"}, large(v));
   }
   for (const v of ticks(0, right)) {
-    drawn(svg, "text", {x: x(v), y: H - B + 16, "text-anchor": "middle"}, large(v));
+    const anchor = x(v) > W - R - 20 ? "end" : "middle";
+    drawn(svg, "text", {x: x(v), y: H - B + 16, "text-anchor": anchor}, large(v));
   }
   drawn(svg, "text", {x: (L + W - R) / 2, y: H - 3, "text-anchor": "middle"}, "environment steps");
   lines.forEach((line, index) => {
@@ -93,8 +94,6 @@ function figure(curve) {
 function facts(found) {
   const rows = [];
   if (found.kind === "loop") {
-    const last = found.round === found.rounds ? ", the last" : ` of ${found.rounds}`;
-    if (!found.finished) rows.push(["Round", `${found.round}${last}`]);
     if (found.answers) {
       rows.push(["Answers", `${found.answers.given} of at most ${found.answers.most}`]);
       if (found.answers.open && found.rater === "human") rows.push(["Open questions", `${found.answers.open}`]);
