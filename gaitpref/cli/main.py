@@ -26,7 +26,7 @@ from gaitpref.console.terminal import (
     prepare,
 )
 
-from .shared.launched import is_launched, is_to_say
+from .shared.launched import is_ending, is_launched, is_to_say
 from .usage import WELCOME, did_you_mean, require_command
 
 EXIT_BAD_INPUT = 2
@@ -89,6 +89,7 @@ def main(args: Sequence[str] | None = None) -> int:
         drop_output()
         return EXIT_NOT_READ
     except GaitprefError as error:
+        is_ending()
         line = " ".join(str(error).split())
         if is_to_say(line, cause=not isinstance(error, RankLost)):
             complain(line, error.lines)
@@ -96,7 +97,9 @@ def main(args: Sequence[str] | None = None) -> int:
     except OSError as error:
         return _failed(error, command)
     except KeyboardInterrupt:
-        line = "interrupted; the same command goes on"
+        is_ending()
+        how = "with --resume " if isinstance(command, options.Train) else ""
+        line = f"interrupted; the same command {how}goes on"
         if is_to_say(line, cause=False):
             complain(line)
         return EXIT_INTERRUPTED

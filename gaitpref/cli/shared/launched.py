@@ -62,5 +62,12 @@ def is_to_say(line: str, *, cause: bool = True) -> bool:
         return True
 
 
+def is_ending() -> None:
+    """Hear nothing more of torchrun, which ends whoever is left when one has died: what
+    this process has to say is said whole."""
+    if is_launched():
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+
+
 def _interrupted(signum: int, frame: object) -> None:
     raise KeyboardInterrupt
