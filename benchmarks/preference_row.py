@@ -41,6 +41,7 @@ from .preference_fresh import on_fresh_pairs
 from .preference_plan import Cell, cfg_of, steps_of
 
 EPISODES = 64
+POLICY_SUFFIX = ".pt"
 EVALUATION_SEED = 1_000_003
 """Seed of the episodes everything is evaluated on."""
 REFERENCE_SEED = 1_000
@@ -56,7 +57,7 @@ class Places:
     results: Path
     """One JSON file for every finished row."""
     robot: Path | None = None
-    """MJCF of the robot of cells that name one."""
+    """MJCF of the robot of cells that name one, or a policy.pt that it walks by."""
     quick: bool = False
     """A version of thousands of steps; its figures mean nothing."""
 
@@ -145,10 +146,12 @@ def _score(cfg: LoopCfg, policy: Policy) -> ScoreFn:
 
 
 def walking_base(cell: Cell, places: Places) -> Path:
-    """The policy all style tasks of a robot start from: the one that ships, or for a
-    robot of others PPO on the hand-written walking reward."""
+    """The policy all style tasks of a robot start from: the one that ships, that of
+    others, or for a robot of others PPO on the hand-written walking reward."""
     if places.robot is None:
         return WALK
+    if places.robot.suffix == POLICY_SUFFIX:
+        return places.robot
     crouch = Cell(task="crouch", answers=60, rater="perfect", method="default", seed=0)
     cfg = cfg_of(crouch, None, robot=places.robot, quick=places.quick)
 

@@ -37,7 +37,8 @@ class Options:
     answers: tuple[int, ...] = ()
     """Only rows with so many answers; by default all."""
     robot: tuple[str, Path] | None = None
-    """Another robot than the one that ships: a name for it, and its MJCF."""
+    """Another robot than the one that ships: a name for it, and its MJCF; or a name
+    for a policy that was imported, and its policy.pt, as the base of styles."""
     seeds: int | None = None
     """At most so many of every row."""
     workers: int | None = None
