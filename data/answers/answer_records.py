@@ -135,7 +135,7 @@ class Answer:
     """How sure the rater says to be, in [0, 1]."""
     note: str = ""
     reason: str = ""
-    """Why a clip is bad."""
+    """Why a clip is unusable, or both are equally bad."""
     supersedes: str | None = None
     """The answer this one corrects."""
     role: Role = "first"

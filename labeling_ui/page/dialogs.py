@@ -6,8 +6,9 @@ A digit chooses one of the reasons that a dialog offers.
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import viser
 
@@ -18,7 +19,7 @@ from labeling_ui.questions.judgement import Verdict
 from .controls import Post, posts
 from .page_access import Differed
 from .panel_html import boxed, warning
-from .shortcuts import BAD_REASONS, VERDICTS
+from .shortcuts import OBJECTIONS, VERDICTS, Objection
 from .theme import BRAND_RGB, NEUTRAL_RGB
 
 SEND = "Send other reason"
@@ -31,13 +32,13 @@ class Dialog:
 
     close: Callable[[], None]
     """Takes it away."""
-    reasons: Sequence[str] = ()
+    objections: Sequence[Objection] = ()
     """What the digits choose, 1 the first."""
 
-    def reason(self, verdict: Verdict) -> str | None:
-        """The reason chosen by the key that otherwise gives this verdict."""
+    def objection(self, verdict: Verdict) -> Objection | None:
+        """What is chosen by the key that otherwise gives this verdict."""
         key = next(int(known.key) for known in VERDICTS if known.verdict == verdict)
-        return self.reasons[key - 1] if 1 <= key <= len(self.reasons) else None
+        return self.objections[key - 1] if 1 <= key <= len(self.objections) else None
 
 
 def guidelines_dialog(client: viser.ClientHandle, post: Post, text: str) -> Dialog:
@@ -61,30 +62,39 @@ def differed_dialog(client: viser.ClientHandle, post: Post, told: Differed) -> D
     return Dialog(modal.close)
 
 
-def bad_clip_dialog(client: viser.ClientHandle, post: Post) -> Dialog:
-    """Why a clip cannot be judged."""
+def objection_dialog(client: viser.ClientHandle, post: Post) -> Dialog:
+    """Why a pair cannot be judged, or why neither of its gaits is any good."""
     modal = client.gui.add_modal("What is wrong with this pair?")
+
+    def sends(objection: Objection) -> Callable[[Any], Coroutine[Any, Any, None]]:
+        """Sends it with what was written, unless something is wrong with that."""
+
+        async def send(event: Any) -> None:
+            del event
+            said = objection.because(other.value.strip())
+            if not said.words:
+                says = "Write the reason first."
+            elif wrong := too_long(said.words):
+                says = f"The reason {wrong}."
+            else:
+                post("objection", said)
+                return
+            remark.content, remark.visible = boxed(warning(says)), True
+
+        return send
+
     with modal:
-        for key, reason in enumerate(BAD_REASONS, start=1):
-            button = client.gui.add_button(f"{reason} [{key}]", color=NEUTRAL_RGB)
-            button.on_click(posts(post, "bad_reason", reason))
-        other = client.gui.add_text(f"other, up to {NOTE_CHARS:,} characters", "")
+        for key, objection in enumerate(OBJECTIONS, start=1):
+            button = client.gui.add_button(
+                f"{objection.words} [{key}]", color=NEUTRAL_RGB
+            )
+            button.on_click(sends(objection))
+        other = client.gui.add_text(f"in words, up to {NOTE_CHARS:,} characters", "")
         remark = client.gui.add_html("", visible=False)
         send = client.gui.add_button(SEND, color=BRAND_RGB)
         back = client.gui.add_button(
             "Back without an answer [escape]", color=NEUTRAL_RGB
         )
-
-    @send.on_click
-    async def _(event: viser.GuiEvent) -> None:
-        del event
-        reason = other.value.strip()
-        wrong = too_long(reason)
-        if reason and not wrong:
-            post("bad_reason", reason)
-            return
-        says = f"The reason {wrong}." if reason else "Write the reason first."
-        remark.content, remark.visible = boxed(warning(says)), True
-
+    send.on_click(sends(Objection("")))
     back.on_click(posts(post, "close"))
-    return Dialog(modal.close, BAD_REASONS)
+    return Dialog(modal.close, OBJECTIONS)

@@ -32,7 +32,7 @@ from labeling_ui.scene.fast_updates import Frames
 from labeling_ui.scene.scene import PairScene, Pose
 
 from .controls import Controls
-from .dialogs import Dialog, bad_clip_dialog, differed_dialog, guidelines_dialog
+from .dialogs import Dialog, differed_dialog, guidelines_dialog, objection_dialog
 from .loop_status import LoopStatus
 from .page_access import Act, Desk, Look, Showing
 from .playback import Playback
@@ -177,11 +177,11 @@ class Page:
             case "hotkey_verdict":
                 if self._modal is None:
                     self._verdict(value)
-                elif reason := self._modal.reason(value):
-                    self.post("bad_reason", reason)
-            case "bad_reason" if self._modal is not None:
+                elif objection := self._modal.objection(value):
+                    self.post("objection", objection)
+            case "objection" if self._modal is not None:
                 self._close_dialog()
-                self._judge("bad", value)
+                self._judge(value.verdict, value.words)
             case "why_label" if value in ASPECT_OF_LABEL:
                 self._say_why(ASPECT_OF_LABEL[value])
             case "why":
@@ -227,7 +227,7 @@ class Page:
                 self._remark(self._remarks.marked(self._clock.time_s))
         elif name == "bad":
             if self._showing is not None and self._showing.question is not None:
-                self._modal = bad_clip_dialog(self.client, self.post)
+                self._modal = objection_dialog(self.client, self.post)
         elif name == "undo":
             self._store(Desk.undo)
         elif name == "keep":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from data.answers.answer_records import Aspect
@@ -129,9 +129,25 @@ CONFIDENCE_OF: dict[Name, str] = {
     "sure": "sure [9]",
 }
 
-BAD_REASONS = (
-    "The simulation glitched",
-    "Too short to judge",
-    "The robot does something else than the command",
-    "Both clips show the same motion",
+
+@dataclass(frozen=True)
+class Objection:
+    """What somebody has against a pair, and which answer that is."""
+
+    words: str
+    verdict: Verdict = "bad"
+    """`bad` teaches nothing; two bad gaits are equally good ones."""
+
+    def because(self, text: str) -> Objection:
+        """The same in words of one's own."""
+        said = [part for part in (self.words, text) if part]
+        return replace(self, words=": ".join(said))
+
+
+OBJECTIONS = (
+    Objection("The simulation glitched"),
+    Objection("Too short to judge"),
+    Objection("The robot does something else than the command"),
+    Objection("Both clips show the same motion"),
+    Objection("Both walk badly, neither better", "equal"),
 )

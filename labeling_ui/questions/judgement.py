@@ -74,7 +74,7 @@ class Judgement:
     """The question that was on the screen when the key was pressed."""
     verdict: Verdict
     reason: str = ""
-    """Why a clip is bad."""
+    """Why a clip is unusable, or both are equally bad."""
     why: Aspect | Literal[""] = ""
     """What of the gait decided it."""
     note: str = ""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import statistics
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -222,3 +222,10 @@ def _per_hour(answers: Sequence[Answer]) -> float | None:
     ]
     work_s = [gap_s for gap_s in gaps_s if gap_s <= PAUSE_S]
     return len(work_s) / sum(work_s) * 3600 if sum(work_s) > 0 else None
+
+
+def objections(rows: Sequence[Row]) -> list[tuple[str, int]]:
+    """What people had against pairs, in their words, each with how often; the most
+    frequent first."""
+    said = Counter(answer.reason for _, answer in rows if answer.reason)
+    return sorted(said.items(), key=lambda item: (-item[1], item[0]))

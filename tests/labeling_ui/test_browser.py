@@ -130,6 +130,15 @@ def test_a_rater_at_work(site: Site, visit: Visit) -> None:
     newest = site.answers()[0]
     assert (newest.choice, newest.reason) == ("bad", "Too short to judge")
 
+    page.keyboard.press("f")
+    page.get_by_role("button", name="Both walk badly").wait_for()
+    page.keyboard.press("5")
+    counted(page, 5)
+    both = site.answers()[0]
+    assert (both.choice, both.reason) == ("equal", "Both walk badly, neither better")
+    page.keyboard.press("z")
+    counted(page, 4)
+
     page.reload()
     counted(page, 4)
     page.get_by_text("Last answers").click()

@@ -158,7 +158,7 @@ def told(visitor: Visitor, words: str) -> bool:
 def test_what_is_typed_has_a_limit_that_is_told(tmp_path: Path) -> None:
     """Too long a text is not stored, nor cut, nor lost; a shorter one is taken."""
     longest = "x" * NOTE_CHARS
-    other = f"other, up to {NOTE_CHARS:,} characters"
+    other = f"in words, up to {NOTE_CHARS:,} characters"
 
     async def part(visitor: Visitor) -> None:
         for length in (900_000, NOTE_CHARS + 1):
@@ -181,7 +181,23 @@ def test_what_is_typed_has_a_limit_that_is_told(tmp_path: Path) -> None:
 
     first, second = at_the_page(tmp_path / "set", part)
     assert first.note == f"[31m{longest[8:]}\nb"
-    assert second.reason == longest
+    assert (second.choice, second.reason) == ("bad", longest)
+
+
+def test_two_bad_gaits_are_equal_and_why_is_kept(tmp_path: Path) -> None:
+    """The words written in the dialog go with the button."""
+
+    async def part(visitor: Visitor) -> None:
+        words = f"in words, up to {NOTE_CHARS:,} characters"
+        await visitor.press("Bad clip")
+        await until(lambda: words in visitor.elements)
+        await visitor.set(words, "all drag their feet")
+        await visitor.set("Both walk badly, neither better [5]", True)
+        await visitor.until_answered(1)
+
+    (answer,) = at_the_page(tmp_path / "set", part)
+    assert answer.reason == "Both walk badly, neither better: all drag their feet"
+    assert (answer.choice, answer.target) == ("equal", 0.5)
 
 
 def test_a_late_answer_is_none_behind_a_dialog(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ from labeling_ui.questions.rater_figures import (
     all_figures,
     figures,
     human_rows,
+    objections,
 )
 from labeling_ui.questions.rater_presence import seen_of
 from labeling_ui.questions.rater_table import table_of
@@ -108,9 +109,11 @@ def _stats(command: options.Raters, dataset: Dataset) -> None:
             for of_rater in raters
         ],
         "all": _as_json(together),
+        "objections": dict(objections(rows)),
     }
     lines = table_of([*raters, together])
     lines += [told for name in names for told in doubted[name]]
+    lines += [f"wrong with pairs: {said} ({n} x)" for said, n in objections(rows)[:10]]
     _show(command, values, lines)
 
 
