@@ -22,6 +22,7 @@ from gaitpref.raters.rater_cfg import RaterCfg
 from policy.env.env_cfg import getup_env
 from policy.rollouts.record import RecordCfg
 from rewardmodel.cfg import FitCfg, PosteriorCfg
+from rewardmodel.extensions_cfg import LabelFilterCfg, RawCfg, SemiSupervisedCfg
 
 TASKS = {
     "walk": "task",
@@ -120,9 +121,45 @@ METHODS: dict[str, Change] = {
         budget=FrontLoaded(first_share=0.4),
         accept=None,
     ),
+    # Others' methods on the same walks, clips, steps and answers, with the settings of
+    # their papers: B-Pref (arXiv 2111.03026), SURF (2203.10050), RIME (2402.17257).
+    "prefppo": lambda method: _as_published(method),
+    "surf": lambda method: _as_published(
+        method,
+        models=(RawCfg(min_crop=0.75),),
+        semi_supervised=SemiSupervisedCfg(
+            confidence=0.99, error_share=0.0, pairs_per_answer=4
+        ),
+    ),
+    "rime": lambda method: _as_published(method, label_filter=LabelFilterCfg()),
+    "prefppo-tuned": lambda method: replace(
+        method,
+        questions=Questions(),
+        reward=FitCfg(kind="mlp"),
+        paid=AsFitted(),
+    ),
 }
-"""The methods by name: the one that ships, and it with a decision left out or another
-in its place."""
+"""The methods by name: the one that ships, it with a decision left out or another in
+its place, and others'."""
+
+
+def _as_published(method: Method, **fit: Any) -> Method:
+    """Networks on raw rows, disagreement, sessions that begin small; answers are taken
+    for right; what this project decides about training is left out."""
+    return replace(
+        method,
+        budget=FrontLoaded(first_share=0.25),
+        questions=Questions(uniform_share=0.0),
+        reward=FitCfg(
+            kind="raw", error_share=0.0, adapt=False, tie_threshold=0.0, **fit
+        ),
+        paid=AsFitted(),
+        exploration=None,
+        mirror=False,
+        unstick=None,
+        accept=None,
+        tracking=None,
+    )
 
 
 def _asking(method: Method, **changes: Any) -> Method:

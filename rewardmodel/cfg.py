@@ -93,8 +93,10 @@ class ReliabilityCfg:
 
 M = TypeVar("M", bound=ModelCfg)
 
-KindName = Literal["linear", "posterior", "gp", "mlp", "history", "transformer"]
+KindName = Literal["linear", "posterior", "gp", "mlp", "history", "transformer", "raw"]
 """The models there are, from the stiffest to the most flexible."""
+CHOSEN_FROM = tuple(name for name in get_args(KindName) if name != "raw")
+"""What `auto` chooses from: models of habits."""
 KIND_NAMES = (*get_args(KindName), "auto")
 """What may be asked for: a model, or how it is chosen."""
 
@@ -109,8 +111,8 @@ class FitCfg:
     kind: KindName | Literal["auto"] = "linear"
     """Model: `linear` in the gait descriptors, a `posterior` over one to three habits,
     a Gaussian process (`gp`) or a small network (`mlp`) on the descriptors, one on the
-    last steps (`history`, `transformer`), or `auto`, whichever foresees held-out
-    answers best."""
+    last steps (`history`, `transformer`), networks on `raw` rows, or `auto`, whichever
+    of all but the last foresees held-out answers best."""
     error_share: float = 0.3
     """Share of the answers expected to be random, in [0, 1)."""
     adapt: bool = field(default=True, metadata=ADDED_LATER)

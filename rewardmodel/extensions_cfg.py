@@ -113,12 +113,38 @@ class GpCfg:
         require_members(self.num_members)
 
 
-ModelCfg = GpCfg | MlpCfg | HistoryCfg | TransformerCfg
+@dataclass(frozen=True, kw_only=True)
+class RawCfg:
+    """Networks on raw rows, as published (B-Pref: Lee et al. 2021)."""
+
+    num_members: int = 3
+    """Networks, each fitted to all answers."""
+    hidden_size: int = 256
+    """Units in each of three hidden layers."""
+    learning_rate: float = 3e-4
+    """Adam step size."""
+    batch_size: int = 128
+    """Answers in a gradient step."""
+    most_epochs: int = 200
+    """Times that every answer is looked at, at most."""
+    enough_accuracy: float = 0.97
+    """Share of the fitted answers foreseen at which a fit ends."""
+    summed_steps: int = 50
+    """Steps of a published segment, whose rewards are summed up."""
+    min_crop: float = 1.0
+    """Shortest random piece of a clip a gradient step looks at, as a share of it."""
+
+    def __post_init__(self) -> None:
+        require_members(self.num_members)
+
+
+ModelCfg = GpCfg | MlpCfg | HistoryCfg | TransformerCfg | RawCfg
 MODELS: dict[str, type[ModelCfg]] = {
     "gp": GpCfg,
     "mlp": MlpCfg,
     "history": HistoryCfg,
     "transformer": TransformerCfg,
+    "raw": RawCfg,
 }
 """By the name of the kind whose settings they are."""
 

@@ -19,6 +19,7 @@ import torch
 from torch import Tensor
 
 from .per_leg import CONTACTS, ENDS, SINGLE, TOGETHER
+from .raw import RAW
 from .row import Descriptor, Row
 
 _LIFT_OFF_S = 0.05
@@ -295,13 +296,14 @@ DESCRIPTORS = (
 
 DESCRIPTOR_NAMES = tuple(descriptor.name for descriptor in DESCRIPTORS)
 
-Sight = Literal["habits", "contacts", "legs"]
-"""What a model sees: the table, the contact of each foot besides, or all of
-`rewardmodel.descriptors.per_leg`."""
+Sight = Literal["habits", "contacts", "legs", "rows"]
+"""What a model sees: the table, the contact of each foot besides, all of
+`rewardmodel.descriptors.per_leg`, or none of these but the rows themselves."""
 _SEEN: dict[Sight, tuple[Descriptor, ...]] = {
     "habits": DESCRIPTORS,
     "contacts": DESCRIPTORS + CONTACTS,
     "legs": DESCRIPTORS + CONTACTS + SINGLE + TOGETHER + ENDS,
+    "rows": RAW,
 }
 
 
@@ -319,8 +321,8 @@ def describe(features: Tensor, sight: Sight = "habits") -> Tensor:
     """Descriptors [..., D] of feature rows [..., F], float32, in table order.
 
     Logged clips and live batches go through this one function. A row that is not finite
-    gives descriptors that are not finite. Who sees more has the columns of those who
-    see less in front.
+    gives descriptors that are not finite. Who sees more habits has the columns of those
+    who see fewer in front.
     """
     row = Row(features)
     return torch.stack([item.compute(row) for item in _SEEN[sight]], dim=-1)

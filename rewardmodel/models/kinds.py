@@ -13,8 +13,9 @@ from rewardmodel.descriptors.table import Sight, names_seen
 from rewardmodel.extensions.models.gp import GpScorer, fit_gp
 from rewardmodel.extensions.models.history import HistoryScorer, fit_history
 from rewardmodel.extensions.models.mlp import MlpScorer, fit_mlp
+from rewardmodel.extensions.models.raw import RawScorer, fit_raw
 from rewardmodel.extensions.models.transformer import TransformerScorer, fit_transformer
-from rewardmodel.extensions_cfg import GpCfg, HistoryCfg, MlpCfg, TransformerCfg
+from rewardmodel.extensions_cfg import GpCfg, HistoryCfg, MlpCfg, RawCfg, TransformerCfg
 from rewardmodel.linear.linear import LinearScorer, fit_linear
 from rewardmodel.opinions.pool import Pool
 from rewardmodel.posterior.curve_scorer import PosteriorScorer
@@ -78,6 +79,11 @@ KINDS: dict[str, Kind] = {
             count, cfg.settings_of(TransformerCfg)
         ),
         fit=fit_transformer,
+    ),
+    "raw": Kind(
+        sight="rows",
+        make=lambda cfg, count: RawScorer(count, cfg.settings_of(RawCfg)),
+        fit=fit_raw,
     ),
 }
 """From the stiffest to the most flexible."""

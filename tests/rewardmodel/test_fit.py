@@ -431,9 +431,9 @@ def test_wilson_interval_by_hand() -> None:
     assert wilson_interval(0, 4)[0] == 0.0
 
 
-@pytest.mark.parametrize("kind", ["linear", "gp", "mlp"])
+@pytest.mark.parametrize("kind", ["linear", "gp", "mlp", "raw"])
 def test_save_and_load_bit_for_bit(
-    kind: Literal["linear", "gp", "mlp"], tmp_path: Path
+    kind: Literal["linear", "gp", "mlp", "raw"], tmp_path: Path
 ) -> None:
     """Two fits with one seed write the same bytes; loading gives the same reward."""
     pairs = answered(20, seed=5)

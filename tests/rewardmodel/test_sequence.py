@@ -24,7 +24,7 @@ from rewardmodel import (
 from rewardmodel.answers.clip_batch import pad_clips
 from rewardmodel.cfg import KindName, PosteriorCfg
 from rewardmodel.explain.attribution import explain
-from rewardmodel.extensions_cfg import HistoryCfg, MlpCfg, TransformerCfg
+from rewardmodel.extensions_cfg import HistoryCfg, MlpCfg, RawCfg, TransformerCfg
 from rewardmodel.posterior.curve_scorer import PosteriorScorer
 from tests.rewardmodel.test_curves import asked, best_rate
 from tests.rewardmodel.test_fit import answered, gait
@@ -171,3 +171,19 @@ def test_auto_tries_no_transformer_where_history_does_not_matter() -> None:
     model, report = fit_reward(answered(80, seed=0), cfg, seed=0)
     assert model.provenance.cfg.kind not in ("history", "transformer")
     assert [kind for kind, _ in report.considered][-1] == "history"
+
+
+@pytest.mark.parametrize("min_crop", [1.0, 0.7])
+def test_networks_on_raw_rows_learn_from_many_answers(min_crop: float) -> None:
+    """No habit is named to them: of 150 answers they find more than by chance."""
+    cfg = FitCfg(
+        kind="raw",
+        error_share=0.0,
+        tie_threshold=0.0,
+        adapt=False,
+        folds=2,
+        models=(RawCfg(hidden_size=64, min_crop=min_crop),),
+    )
+    model, _ = fit_reward(answered(150, seed=1), cfg, seed=0)
+    assert accuracy(model, answered(200, seed=2)) > 0.75
+    assert len(model.names) == 89

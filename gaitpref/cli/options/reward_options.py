@@ -125,12 +125,13 @@ class Fit:
     """With --method, from round 1 on: the reward of round 0, which decided whether
     answers err."""
     model: Literal[
-        "auto", "linear", "posterior", "gp", "mlp", "history", "transformer"
+        "auto", "linear", "posterior", "gp", "mlp", "history", "transformer", "raw"
     ] = "linear"
     """Linear in the gait descriptors; a posterior over which one to three of them are
     wanted, of single legs and the stride rate too, each with a curve; a Gaussian
     process or a small network on them; a network or a transformer on the last half
-    second, for rhythms; or whichever of these foresees held-out answers best."""
+    second, for rhythms; or whichever of these foresees held-out answers best. Networks
+    on raw rows, as published, for comparison."""
     semi_supervised: bool = False
     """Let what the reward is sure of in pairs nobody answered count a little too. Where
     it was measured (docs/reference/extensions.md) it did not pay."""

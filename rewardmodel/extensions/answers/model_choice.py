@@ -7,12 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import get_args
 
 from torch import Tensor
 
 from rewardmodel.answers.answered_pairs import AnsweredPairs
-from rewardmodel.cfg import FitCfg, KindName
+from rewardmodel.cfg import CHOSEN_FROM, FitCfg, KindName
 from rewardmodel.measures.held_out import held_out_predictions
 from rewardmodel.measures.rater_reliability import Judged, judge
 from rewardmodel.prepared.described import DescribedPairs
@@ -35,12 +34,12 @@ def choose(
     All expect the same errors here: to a model that finds no sense in the answers, they
     would look random, and it would foresee them as well as chance does.
     """
-    stiffest = get_args(KindName)[0]
+    stiffest = CHOSEN_FROM[0]
     if not measured:
         return stiffest, ()
     foreseen: dict[KindName, Tensor] = {}
     judged = judge(prepared, pairs, cfg)
-    for kind in get_args(KindName):
+    for kind in CHOSEN_FROM:
         # It takes as long as all others together, and where what led to a step does
         # not matter to the simpler of the two, it does not matter.
         if kind == "transformer" and choose_kind(foreseen) != "history":
