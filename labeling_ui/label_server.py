@@ -14,7 +14,8 @@ from data.datasets.dataset import Dataset
 from labeling_ui.limits import page_limits as limits
 from labeling_ui.page.loop_status import StatusSource, no_status
 from labeling_ui.page.page_access import Desk
-from labeling_ui.page.rater_page import Page, Shared
+from labeling_ui.page.rater_page import Page
+from labeling_ui.page.shared import Shared
 from labeling_ui.questions.key_repeat import GuardCfg
 from labeling_ui.questions.rater_figures import rater_figures
 from labeling_ui.questions.rater_session import QueueCfg, RaterSession

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import queue
 import time
-from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from datetime import datetime
+from dataclasses import replace
 from typing import Any
 
 import viser
@@ -19,33 +17,30 @@ import viser
 from data.answers.answer_records import Aspect
 from labeling_ui.limits.pace import Bucket
 from labeling_ui.limits.page_limits import (
-    ACTIONS_WAITING,
     CHANGES_AT_ONCE,
     CHANGES_PER_S,
     EVENTS_PER_TURN,
 )
 from labeling_ui.questions.judgement import Judgement, Question, Verdict
-from labeling_ui.questions.rater_session import utc_now
 from labeling_ui.scene.aim import Aim
 from labeling_ui.scene.clip_motion import Motion
 from labeling_ui.scene.fast_updates import Frames
 from labeling_ui.scene.scene import PairScene, Pose
 
+from .at_desk import AtDesk
 from .controls import Controls
 from .dialogs import Dialog, differed_dialog, guidelines_dialog, objection_dialog
 from .loop_status import LoopStatus
-from .page_access import Act, Desk, Look, Showing
+from .page_access import Desk, Showing
 from .playback import Playback
 from .remarks import Remarks, remarks_of
+from .shared import Habits, Shared
 from .shortcuts import ASPECT_OF_LABEL, CONFIDENCE_OF, CONFIDENCES, Name
-from .store_thread import Worker
 from .theme import set_theme
 from .transport import Transport
 
 ACTIVE_S = 300.0
 """Without an event for longer than this, nobody is there."""
-REFRESH_S = 1.0
-"""How often the desk is asked whether something else is to be shown."""
 NOTE_LATE_S = 0.1
 NOTE_RECENT_S = 0.3
 """A note's last letters may be on their way for 50 ms: an answer that soon after one
@@ -58,31 +53,6 @@ _NOT_STORED = (
 )
 
 
-@dataclass(frozen=True)
-class Habits:
-    """What a rater chose, kept over reloads while the server runs."""
-
-    dark: bool = False
-
-
-@dataclass(eq=False)
-class Shared:
-    """What all pages of a server use."""
-
-    worker: Worker
-    """Asks and stores, one thing after the other."""
-    submit_late: Callable[[Callable[[], None]], None]
-    """Has another worker do what nobody waits for."""
-    wake: Callable[[], None]
-    """Has the ticker handle what was posted at once."""
-    guidelines: str
-    habits: dict[str, Habits] = field(default_factory=dict)
-    since_utc: datetime = field(default_factory=utc_now)
-    """When the server started."""
-    welcomed: set[str] = field(default_factory=set)
-    """Raters who have seen the guidelines since the server started."""
-
-
 class Page:
     """One browser tab of one rater."""
 
@@ -91,11 +61,8 @@ class Page:
         self.client = client
         self._desk, self._shared = desk, shared
         self._events: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
-        self._busy = self._storing = False
-        self._acts: deque[Act] = deque()
+        self._at_desk = AtDesk(desk, shared.worker, shared.submit_late, self.post)
         self._changes = Bucket(per_s=CHANGES_PER_S, at_once=CHANGES_AT_ONCE)
-        # One of each at most waits for a worker that is busy with answers.
-        self._look_waits = self._load_waits = False
         self._sign_of_life = time.monotonic()
         self._modal: Dialog | None = None
         self._showing: Showing | None = None
@@ -105,7 +72,6 @@ class Page:
         self._note_at = -NOTE_RECENT_S
         self._remarks = Remarks()
         self._late: tuple[float, Verdict] | None = None
-        self._refresh_in_s = REFRESH_S
         self._status: LoopStatus | None = None
         self._habits = shared.habits.get(desk.rater_id, Habits())
         self._frames = Frames(client)
@@ -117,7 +83,7 @@ class Page:
             self._transport = Transport(client, self.post)
         self._aim = Aim(self._scene, client.camera)
         client.camera.on_update(self._seen_from)
-        self._look(Desk.look)
+        self._at_desk.look(Desk.look)
 
     async def _seen_from(self, camera: viser.CameraHandle) -> None:
         """Look anew where the window became wider or narrower."""
@@ -140,7 +106,8 @@ class Page:
         """Handle what came in, and draw the next frame if something moved."""
         self.attend()
         self._answer_late()
-        self._refresh(elapsed_s)
+        active = time.monotonic() - self._sign_of_life < ACTIVE_S
+        self._at_desk.refresh(elapsed_s, self._showing, active=active)
         if status != self._status:
             self._status = status
             self._controls.fill_status(status)
@@ -167,9 +134,9 @@ class Page:
             case "showing":
                 self._show(value)
             case "idle":
-                self._busy = self._storing
+                self._at_desk.idle()
             case "stored":
-                self._stored()
+                self._at_desk.stored()
             case "failed":
                 self._controls.warn(_NOT_STORED)
             case "verdict":
@@ -229,9 +196,9 @@ class Page:
             if self._showing is not None and self._showing.question is not None:
                 self._modal = objection_dialog(self.client, self.post)
         elif name == "undo":
-            self._store(Desk.undo)
+            self._at_desk.store(Desk.undo)
         elif name == "keep":
-            self._store(Desk.keep)
+            self._at_desk.store(Desk.keep)
         else:
             self._change_view(name)
 
@@ -295,78 +262,13 @@ class Page:
             | self._remarks.client,
             dialog_open=self._modal is not None,
         )
-        self._store(lambda desk: desk.answer(judgement))
+        self._at_desk.store(lambda desk: desk.answer(judgement))
 
     def _reopen(self, index: int) -> None:
         history = () if self._showing is None else self._showing.history
         if index < len(history) and self._modal is None:
             answer_id = history[index].answer.answer_id
-            self._store(lambda desk: desk.reopen(answer_id))
-
-    def _refresh(self, elapsed_s: float) -> None:
-        self._refresh_in_s -= elapsed_s
-        if self._refresh_in_s <= 0 and not (self._busy or self._look_waits):
-            self._refresh_in_s = REFRESH_S
-            shown = self._showing
-            active = time.monotonic() - self._sign_of_life < ACTIVE_S
-            self._look(
-                lambda desk: (
-                    desk.look() if shown is None else desk.changed(shown, active=active)
-                )
-            )
-
-    def _look(self, look: Look) -> None:
-        """Have the worker look at the desk, and show what is new on it."""
-        self._busy = self._look_waits = True
-
-        def looked() -> None:
-            self._look_waits = False
-            self._seen(look)
-
-        self._shared.worker.submit(looked)
-
-    def _store(self, act: Act) -> None:
-        """Have the worker store something, then show what came of it.
-
-        One after the other, so that who sends thousands is one among others there.
-        """
-        if self._storing:
-            if len(self._acts) < ACTIONS_WAITING:
-                self._acts.append(act)
-            return
-        self._busy = self._storing = True
-        self._shared.worker.store(
-            lambda: self._desk.act(act),
-            lambda outcome: self._seen(lambda desk: desk.after(outcome), "stored"),
-            lambda error: self._failed(),
-        )
-
-    def _stored(self) -> None:
-        self._busy = self._storing = False
-        if self._acts:
-            self._store(self._acts.popleft())
-
-    def _seen(self, look: Look, done: str = "idle") -> None:
-        """Post what is on the desk, and have what comes next loaded."""
-        try:
-            showing = look(self._desk)
-            if showing is not None:
-                self.post("showing", showing)
-                if not self._load_waits:
-                    # Behind what others wait for.
-                    self._load_waits = True
-                    self._shared.worker.submit(self._load_ahead)
-        finally:
-            self.post(done)
-
-    def _load_ahead(self) -> None:
-        self._load_waits = False
-        pairs = self._desk.upcoming()
-        self._shared.submit_late(lambda: self._desk.load(pairs))
-
-    def _failed(self) -> None:
-        self.post("failed")
-        self.post("stored")
+            self._at_desk.store(lambda desk: desk.reopen(answer_id))
 
     def _show(self, showing: Showing) -> None:
         before = None if self._showing is None else self._showing.question_id

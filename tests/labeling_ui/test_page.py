@@ -16,7 +16,7 @@ from benchmarks.walks import walking_dataset
 from data.answers.answer_records import Answer
 from data.files.limits import NOTE_CHARS
 from labeling_ui.label_server import LabelCfg, LabelServer
-from labeling_ui.page.rater_page import REFRESH_S
+from labeling_ui.page.at_desk import REFRESH_S
 from labeling_ui.page.store_thread import Worker
 from labeling_ui.questions.key_repeat import GuardCfg
 from labeling_ui.questions.rater_session import QueueCfg

@@ -1,0 +1,36 @@
+"""What all pages of a server use."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import datetime
+
+from labeling_ui.questions.rater_session import utc_now
+
+from .store_thread import Worker
+
+
+@dataclass(frozen=True)
+class Habits:
+    """What a rater chose, kept over reloads while the server runs."""
+
+    dark: bool = False
+
+
+@dataclass(eq=False)
+class Shared:
+    """What all pages of a server use."""
+
+    worker: Worker
+    """Asks and stores, one thing after the other."""
+    submit_late: Callable[[Callable[[], None]], None]
+    """Has another worker do what nobody waits for."""
+    wake: Callable[[], None]
+    """Has the ticker handle what was posted at once."""
+    guidelines: str
+    habits: dict[str, Habits] = field(default_factory=dict)
+    since_utc: datetime = field(default_factory=utc_now)
+    """When the server started."""
+    welcomed: set[str] = field(default_factory=set)
+    """Raters who have seen the guidelines since the server started."""
