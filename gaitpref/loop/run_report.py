@@ -14,6 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from data.errors import GaitprefError
 from data.files.files import read_json, write_atomically
 from gaitpref.report.about_section import about_section
+from gaitpref.report.answer_credit import answers_section
 from gaitpref.report.film_section import film_section
 from gaitpref.report.page_style import STYLE
 from gaitpref.report.pictures import BLUE, GREY, plain_axes, svg_of
@@ -105,6 +106,7 @@ def render(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
         f"{alarm_section(rounds, cfg.wish)}"
         f'<div class="curves">{_curves(criterion, rounds)}</div>{_table(rounds)}'
         f"{clips_section(run, rounds, films=len(rounds) > cfg.rounds)}"
+        f"{answers_section(run, rounds)}"
         f"<p>Returns are means over {last['episodes']} episodes on a fixed grid of "
         f"commands, without exploration noise, with 95 % intervals. Held-out accuracy "
         f"is measured on episodes the model of their fold has not seen. The learned "

@@ -16,6 +16,8 @@ from data.files.files import write_atomically
 from gaitpref.cli.options import options
 from gaitpref.console.progress import console, counted, working
 from gaitpref.console.terminal import say
+from gaitpref.report.answer_credit import newest_credited
+from gaitpref.report.credit_picture import credit_picture
 from gaitpref.report.pictures import save_picture
 from gaitpref.report.ranked_clips import Ranked, extremes, ranked
 from gaitpref.report.reward_strips import clip_picture, curves_picture
@@ -47,6 +49,7 @@ def run(command: options.Explain) -> int:
         for done, (name, found) in enumerate(chosen):
             tell(done, len(chosen))
             told.append(_explained(command, model, dataset, name, found, answered))
+    answers = _credits(model, dataset, answered, command)
     dt_s = dataset.entry(chosen[0][1].clip.rollout).meta.control_dt_s
     if curves := learned_curves(model, control_dt_s=dt_s):
         picture = command.out / "habits.svg"
@@ -55,6 +58,7 @@ def run(command: options.Explain) -> int:
     data = {
         "descriptors": list(model.names),
         "clips": told,
+        "answers": answers,
         "curves": [curve_json(curve) for curve in curves],
     }
     write_atomically(command.out / DATA_NAME, json.dumps(data).encode())
@@ -86,6 +90,42 @@ def _explained(
     say(f"{picture}  reward {found.reward:+.2f}  {found.clip.key}{marks}")
     marked = {"marked_s": here_s, "at_the_marks": _rounded_values(there)}
     return clip_json(name, found, entry, shown) | marked
+
+
+def _credits(
+    model: RewardModel,
+    dataset: Dataset,
+    answered: list[tuple[Pair, Answer]],
+    command: options.Explain,
+) -> list[dict[str, Any]]:
+    """The figures of the newest answers, whose pictures are written."""
+    if command.clip is not None:
+        return []
+    found = newest_credited(
+        model, dataset, answered, command.count, method=command.method
+    )
+    told = []
+    for number, each in enumerate(found, start=1):
+        picture = command.out / f"answer-{number}.svg"
+        save_picture(
+            credit_picture(each.credit, dt_s=each.dt_s, title=each.title), picture
+        )
+        say(f"{picture}  {each.title}: A leads by {each.credit.lead:+.2f}")
+        told.append(
+            {
+                "pair_id": each.pair.pair_id,
+                "rater": each.answer.rater_id,
+                "left": each.answer.shown_left,
+                "choice": each.answer.choice,
+                "lead": round(each.credit.lead, 4),
+                "moments": [_rounded(part) for part in each.credit.moments],
+                **{
+                    f"by_{name}": _rounded_values(row)
+                    for name, row in each.credit.rows.items()
+                },
+            }
+        )
+    return told
 
 
 def _marked(

@@ -1,0 +1,113 @@
+"""What moved the reward about the pairs that people answered last."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from data.answers.answer_records import Answer, Pair
+from data.datasets.dataset import Dataset
+from data.errors import GaitprefError
+from rewardmodel.answers.clip_batch import read_clips
+from rewardmodel.explain.attribution import Method
+from rewardmodel.explain.credit import Credit, credit
+from rewardmodel.models.model import RewardModel
+from rewardmodel.models.storage import load_reward
+
+from .credit_picture import credit_picture
+from .pictures import svg_of
+
+COUNT = 2
+"""Answers in a report."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Credited:
+    """An answered pair and what of it moved the reward; A is the clip shown left."""
+
+    pair: Pair
+    answer: Answer
+    credit: Credit
+    dt_s: float
+
+    @property
+    def said(self) -> str:
+        """The answer in words."""
+        if self.answer.choice not in ("a", "b"):
+            return "neither is better"
+        left = self.answer.choice == self.answer.shown_left
+        return f"{'A' if left else 'B'} is better"
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the reward leads to the clip that was preferred; a tie never does."""
+        left = self.answer.choice == self.answer.shown_left
+        return self.answer.choice in ("a", "b") and left == (self.credit.lead > 0)
+
+    @property
+    def title(self) -> str:
+        """Who said what, and whether the reward thinks the same."""
+        same = "" if self.agrees else ", the reward does not agree"
+        return f"{self.answer.rater_id}: {self.said}{same}"
+
+
+def newest_credited(
+    model: RewardModel,
+    dataset: Dataset,
+    answered: Sequence[tuple[Pair, Answer]],
+    count: int,
+    *,
+    method: Method = "auto",
+) -> list[Credited]:
+    """The newest `count` answers that say something about a pair, the newest first."""
+    told = [
+        (pair, answer)
+        for pair, answer in answered
+        if answer.target is not None
+        and all(dataset.holds(clip.rollout) for clip in (pair.a, pair.b))
+    ]
+    told.sort(key=lambda row: (row[1].created_utc, row[1].answer_id), reverse=True)
+    return [_credited(model, dataset, *row, method) for row in told[:count]]
+
+
+def answers_section(run: Path, rounds: list[dict[str, Any]]) -> str:
+    """The newest reward on the newest answers of a run; nothing before a fit."""
+    numbers = [r["round"] for r in rounds if r.get("fit")]
+    if not numbers:
+        return ""
+    try:
+        model = load_reward(run / "rounds" / f"{max(numbers):02d}" / "reward")
+        dataset = Dataset.open(run / "dataset")
+        with dataset.answers_copy() as store:
+            answered = store.current_answers()
+        found = newest_credited(model, dataset, answered, COUNT)
+    except GaitprefError as error:
+        return f"<p>No answers are explained: {html.escape(str(error))}</p>"
+    figures = "".join(
+        f"<figure>{svg_of(picture.axes[0])}"
+        f"<figcaption>{html.escape(each.title)}</figcaption></figure>"
+        for each in found
+        for picture in [credit_picture(each.credit, dt_s=each.dt_s)]
+    )
+    return (
+        f"<h2>What moved the reward of round {max(numbers)} in the newest answers</h2>"
+        "<p>What the left clip, A, is paid more than the right one, shared out by the "
+        "steps of both, and by habits; each row adds up to the whole.</p>"
+        f'<div class="curves">{figures}</div>'
+    )
+
+
+def _credited(
+    model: RewardModel, dataset: Dataset, pair: Pair, answer: Answer, method: Method
+) -> Credited:
+    sides = (pair.a, pair.b) if answer.shown_left == "a" else (pair.b, pair.a)
+    left, right = (read_clips([clip], dataset.clip_features) for clip in sides)
+    return Credited(
+        pair=pair,
+        answer=answer,
+        credit=credit(model, left, right, method=method),
+        dt_s=dataset.entry(pair.a.rollout).meta.control_dt_s,
+    )
