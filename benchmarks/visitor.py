@@ -161,6 +161,8 @@ class Visitor:
                 self.places[message["name"]] = (x, y, z)
             elif kind == "GuiUpdateMessage":
                 self._read_text(message["uuid"], message["updates"].get("content"))
+            elif kind == "GuiHtmlMessage":
+                self._read_text(message["uuid"], message["props"]["content"])
             elif kind in _ELEMENTS:
                 self.elements[message["props"]["label"]] = message["uuid"]
             elif kind == "RegisterCommandMessage":

@@ -13,7 +13,7 @@ from data.answers.question_board import QuestionBoard
 from data.datasets.dataset import Dataset
 from labeling_ui.limits import page_limits as limits
 from labeling_ui.page.loop_status import StatusSource, no_status
-from labeling_ui.page.page_access import Desk
+from labeling_ui.page.page_access import Desk, Picture
 from labeling_ui.page.rater_page import Page
 from labeling_ui.page.shared import Shared
 from labeling_ui.questions.key_repeat import GuardCfg
@@ -63,17 +63,24 @@ class LabelServer:
     """The page of a data set, up from `start` to `stop`."""
 
     def __init__(
-        self, dataset: Dataset, cfg: LabelCfg, *, status: StatusSource = no_status
+        self,
+        dataset: Dataset,
+        cfg: LabelCfg,
+        *,
+        status: StatusSource = no_status,
+        picture: Picture | None = None,
     ) -> None:
         """Prepare; nothing listens yet.
 
         Args:
             status: Says what the loop is doing.
+            picture: Draws what moved a reward about an answered pair.
 
         Raises:
             GaitprefError: the guidelines cannot be read.
         """
         self._dataset, self._cfg, self._status = dataset, cfg, status
+        self._picture = picture
         self._guidelines = load_guidelines(cfg.guidelines)
 
     @property
@@ -118,6 +125,7 @@ class LabelServer:
             submit_late=self._site.submit_late,
             wake=self._site.wake,
             guidelines=self._guidelines,
+            picture=self._picture,
         )
         try:
             self._board.follow()

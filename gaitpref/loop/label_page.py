@@ -11,10 +11,12 @@ import multiprocessing
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
+from data.answers.answer_records import Answer, Pair
 from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from gaitpref.console.deaf_children import deaf_children
@@ -107,12 +109,20 @@ class _Latest:
         return self.status
 
 
+def _picture(run: Path, pair: Pair, answer: Answer) -> str:
+    # torch is loaded for who asks, and by no page that nobody asks.
+    from gaitpref.report.page_pictures import newest_picture
+
+    return newest_picture(run, pair, answer)
+
+
 def _serve(root: Path, cfg: LabelCfg, pipe: Connection) -> None:
     # It hears no Ctrl-C: the loop saves first, and the page stays until it has. That
     # the loop is gone is what the pipe says.
     latest = _Latest()
     try:
-        server = LabelServer(Dataset.open(root), cfg, status=latest.read)
+        dataset, picture = Dataset.open(root), partial(_picture, root.parent)
+        server = LabelServer(dataset, cfg, status=latest.read, picture=picture)
         server.start()
     except GaitprefError as error:
         pipe.send(("", [], str(error)))

@@ -70,7 +70,7 @@ def newest_credited(
         and all(dataset.holds(clip.rollout) for clip in (pair.a, pair.b))
     ]
     told.sort(key=lambda row: (row[1].created_utc, row[1].answer_id), reverse=True)
-    return [_credited(model, dataset, *row, method) for row in told[:count]]
+    return [credited(model, dataset, *row, method=method) for row in told[:count]]
 
 
 def answers_section(run: Path, rounds: list[dict[str, Any]]) -> str:
@@ -100,9 +100,15 @@ def answers_section(run: Path, rounds: list[dict[str, Any]]) -> str:
     )
 
 
-def _credited(
-    model: RewardModel, dataset: Dataset, pair: Pair, answer: Answer, method: Method
+def credited(
+    model: RewardModel,
+    dataset: Dataset,
+    pair: Pair,
+    answer: Answer,
+    *,
+    method: Method = "auto",
 ) -> Credited:
+    """What of an answered pair moved the reward, as it was shown."""
     sides = (pair.a, pair.b) if answer.shown_left == "a" else (pair.b, pair.a)
     left, right = (read_clips([clip], dataset.clip_features) for clip in sides)
     return Credited(

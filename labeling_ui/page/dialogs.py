@@ -18,7 +18,7 @@ from labeling_ui.questions.judgement import Verdict
 
 from .controls import Post, posts
 from .page_access import Differed
-from .panel_html import boxed, warning
+from .panel_html import boxed, picture_html, warning
 from .shortcuts import OBJECTIONS, VERDICTS, Objection
 from .theme import BRAND_RGB, NEUTRAL_RGB
 
@@ -57,6 +57,8 @@ def differed_dialog(client: viser.ClientHandle, post: Post, told: Differed) -> D
     with modal:
         lines = "".join(f"<li>{html.escape(line)}</li>" for line in told.differences)
         client.gui.add_html(boxed(f"{html.escape(told.says)}<ul>{lines}</ul>"))
+        if told.picture:
+            client.gui.add_html(picture_html(told.picture))
         button = client.gui.add_button("Go on [escape]", color=BRAND_RGB)
     button.on_click(posts(post, "close"))
     return Dialog(modal.close)

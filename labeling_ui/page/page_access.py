@@ -28,6 +28,10 @@ class Differed:
     says: str
     differences: tuple[str, ...] = ()
     """One sentence each, the plainest first."""
+    of: tuple[Pair, Answer] | None = None
+    """The pair and what was said of it; None where there is none to tell of."""
+    picture: str = ""
+    """SVG of what moved a reward about it; empty without one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,9 +135,10 @@ class Desk:
         except (GaitprefError, OSError) as error:
             return Differed(f"This pair cannot be read any more ({error}).")
         found = difference_words(left, right)[:MOST_DIFFERENCES]
+        says = "You had these two before you:"
         if not found:
-            return Differed("They differ in nothing that people usually notice.")
-        return Differed("You had these two before you:", tuple(found))
+            says = "They differ in nothing that people usually notice."
+        return Differed(says, tuple(found), (pair, answer))
 
     def upcoming(self) -> list[Pair]:
         """The pairs that probably come next."""
@@ -167,6 +172,9 @@ class Desk:
         )
 
 
+Picture = Callable[[Pair, Answer], str]
+"""SVG of what moved a reward about an answered pair; takes its time, and may be called
+by any thread."""
 Look = Callable[[Desk], Showing | None]
 """Asks what is on the desk; None changes nothing on the page."""
 Act = Callable[[Desk], Outcome]

@@ -7,6 +7,7 @@ page is there, `data-gp-question` which question it shows, `data-gp-why` what de
 
 from __future__ import annotations
 
+import base64
 import html
 from collections.abc import Sequence
 from datetime import datetime
@@ -141,3 +142,13 @@ LINKS = boxed(
     '<a href="figures" target="_blank">My figures</a> · '
     '<a href="guidelines" target="_blank">Guidelines in a window</a>'
 )
+
+
+def picture_html(svg: str) -> str:
+    """A picture of what moved a reward, on white in either theme."""
+    data = base64.b64encode(svg.encode()).decode()
+    return boxed(
+        '<img alt="What of this pair moved the reward, by moment and by habit" '
+        'style="width:100%;background:#fff" '
+        f'src="data:image/svg+xml;base64,{data}">'
+    )

@@ -324,8 +324,16 @@ class Page:
         if self._modal is not None:
             self._close_dialog()
             return
-        self._shared.worker.submit(
-            lambda: self.post("told_differed", self._desk.differed())
+        self._shared.worker.submit(self._look_what_differed)
+
+    def _look_what_differed(self) -> None:
+        told, picture = self._desk.differed(), self._shared.picture
+        if picture is None or told.of is None:
+            self.post("told_differed", told)
+            return
+        of = told.of
+        self._shared.submit_late(
+            lambda: self.post("told_differed", replace(told, picture=picture(*of)))
         )
 
     def _close_dialog(self) -> None:

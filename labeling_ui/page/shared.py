@@ -8,6 +8,7 @@ from datetime import datetime
 
 from labeling_ui.questions.rater_session import utc_now
 
+from .page_access import Picture
 from .store_thread import Worker
 
 
@@ -29,6 +30,8 @@ class Shared:
     wake: Callable[[], None]
     """Has the ticker handle what was posted at once."""
     guidelines: str
+    picture: Picture | None = None
+    """Tells what moved a reward about the last answer, where there is one."""
     habits: dict[str, Habits] = field(default_factory=dict)
     since_utc: datetime = field(default_factory=utc_now)
     """When the server started."""

@@ -204,7 +204,12 @@ def test_the_command_draws_and_tells(
     assert told[0]["reward_of_clip"] > told[1]["reward_of_clip"]
     assert told[1]["reward_of_clip"] > told[3]["reward_of_clip"]
     assert all(len(c["reward"]) == len(c["shares"]) for c in told)
-    assert len(list(out.glob("*.svg"))) == 5
+    assert {p.stem for p in out.glob("answer-*.svg")} == {"answer-1", "answer-2"}
+    for answer in written["answers"]:
+        assert sum(answer["by_habit"].values()) == pytest.approx(
+            answer["lead"], abs=2e-3
+        )
+    assert len(list(out.glob("*.svg"))) == 7
     curves = written["curves"]
     assert curves[0]["name"] in (out / "habits.svg").read_text()
     weights = [max(c["reward"]) - min(c["reward"]) for c in curves]

@@ -15,11 +15,15 @@ from benchmarks.visitor import Visitor
 from benchmarks.walks import walking_dataset
 from data.answers.answer_records import Answer
 from data.files.limits import NOTE_CHARS
+from gaitpref.report.page_pictures import answer_picture
 from labeling_ui.label_server import LabelCfg, LabelServer
 from labeling_ui.page.at_desk import REFRESH_S
+from labeling_ui.page.page_access import Picture
 from labeling_ui.page.store_thread import Worker
 from labeling_ui.questions.key_repeat import GuardCfg
 from labeling_ui.questions.rater_session import QueueCfg
+from rewardmodel import FitCfg, fit_reward, save_reward
+from tests.rewardmodel.test_fit import answered
 
 AT_ONCE = GuardCfg(min_shown_s=0.0, repeat_gap_s=0.0, same_verdict_s=0.0)
 
@@ -131,7 +135,12 @@ def test_what_nobody_waits_for_does_not_pile_up(
         asyncio.run(scenario(server.url))
 
 
-def at_the_page(root: Path, part: Callable[[Visitor], Awaitable[None]]) -> list[Answer]:
+def at_the_page(
+    root: Path,
+    part: Callable[[Visitor], Awaitable[None]],
+    *,
+    picture: Picture | None = None,
+) -> list[Answer]:
     """Have a rater do something; gives the answers that were stored."""
     dataset = walking_dataset(root, pairs=4)
 
@@ -144,7 +153,7 @@ def at_the_page(root: Path, part: Callable[[Visitor], Awaitable[None]]) -> list[
         page.cancel()
 
     cfg = LabelCfg(port=0, auth=False, queue=QueueCfg(guard=AT_ONCE))
-    with LabelServer(dataset, cfg) as server:
+    with LabelServer(dataset, cfg, picture=picture) as server:
         asyncio.run(scenario(server.url))
     with dataset.answers() as store:
         return [answer for _, answer in store.current_answers()]
@@ -211,3 +220,26 @@ def test_a_late_answer_is_none_behind_a_dialog(tmp_path: Path) -> None:
         assert visitor.answered == 0
 
     assert at_the_page(tmp_path / "set", part) == []
+
+
+def test_what_moved_a_reward_is_drawn_after_the_answer(tmp_path: Path) -> None:
+    """On demand, of a reward that was given; a damaged one costs the picture alone."""
+    reward = tmp_path / "reward"
+    save_reward(fit_reward(answered(12, seed=5), FitCfg(), seed=0)[0], reward)
+    drawn: list[bool] = []
+
+    async def part(visitor: Visitor) -> None:
+        await visitor.press("A better")
+        await visitor.until_answered(1)
+        await visitor.press("What differed before")
+        # By chance they differ or do not.
+        either = ("You had these two", "They differ in nothing")
+        await until(lambda: any(told(visitor, words) for words in either))
+        await asyncio.sleep(0.1)
+        drawn.append(told(visitor, "data:image/svg+xml;base64,"))
+
+    draw = partial(answer_picture, tmp_path / "set", reward)
+    at_the_page(tmp_path / "set", part, picture=draw)
+    gone = partial(answer_picture, tmp_path / "other", tmp_path / "gone")
+    at_the_page(tmp_path / "other", part, picture=gone)
+    assert drawn == [True, False]

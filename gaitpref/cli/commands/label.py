@@ -1,15 +1,18 @@
-"""`gaitpref label`: the labeling page of a data set; needs no torch."""
+"""`gaitpref label`: the labeling page; needs torch only where a reward is given."""
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.dataset_argument import open_dataset
 from gaitpref.cli.shared.serving import require_port, stoppable, wait_until_stopped
 from gaitpref.console.browser import open_page
+from gaitpref.console.extras import require
 from gaitpref.console.progress import console
 from labeling_ui.label_server import LabelCfg, LabelServer
+from labeling_ui.page.page_access import Picture
 from labeling_ui.web.public_url import parse_public_url
 from labeling_ui.web.tokens import TokenStore
 
@@ -18,7 +21,8 @@ def run(command: options.Label) -> int:
     """Serve the page until it is stopped; gives the exit code."""
     cfg = label_cfg(command)
     dataset = open_dataset(command)
-    with stoppable() as stopped, LabelServer(dataset, cfg) as page:
+    picture = _pictures(command)
+    with stoppable() as stopped, LabelServer(dataset, cfg, picture=picture) as page:
         for line in greeting(page.notices, dataset.root, cfg):
             print(line, flush=True)
         if command.open:
@@ -29,6 +33,23 @@ def run(command: options.Label) -> int:
         f"answers"
     )
     return 0
+
+
+def _pictures(command: options.Label) -> Picture | None:
+    """What draws the reward that was given; nothing without one.
+
+    Raises:
+        MissingExtra: torch is not installed, which a page without a reward needs not.
+        RewardError: it is none.
+    """
+    if command.reward is None:
+        return None
+    require("torch", "fit")
+    from gaitpref.report.page_pictures import answer_picture
+    from rewardmodel.models.storage import load_reward
+
+    load_reward(command.reward)
+    return partial(answer_picture, command.dataset, command.reward)
 
 
 def label_cfg(serving: options.Serving) -> LabelCfg:
