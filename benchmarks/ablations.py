@@ -28,7 +28,6 @@ Place = tuple[str, int, str]
 """Task, answers, rater."""
 
 WALKS: tuple[Place, ...] = (("walk", 100, "perfect"), ("walk", 100, "mistakes20"))
-FEW: tuple[Place, ...] = (("walk", 40, "perfect"),)
 STYLES: tuple[Place, ...] = (("trot", 20, "perfect"), ("high_step", 20, "perfect"))
 ERRING: tuple[Place, ...] = (
     ("trot", 60, "mistakes20"),
@@ -49,15 +48,10 @@ ABLATIONS: tuple[tuple[str, tuple[Place, ...]], ...] = (
     ("no-earlier", STYLES),
     ("unjudged", ERRING),
     ("weight-1", STYLES),
-    # Many at once first; only where that loses are they taken apart.
-    ("few-walk", WALKS),
     ("no-mirror", (*STYLES, *WALKS)),
     ("no-hope", WALKS),
     ("unjudged", WALKS),
     ("no-earlier", WALKS),
-    # Six pairs of walks said that it leaves; it was meant for few answers.
-    ("no-front", (*WALKS, *FEW)),
-    ("default", FEW),
     ("no-rhythms", WALKS),
     ("no-posture", WALKS),
     ("no-caution", (("walk", 100, "mistakes20"), ("brisk_walk", 100, "mistakes20"))),
@@ -76,10 +70,8 @@ LEFT_OUT = {
     "no-posture": "clips in another posture",
     "no-earlier": "clips of earlier policies",
     "weight-1": "weight 3 beside the task; 1 instead",
-    "few-walk": "six decisions at once",
     "no-mirror": "steps in the mirror",
     "no-hope": "optimism where a robot stands still",
-    "no-front": "a large first round",
     "no-rhythms": "clips of random rhythms",
     "no-caution": "caution where answers err",
     "not-told": "strong opinions about what the robot is told",
@@ -91,8 +83,6 @@ BEFORE = "before"
 """The method from scratch before a decision left, of which some rows are."""
 BESIDE = {"no-hope": BEFORE}
 """What rows are compared with that are not of the present method without one thing."""
-SCREENED = "few-walk"
-"""Many decisions at once: what it says is in the rows of each."""
 KEPT_FOR = {
     "unjudged": "a run says whether it worked",
     "no-limit": "commands are followed",
@@ -197,7 +187,6 @@ def _place_of(row: Row) -> str:
 
 def markdown(found: Sequence[Worth]) -> str:
     """The table of what decisions are worth."""
-    found = [each for each in found if each.method != SCREENED]
     if not found:
         return "No decision of the present method has rows yet."
     lines = [

@@ -113,14 +113,7 @@ METHODS: dict[str, Change] = {
     "no-posture": lambda method: _showing(method, posture_share=0.0),
     "no-rhythms": lambda method: _showing(method, rhythm_share=0.0),
     "no-earlier": lambda method: _showing(method, earlier_share=0.0),
-    "no-front": lambda method: replace(method, budget=FrontLoaded(first_share=0.4)),
     "weight-1": lambda method: replace(method, weight=1.0),
-    # Many at once: what is worth nothing together is worth nothing alone.
-    "few-walk": lambda method: replace(
-        _showing(method, posture_share=0.0, earlier_share=0.0, rhythm_share=0.0),
-        budget=FrontLoaded(first_share=0.4),
-        accept=None,
-    ),
     # Others' methods on the same walks, clips, steps and answers, with the settings of
     # their papers: B-Pref (arXiv 2111.03026), SURF (2203.10050), RIME (2402.17257).
     "prefppo": lambda method: _as_published(method),

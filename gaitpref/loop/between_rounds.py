@@ -148,7 +148,7 @@ def keep_asked(run: Path, cfg: LoopCfg, dataset: Dataset, number: int) -> int:
         answers = count_evidence(store, dataset)
     round = Round(run, number - 1)
     seed = seed_of(cfg, number, 13, len(known))
-    context = context_of(cfg, Round(run, number), dataset)
+    context = context_of(cfg, Round(run, number))
     pairs = ask(
         dataset,
         episodes_asked_about(cfg, round, dataset),

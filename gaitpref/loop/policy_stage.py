@@ -97,7 +97,7 @@ def train_along(
         while (number := ranks.awaited()) is not None:
             round = Round(run, number)
             dataset = Dataset.open(run / "dataset", answers=answers)
-            context = context_of(cfg, round, dataset)
+            context = context_of(cfg, round)
             plan = _plan(cfg, round, context, robot, dataset)
             _train(cfg, round, robot, plan, People(), ranks)
 

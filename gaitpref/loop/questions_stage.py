@@ -24,7 +24,6 @@ from rewardmodel.asking.asked_meanwhile import (
 from rewardmodel.asking.clip_questions import ask, with_known_answer
 from rewardmodel.asking.visible import Visible
 from rewardmodel.fitting.fit_reward import fit_reward
-from rewardmodel.fitting.stopping import remaining
 from rewardmodel.models.model import RewardModel
 
 from .collect import Collector
@@ -71,42 +70,10 @@ def questions_stage(
             last = asked >= count
             if asked and not collector.answered(count, last=last):
                 return
-            if asked and _enough(cfg, context, dataset):
+            if last or (asked and _enough(cfg, context, dataset)):
                 return
-            if last:
-                count = _count_going_on(cfg, context, dataset, asked)
-                if asked >= count:
-                    return
             batch = min(cfg.method.questions.batch, count - asked)
             _add_pairs(cfg, round, context, dataset, batch)
-
-
-def _count_going_on(
-    cfg: LoopCfg, context: RoundContext, dataset: Dataset, asked: int
-) -> int:
-    """Answers to ask for in all where a round has asked for its own: more in the first,
-    while the members of a reward fitted to them contradict each other.
-
-    What it does not know of a first walk no later answer tells: there is no walk then.
-    """
-    budget, batch = cfg.method.budget, cfg.method.questions.batch
-    most = budget.most_first(context, kept=labels_kept(cfg.method, context))
-    if not context.is_first or asked >= most:
-        return asked
-    pairs = load_pairs([dataset], at_least=0, unchecked=cfg.unchecked)
-    if pairs.too_little:
-        console.print(f"round 0: {pairs.too_little}, so it asks on, up to {most}")
-        return min(asked + batch, most)
-    seed = seed_of(cfg, 0, 5)
-    model, _ = fit_reward(pairs, cfg.method.fit_of(context), seed=seed, measured=False)
-    agreement = remaining(model, pairs).agreement
-    if agreement >= budget.first_agreement:
-        return asked
-    console.print(
-        f"round 0: what {asked} answers say is open (agreement {agreement:.2f}, "
-        f"{budget.first_agreement} would do), so it asks on, up to {most}"
-    )
-    return min(asked + batch, most)
 
 
 def _add_pairs(

@@ -103,7 +103,7 @@ def _run(
         for number in range(cfg.rounds + 1):
             round = Round(run, number)
             round.root.mkdir(parents=True, exist_ok=True)
-            context = context_of(cfg, round, dataset)
+            context = context_of(cfg, round)
             policy_stage(cfg, round, context, robot, dataset, people, ranks)
             if number < cfg.rounds:
                 record_stage(cfg, round, dataset, people)

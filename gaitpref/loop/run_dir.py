@@ -8,11 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from data.datasets.dataset import Dataset
 from data.files.files import read_json
 from gaitpref.method.context import RoundContext
 from policy.training.train import POLICY_NAME
-from rewardmodel.asking.asked_meanwhile import asked_and_left
 
 from .loop_cfg import LoopCfg
 
@@ -93,16 +91,13 @@ class Round:
         return Round(self.run, self.number - 1)
 
 
-def context_of(cfg: LoopCfg, round: Round, dataset: Dataset) -> RoundContext:
+def context_of(cfg: LoopCfg, round: Round) -> RoundContext:
     """What the decisions of `round` may know, once it begins."""
-    with dataset.answers() as store:
-        asked, _ = asked_and_left(store, 0)
     return RoundContext(
         number=round.number,
         rounds=cfg.rounds,
         labels=cfg.labels,
         noisy=decided_before(round).get("noisy"),
-        first_asked=asked,
     )
 
 

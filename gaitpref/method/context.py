@@ -18,8 +18,6 @@ class RoundContext:
     """Answers in all rounds together."""
     noisy: bool | None = None
     """Whether answers err, as it was decided after the first fit; None before."""
-    first_asked: int = 0
-    """Questions that round 0 has asked by now."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.number <= self.rounds:

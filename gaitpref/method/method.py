@@ -76,7 +76,7 @@ class Method:
 FROM_SCRATCH = Method(
     # Beside clips without noise, those with it teach that moving is bad.
     clips=ClipSources(noisy_share=1.0, rhythm_share=0.3),
-    budget=FrontLoaded(first_share=0.48, most_first_share=0.75, first_least=30),
+    budget=FrontLoaded(first_share=0.4),
     # Robots that tumble move their feet and joints whatever they do of what they are
     # told; answers that err cannot tell the two apart.
     reward=FitCfg(kind="linear", linear=LinearCfg(told_most=True)),

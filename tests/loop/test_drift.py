@@ -55,7 +55,7 @@ def test_answers_that_do_not_agree_train_nothing(
         small,
         method=replace(
             small.method,
-            budget=FrontLoaded(first_share=0.74, first_least=30, most_first_share=0.75),
+            budget=FrontLoaded(first_share=0.74),
         ),
         steps=replace(small.steps, base=0),
         labels=200,

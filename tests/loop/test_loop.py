@@ -21,7 +21,6 @@ from gaitpref.cli.options.options import Loop
 from gaitpref.cli.shared.loop_arguments import resolve
 from gaitpref.loop.loop_cfg import RunError
 from gaitpref.loop.run import run_loop
-from gaitpref.method.budget import FrontLoaded
 from gaitpref.method.context import RoundContext
 from policy.env.env_cfg import getup_env
 from policy.training.checkpoint import load_policy
@@ -156,29 +155,6 @@ def test_a_round_stops_asking_where_answers_are_enough(
             asked = [len(store.pairs(round=number)) for number in range(2)]
             assert asked[0] == batch
             assert store.count() == sum(asked) < cfg.labels
-        # As a process leaves it that is killed when all is answered and not yet fitted.
-        for unfinished in ("rounds/01/reward", "rounds/02"):
-            shutil.rmtree(tmp_path / "run" / unfinished)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("agreed", "asks_on"), [(2.0, True), (-2.0, False)])
-def test_the_first_round_asks_on_while_answers_leave_it_open(
-    tmp_path: Path, agreed: float, asks_on: bool
-) -> None:
-    """Up to its most, and the others ask for what is left; also when it goes on."""
-    budget = FrontLoaded(
-        first_share=0.4, first_least=0, most_first_share=0.7, first_agreement=agreed
-    )
-    cfg = replace(small_cfg(), labels=40)
-    method = replace(cfg.method, budget=budget, accept=None, unstick=None)
-    cfg = replace(cfg, method=method)
-    expected = [28, 12] if asks_on else [16, 24]
-    for _ in range(2):
-        run_loop(tmp_path / "run", cfg)
-        with Dataset.open(tmp_path / "run/dataset").answers() as store:
-            assert [len(store.pairs(round=number)) for number in range(2)] == expected
-            assert store.count() == 40
         # As a process leaves it that is killed when all is answered and not yet fitted.
         for unfinished in ("rounds/01/reward", "rounds/02"):
             shutil.rmtree(tmp_path / "run" / unfinished)

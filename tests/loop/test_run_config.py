@@ -18,15 +18,9 @@ from gaitpref.training.by_method import recorded_by
 RUN = Path("run")
 
 
-def context(cfg: LoopCfg, number: int, *, first: int = 0) -> RoundContext:
-    """A round where the first has asked for `first` by now."""
-    return RoundContext(
-        number=number, rounds=cfg.rounds, labels=cfg.labels, first_asked=first
-    )
-
-
-def labels_of(cfg: LoopCfg, number: int, *, first: int = 0, kept: int = 0) -> int:
-    return cfg.method.budget.labels_of(context(cfg, number, first=first), kept=kept)
+def labels_of(cfg: LoopCfg, number: int, *, kept: int = 0) -> int:
+    context = RoundContext(number=number, rounds=cfg.rounds, labels=cfg.labels)
+    return cfg.method.budget.labels_of(context, kept=kept)
 
 
 def asked(cfg: LoopCfg) -> list[int]:
@@ -36,36 +30,25 @@ def asked(cfg: LoopCfg) -> list[int]:
 @pytest.mark.parametrize(
     ("rounds", "labels", "expected"),
     [
-        (None, None, [48, 11, 17, 24]),
-        (None, 40, [28, 4, 4, 4]),
+        (None, None, [40, 12, 20, 28]),
+        (None, 40, [16, 6, 8, 10]),
         (None, 20, [8, 4, 4, 4]),
         (1, None, [100]),
     ],
 )
-def test_from_scratch_the_first_round_asks_for_half_and_not_for_too_few(
+def test_from_scratch_the_first_round_asks_for_two_fifths_and_not_for_too_few(
     rounds: int | None, labels: int | None, expected: list[int]
 ) -> None:
     cfg = resolve(Loop(run=RUN, base="none", rounds=rounds, labels=labels))
     assert asked(cfg) == expected
 
 
-@pytest.mark.parametrize("labels", [20, 40, 100])
-def test_what_the_first_round_asks_more_the_others_ask_less(labels: int) -> None:
-    cfg = resolve(Loop(run=RUN, base="none", labels=labels))
-    most = cfg.method.budget.most_first(context(cfg, 0))
-    assert labels_of(cfg, 0) <= most <= max(0.75 * labels, 8)
-    others = [labels_of(cfg, round, first=most) for round in range(1, cfg.rounds)]
-    assert most + sum(others) == labels
-    assert min(others) >= 4
-
-
 @pytest.mark.parametrize(
     ("base", "labels", "first", "kept", "others"),
     [
-        ("none", 100, 75, 7, [5, 6, 7]),
-        ("none", 100, 48, 7, [10, 15, 20]),
-        ("none", 40, 28, 0, [4, 4, 4]),
-        ("task", 60, 36, 7, [17]),
+        ("none", 100, 37, 7, [12, 18, 26]),
+        ("none", 40, 14, 4, [6, 7, 9]),
+        ("task", 60, 34, 7, [19]),
     ],
 )
 def test_answers_kept_for_the_last_policy_are_not_asked_before(
@@ -73,13 +56,11 @@ def test_answers_kept_for_the_last_policy_are_not_asked_before(
 ) -> None:
     """As many as the other rounds can spare."""
     cfg = resolve(Loop(run=RUN, base=base, labels=labels, preset="quick"))
-    last = context(cfg, cfg.rounds, first=first)
-    assert cfg.method.budget.most_kept(last, 7) == kept
-    found = [
-        labels_of(cfg, round, first=first, kept=kept) for round in range(1, cfg.rounds)
-    ]
-    assert found == others
-    assert first + sum(found) + kept == labels
+    context = RoundContext(number=0, rounds=cfg.rounds, labels=labels)
+    assert cfg.method.budget.most_kept(context, kept) == kept
+    found = [labels_of(cfg, round, kept=kept) for round in range(cfg.rounds)]
+    assert found == [first, *others]
+    assert sum(found) + kept == labels
 
 
 @pytest.mark.parametrize(

@@ -135,9 +135,7 @@ METHODS = {
     "as much in every round": replace(
         FROM_SCRATCH, budget=FrontLoaded(first_share=0.3)
     ),
-    "front-loaded style": replace(
-        STYLE, budget=FrontLoaded(first_share=0.5, first_least=0)
-    ),
+    "front-loaded style": replace(STYLE, budget=FrontLoaded(first_share=0.5)),
     "as fitted": replace(STYLE, paid=AsFitted()),
     "noise back": replace(FROM_SCRATCH, exploration=PutBack()),
     "noise descends": replace(STYLE, exploration=Descending()),
