@@ -5,6 +5,7 @@ Shapes: N environments, T steps of an episode.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,8 +14,9 @@ import numpy as np
 import torch
 
 from data.episodes.episode import EndReason, Episode, EpisodeMeta
+from data.episodes.choices import COURSE, told_choices
 from data.episodes.episode_records import COMMAND_CHANGE
-from data.files.plain import ADDED_LATER
+from data.files.plain import ADDED_LATER, to_plain
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import CommandCfg, EnvCfg
 from policy.env.seeding import spawned
@@ -183,11 +185,16 @@ def _record_one(
         varied = actor.chosen.numpy()
     change_steps = cfg.change_steps(env_cfg.control_dt_s)
     noise = torch.from_numpy(noisy).float()
-    steps = list(
-        _told(
-            first_episodes(actor, env, noise=noise, rng=rng), env, choices, change_steps
-        )
-    )
+    gaits = info.ppo.gaits
+    if gaits is not None:
+        # What varies between clips of it is which gait runs when.
+        policy.wander(torch.from_numpy(noisy), rng)
+    steps, ran = [], []
+    rollout = first_episodes(actor, env, noise=noise, rng=rng)
+    for step in _told(rollout, env, choices, change_steps):
+        steps.append(step)
+        if (gait := policy.gait) is not None and not babble:
+            ran.append(gait.numpy())
     # Once for all: taking steps apart for every episode costs a third of the rollout.
     arrays = {
         name: np.stack([np.asarray(getattr(step, name)) for step in steps], axis=1)
@@ -216,6 +223,9 @@ def _record_one(
             ),
         )
         num_steps = int(lengths[index])
+        if gaits is not None and ran:
+            own = np.stack(ran)[:num_steps, index]
+            meta.extra.update(told_choices(gaits.names, own))
         rows = {name: array[index, :num_steps] for name, array in arrays.items()}
         yield _episode(steps[num_steps - 1], rows, index, meta, env.robot.mjcf)
 
@@ -257,6 +267,8 @@ def _extra(
         extra["posture"] = "varied"
     if cfg.terrain.kind != "flat":
         extra |= {"terrain": cfg.terrain.kind, "terrain_seed": str(cfg.terrain.seed)}
+    if cfg.course is not None:
+        extra[COURSE] = json.dumps(to_plain(cfg.course, whole=True), sort_keys=True)
     return extra
 
 
