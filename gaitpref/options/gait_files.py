@@ -74,7 +74,9 @@ def named_files(texts: tuple[str, ...]) -> dict[str, Path]:
                 "name of letters, digits, '_', '.' and '-'"
             )
         if name in files:
-            raise GaitprefError(f"--policy {name!r} is there twice: name each gait once")
+            raise GaitprefError(
+                f"--policy {name!r} is there twice: name each gait once"
+            )
         files[name] = Path(path)
     if len(files) < 2:
         raise GaitprefError(

@@ -69,9 +69,7 @@ class OptionsTraining:
 
     def __init__(self, gaits: Gaits, cfg: OptionsCfg, reward: ChoiceReward) -> None:
         cost = reward.change_cost(gaits.env.control_dt_s)
-        self.cfg = cfg = replace(
-            cfg, choosing=replace(cfg.choosing, change_cost=cost)
-        )
+        self.cfg = cfg = replace(cfg, choosing=replace(cfg.choosing, change_cost=cost))
         self.gaits, self.reward = gaits, reward
         self.env_cfg = course_env(
             gaits, cfg.course, speed_m_s=cfg.speed_m_s, episode_s=cfg.episode_s

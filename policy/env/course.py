@@ -30,7 +30,9 @@ KINDS: tuple[ObstacleKind, ...] = ("steps", "slope", "bar")
 SIGHT_M = 1.5
 """What is farther away is not seen."""
 AHEAD = (
-    Feature("next", len(KINDS), "0 or 1", "kind of the next obstacle: steps, slope, bar"),
+    Feature(
+        "next", len(KINDS), "0 or 1", "kind of the next obstacle: steps, slope, bar"
+    ),
     Feature("distance", 1, "m", "to its beginning; 0 on or below it, at most 1.5"),
     Feature("left", 1, "m", "to its end, at most 1.5"),
     Feature("time", 1, "s", "since the episode began"),
@@ -66,16 +68,16 @@ class CourseCfg:
     """A course; lengths along the way are in m for any robot, heights for ours."""
 
     obstacles: tuple[Obstacle, ...] = (
-        Obstacle(kind="steps", start_m=1.2, length_m=1.2),
-        Obstacle(kind="bar", start_m=3.4, length_m=0.4),
-        Obstacle(kind="slope", start_m=4.8, length_m=1.2),
+        Obstacle(kind="steps", start_m=1.2, length_m=2.0),
+        Obstacle(kind="bar", start_m=4.2, length_m=0.4),
+        Obstacle(kind="slope", start_m=5.6, length_m=1.2),
     )
     """In the order in which they come, with open ground between them."""
-    length_m: float = 7.0
+    length_m: float = 7.6
     """From the start to the finish, which ends an episode like a time-out."""
     width_m: float = 6.0
     """Across the way; who leaves it is cut off."""
-    step_m: float = 0.06
+    step_m: float = 0.04
     """Height of a step; up and down again by threes."""
     slope_rad: float = 0.2
     """Up for one half of a slope, down for the other."""
@@ -249,7 +251,10 @@ def stands_on(robot: Robot, cfg: CourseCfg) -> None:
     """
     taller, _ = size_of(robot)
     stands = float(robot.home_qpos[2])
-    if any(o.kind == "bar" for o in cfg.obstacles) and cfg.bar_m * taller < 0.6 * stands:
+    if (
+        any(o.kind == "bar" for o in cfg.obstacles)
+        and cfg.bar_m * taller < 0.6 * stands
+    ):
         raise RobotError(
             f"the bar hangs {cfg.bar_m * taller:.2f} m above the ground and the base of "
             f"{robot.name} stands at {stands:.2f} m: nobody crawls that low; raise bar_m "

@@ -1,4 +1,4 @@
-"""Which gait runs next: a pure function of what runs, what is ahead and what it is worth.
+"""Which gait runs next: a pure function of what runs, what is ahead and its worth.
 
 Shapes: N environments, O gaits.
 """

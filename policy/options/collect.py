@@ -203,7 +203,9 @@ class Collector:
         self._first, self._paid = saved["first"].clone(), saved["paid"].clone()
         self._steps = saved["steps"].clone()
         gait = saved["gait"].clone()
-        self._model.running = Running(gait, saved["ran"].clone(), torch.zeros_like(gait) > 0)
+        self._model.running = Running(
+            gait, saved["ran"].clone(), torch.zeros_like(gait) > 0
+        )
 
 
 def _obs(env: QuadrupedEnv) -> Tensor:

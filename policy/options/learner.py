@@ -108,15 +108,16 @@ class Learner:
             _, ends = self.chooser(batch.after)
             ends = ends.gather(1, batch.gait[:, None])[:, 0]
             loss = termination_loss(
-                ends[~batch.over], q_after[~batch.over], batch.gait[~batch.over], cost=cost
+                ends[~batch.over],
+                q_after[~batch.over],
+                batch.gait[~batch.over],
+                cost=cost,
             )
         else:
             ends, loss = torch.ones(len(batch)), nothing
         arrived = upon_arrival(q_after, batch.gait, ends.detach(), cost)
         return (
-            targets(
-                batch.paid, batch.steps, arrived, batch.over, gamma=self.cfg.gamma
-            ),
+            targets(batch.paid, batch.steps, arrived, batch.over, gamma=self.cfg.gamma),
             loss,
         )
 

@@ -16,7 +16,7 @@ from torch import Tensor
 def discounted(rewards: Tensor, gamma: float) -> Tensor:
     """Rewards [K, N] of the steps of a gait as one at its beginning, [N]."""
     steps = torch.arange(len(rewards), dtype=rewards.dtype)
-    return (gamma**steps[:, None] * rewards).sum(dim=0)
+    return (gamma ** steps[:, None] * rewards).sum(dim=0)
 
 
 def change_costs(running: Tensor, options: int, cost: float) -> Tensor:

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from data.episodes.episode import EndReason, Episode, EpisodeMeta
 from data.episodes.choices import COURSE, told_choices
+from data.episodes.episode import EndReason, Episode, EpisodeMeta
 from data.episodes.episode_records import COMMAND_CHANGE
 from data.files.plain import ADDED_LATER, to_plain
 from policy.env.env import QuadrupedEnv

@@ -21,8 +21,8 @@ from data.files.limits import POLICY_BYTES
 from data.files.plain import ADDED_LATER, from_plain, to_plain
 from data.files.unpacking import require_stored
 from data.files.weights import misfits, not_finite
-from policy.env.env_cfg import EnvCfg
 from policy.env.course import AHEAD_DIM
+from policy.env.env_cfg import EnvCfg
 from policy.env.feature_row import OBS_DIM
 from policy.law.origin import Origin
 from policy.options.gaits_model import GaitsModel
@@ -64,7 +64,9 @@ class PolicyInfo:
 class Policy:
     """A trained actor; observations in, actions out."""
 
-    def __init__(self, actor: MLPModel | GaitsModel, info: PolicyInfo, sha256: str) -> None:
+    def __init__(
+        self, actor: MLPModel | GaitsModel, info: PolicyInfo, sha256: str
+    ) -> None:
         self.info = info
         self.sha256 = sha256
         self._actor = actor.eval()

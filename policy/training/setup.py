@@ -42,8 +42,8 @@ def setting_of(policy_file: Path | None, robot_xml: Path | None) -> Setting:
     policy = load_policy(policy_file)
     if policy.info.ppo.gaits is not None:
         raise PolicyError(
-            f"{policy_file} chooses among frozen gaits, which PPO does not train: go on "
-            "with `gaitpref options`, or train one of its gaits"
+            f"{policy_file} chooses among frozen gaits, which PPO does not train: go "
+            "on with `gaitpref options`, or train one of its gaits"
         )
     env = policy.info.env
     robot = policy.robot()
