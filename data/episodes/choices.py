@@ -6,6 +6,7 @@ like all others. Shapes: T steps of the episode.
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -38,7 +39,7 @@ class Choices:
         bounds = [0, *edges.tolist(), len(gait)]
         return [
             (self.names[int(gait[first])], first, last)
-            for first, last in zip(bounds, bounds[1:], strict=False)
+            for first, last in itertools.pairwise(bounds)
             if last > first
         ]
 
@@ -49,7 +50,7 @@ def told_choices(names: Sequence[str], gait: np.ndarray) -> dict[str, str]:
     bounds = [0, *edges.tolist(), len(gait)]
     runs = [
         f"{int(gait[first])}x{last - first}"
-        for first, last in zip(bounds, bounds[1:], strict=False)
+        for first, last in itertools.pairwise(bounds)
     ]
     return {GAITS: ",".join(names), GAIT_RUNS: " ".join(runs)}
 

@@ -1,4 +1,4 @@
-"""A simulated rater of choices: it likes columns of the choice row, and errs a little."""
+"""A simulated rater of choices: likes columns of the choice row, and errs a little."""
 
 from __future__ import annotations
 

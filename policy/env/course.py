@@ -1,7 +1,7 @@
 """A course of obstacles one behind the other, and what lies ahead of a robot on it.
 
-Robots walk along x, from the line x = 0, over steps and a slope and below a bar; between
-them the ground is open. Whoever chooses a gait is told what is ahead; gaits are not.
+Robots walk along x, from the line x = 0, over steps and a slope and below a bar;
+between them the ground is open. Who chooses gaits is told what is ahead, a gait is not.
 
 Shapes: N robots, O obstacles, C columns of the field.
 """
@@ -43,8 +43,8 @@ _REACH_M = 0.3
 """From the base to the front and rear feet: an obstacle begins and ends for a robot
 where they do."""
 _CELL_M = 0.05
-_BAR_M = (0.03, 0.5)
-"""Half thickness of a bar, and how far it goes up, for nobody to climb it."""
+_BAR_M = (0.03, 0.08)
+"""Half of the least thickness of a bar along the way, and of its height."""
 _DIGITS = 4
 
 
@@ -256,9 +256,9 @@ def stands_on(robot: Robot, cfg: CourseCfg) -> None:
         and cfg.bar_m * taller < 0.6 * stands
     ):
         raise RobotError(
-            f"the bar hangs {cfg.bar_m * taller:.2f} m above the ground and the base of "
-            f"{robot.name} stands at {stands:.2f} m: nobody crawls that low; raise bar_m "
-            f"to at least {0.6 * stands / taller:.2f}"
+            f"the bar hangs {cfg.bar_m * taller:.2f} m high and the base of "
+            f"{robot.name} stands at {stands:.2f} m: nobody crawls that low; raise "
+            f"bar_m to at least {0.6 * stands / taller:.2f}"
         )
     if cfg.step_m * taller > 0.4 * stands:
         raise RobotError(

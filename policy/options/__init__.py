@@ -1,1 +1,1 @@
-"""Choosing among gaits: options over frozen policies, and how their values are learned."""
+"""Choosing among gaits: options over frozen policies, and what they are worth."""
