@@ -18,9 +18,9 @@ from policy.env.env_cfg import EnvCfg
 from policy.env.seeding import spawned
 from policy.options.choice_row import ChoiceReward
 from policy.options.choosing import ChoosingCfg
-from policy.options.collect import Collector
+from policy.options.choice_collect import Collector
 from policy.options.gaits_model import GaitsModel
-from policy.options.learner import Learner, LearnerCfg
+from policy.options.choice_learner import Learner, LearnerCfg
 from policy.parallel.ranks import ALONE
 from policy.training.checkpoint import PolicyError, read_plain, saved_bytes
 from policy.training.identity import content_of, differences
@@ -190,8 +190,17 @@ def train_options(
     reward: ChoiceReward,
     *,
     tell: Callable[[LookStats], None] = lambda stats: None,
+    most_looks: int | None = None,
 ) -> bool:
     """Learn, or go on with, the chooser in `out`; False where it was interrupted.
+
+    Args:
+        out: Gets the policy, and what a training goes on from.
+        gaits: What is chosen among.
+        cfg: How, and where.
+        reward: What is paid.
+        tell: Called after every look.
+        most_looks: Stop after so many, to go on later.
 
     Raises:
         GaitprefError: what lies in `out` is of another training.
@@ -205,27 +214,14 @@ def train_options(
     received: list[int] = []
     looks = 0
     with interrupts(received, ALONE):
-        while not training.done and not received:
+        while not (training.done or received or looks == most_looks):
             tell(training.look())
             looks += 1
             if looks % _SAVE_LOOKS == 0:
                 training.save(resume)
     out.mkdir(parents=True, exist_ok=True)
     training.save(resume)
-    if received:
+    if not training.done:
         return False
     write_atomically(policy, training.policy())
     return True
-
-
-def fresh(model: GaitsModel) -> GaitsModel:
-    """`model` as it acts where nothing is learned: the best, without chance."""
-    model.explored, model.rng = 0.0, None
-    return model
-
-
-def line_env(env: EnvCfg) -> EnvCfg:
-    """The environment from the line on."""
-    if env.course is None:
-        raise ValueError("there is no course")
-    return replace(env, course=replace(env.course, anywhere=False))

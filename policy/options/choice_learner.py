@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from .choosing import ChoosingCfg
-from .collect import FIELDS, Transitions
+from .choice_collect import FIELDS, Transitions
 from .gaits_model import Chooser
 from .smdp import targets, termination_loss, upon_arrival
 
