@@ -14,13 +14,11 @@ from data.errors import GaitprefError
 from data.files.files import write_atomically
 from policy.env.course import CourseCfg
 from policy.env.env import QuadrupedEnv
-from policy.env.env_cfg import EnvCfg
 from policy.env.seeding import spawned
+from policy.options.choice_collect import Collector
+from policy.options.choice_learner import Learner, LearnerCfg
 from policy.options.choice_row import ChoiceReward
 from policy.options.choosing import ChoosingCfg
-from policy.options.choice_collect import Collector
-from policy.options.gaits_model import GaitsModel
-from policy.options.choice_learner import Learner, LearnerCfg
 from policy.parallel.ranks import ALONE
 from policy.training.checkpoint import PolicyError, read_plain, saved_bytes
 from policy.training.identity import content_of, differences

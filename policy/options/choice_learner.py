@@ -12,8 +12,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from .choosing import ChoosingCfg
 from .choice_collect import FIELDS, Transitions
+from .choosing import ChoosingCfg
 from .gaits_model import Chooser
 from .smdp import targets, termination_loss, upon_arrival
 

@@ -1,4 +1,4 @@
-"""Gaits chosen by what is ahead: what they are worth, when they end, on a real course."""
+"""Gaits chosen by what is ahead: their worth, when they end, on a real course."""
 
 from __future__ import annotations
 
@@ -11,9 +11,13 @@ import pytest
 import torch
 from torch import Tensor
 
+from data.datasets.dataset import Dataset
 from data.episodes.choices import choices_of, told_choices
 from data.errors import GaitprefError
+from gaitpref.cli.main import main
 from gaitpref.options.choice_clips import rows_of_episode
+from gaitpref.options.choice_fit import fit_choices
+from gaitpref.options.choice_rater import answer_choices
 from gaitpref.options.gait_files import Gaits, load_gaits, named_files
 from gaitpref.options.train_options import OptionsCfg, train_options
 from policy.env.course import CourseCfg, Lane, Obstacle, course_heights, stands_on
@@ -99,7 +103,7 @@ def test_a_discount_of_one_step_would_choose_the_wrong_gait() -> None:
 
 
 def test_what_may_end_is_worth_a_share_of_going_on_and_of_the_best() -> None:
-    """0.75 * 2 + 0.25 * max(2, 5 - 1): a change costs 1. Behind a fall comes nothing."""
+    """0.75 * 2 + 0.25 * max(2, 5 - 1) where a change costs 1; nothing after a fall."""
     q, running = torch.tensor([[2.0, 5.0]]), torch.tensor([0])
     value = upon_arrival(q, running, torch.tensor([0.25]), cost=1.0)
     assert value.item() == pytest.approx(2.5)
@@ -201,6 +205,46 @@ def test_a_policy_that_chooses_is_recorded_with_what_ran(chosen: Path) -> None:
     np.testing.assert_array_equal(rows[:, 4:8].sum(axis=1), said.gait)
     moved = episode.qpos[-1, 0] - episode.qpos[0, 0]
     assert rows[:, -2].sum() * 0.02 == pytest.approx(moved, abs=1e-4)
+
+
+def test_a_wish_about_choices_is_fitted_from_answers(
+    chosen: Path, tmp_path: Path
+) -> None:
+    """Whoever dislikes changes pays for them, and for nothing of another sign."""
+    dataset = Dataset.create(tmp_path / "set")
+    cfg = RecordCfg(episodes=16, episode_s=2.0, noisy_share=1.0)
+    dataset.add_episodes(record(chosen, cfg, seed=1))
+    names = ("walk", "crouch")
+    wish = {"changes_per_s": -1.0}
+    assert answer_choices(dataset, names, wish, count=60, seed=0) == 60
+    # A run that goes on asks nothing twice.
+    assert answer_choices(dataset, names, wish, count=60, seed=0) == 0
+    reward, report = fit_choices(dataset, names, seed=0)
+    assert report.num_preferences == 60
+    assert reward.change_cost(0.02) > 0.2
+    rows = torch.zeros(1, len(reward.names))
+    changes = rows.clone()
+    changes[0, reward.names.index("changes_per_s")] = 50.0
+    cost = (reward(rows) - reward(changes)) * 0.02
+    assert cost.item() == pytest.approx(reward.change_cost(0.02), rel=1e-4)
+
+
+def test_the_command_says_what_is_wrong_in_one_line(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    out = ["--out", str(tmp_path / "out")]
+    both = ["--policy", f"a={WALK}", "--policy", f"b={WALK}"]
+    for given, said in (
+        ([f"--policy=walk={WALK}"], "leave nothing to choose"),
+        (["--policy", "walk", "--policy", f"b={WALK}"], "give NAME=FILE"),
+        ([*both, "--wish", "speed=1"], "no column 'speed'; there are: a:open"),
+        ([*both, "--wish", "power_w=much"], "give NAME=NUMBER"),
+        ([*both, "--bar-m", "0.1"], "raise bar_m to at least"),
+    ):
+        assert main(["options", *given, *out]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert said in line
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_training_goes_on_bit_for_bit(gaits: Gaits, tmp_path: Path) -> None:

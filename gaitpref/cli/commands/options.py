@@ -22,7 +22,7 @@ from gaitpref.options.train_options import (
     OptionsTraining,
     train_options,
 )
-from policy.env.course import CourseCfg, Obstacle
+from policy.env.course import CourseCfg, Obstacle, stands_on
 from policy.options.choice_row import TASK, ChoiceReward, written_reward
 from policy.options.choosing import ChoosingCfg
 from policy.rollouts.record import RecordCfg, record
@@ -49,6 +49,7 @@ def run(command: options.Options) -> int:
     with working("loading the gaits"):
         gaits = load_gaits(files)
     cfg = _cfg(command)
+    stands_on(gaits.robot, cfg.course)
     reward = _reward(command, gaits, cfg, wish)
     if not _train(command.out, gaits, cfg, reward):
         complain("stopped; the same command goes on")
