@@ -11,6 +11,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from benchmarks.options import bent
 from data.datasets.dataset import Dataset
 from data.episodes.choices import choices_of, told_choices
 from data.errors import GaitprefError
@@ -37,22 +38,10 @@ BAR = CourseCfg(
 GAMMA = 0.9
 
 
-def bent(folder: Path, *, bend_rad: float = 0.14) -> Path:
-    """The walk that ships with bent knees: its last layer asks for other angles."""
-    payload = read_plain(WALK)
-    scale = json.loads(payload["infos"]["gaitpref"])["env"]["action_scale_rad"]
-    actor = payload["actor_state_dict"]
-    last = sorted(n for n in actor if n.startswith("mlp.") and n.endswith("bias"))[-1]
-    actor[last] += torch.tensor([0.0, bend_rad, -2 * bend_rad] * 4) / scale
-    path = folder / "crouch.pt"
-    path.write_bytes(saved_bytes(payload))
-    return path
-
-
 @pytest.fixture(scope="module")
 def gaits(tmp_path_factory: pytest.TempPathFactory) -> Gaits:
     folder = tmp_path_factory.mktemp("gaits")
-    return load_gaits({"walk": WALK, "crouch": bent(folder)})
+    return load_gaits({"walk": WALK, "crouch": bent(WALK, folder / "crouch.pt")})
 
 
 @pytest.fixture(scope="module")
