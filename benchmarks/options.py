@@ -3,7 +3,7 @@
     python -m benchmarks.options --policy walk=FILE --policy high=FILE ... \
         [--seeds 3] [--results DIR] [--json FILE]
 
-One row, a file each, for every way to end a gait and every seed; what is finished is not
+One row, a file each, for every way to end a gait and every seed; what is there is not
 done again. All are measured from the line, on the same starts, under the same reward:
 metres, less energy and changes. A crouch is made of the first gait where none is given:
 its knees are bent, which no training is needed for.
@@ -54,7 +54,7 @@ class Options:
     """Measure what choosing among gaits wins."""
 
     policy: tyro.conf.UseAppendAction[tuple[str, ...]]
-    """NAME=FILE of a gait; one called `high` climbs, one called `crouch` passes bars."""
+    """NAME=FILE of a gait; `high` is one that climbs, `crouch` one that passes bars."""
     steps: int = 150_000
     """Environment steps of a training."""
     envs: int = 64

@@ -44,8 +44,8 @@ margin:0 84px 0 58px;opacity:.75;font-size:10px}
 .gp .over{position:absolute;right:84px;top:0;height:0}
 .gp .head{position:absolute;top:0;width:2px;margin-left:-1px;border-radius:1px;
 background:currentColor;opacity:.85;pointer-events:none}
-.gp .gait{position:absolute;left:0;right:0;top:38px;height:12px;font-size:9px;
-line-height:12px}
+.gp .gait{position:absolute;left:0;right:0;top:46px;height:9px;font-size:8px;
+line-height:9px}
 .gp .gait span{position:absolute;overflow:hidden;white-space:nowrap;padding-left:2px;
 box-sizing:border-box;border-left:1px solid currentColor}
 .gp .speed{position:absolute;left:4px;top:108px;font-size:10px;opacity:.75}

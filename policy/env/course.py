@@ -234,9 +234,13 @@ class Lane:
         qpos[:, 1] = 0.25 * cfg.width_m * draws[:, 0]
         qpos[:, 3:7] = turned(qpos[:, 3:7], 0.1 * draws[:, 1], axis=2)
         if cfg.anywhere:
-            begins = torch.tensor([0.0, *(self._end + 2 * _REACH_M).tolist()])
-            ends = (*(self._start - 2 * _REACH_M).tolist(), cfg.length_m - _REACH_M)
-            room = (torch.tensor(ends) - begins).clamp_min(0.0)
+            first, last = (
+                draws.new_zeros(1),
+                draws.new_tensor([cfg.length_m - _REACH_M]),
+            )
+            begins = torch.cat((first, self._end + 2 * _REACH_M))
+            ends = torch.cat((self._start - 2 * _REACH_M, last))
+            room = (ends - begins).clamp_min(0.0)
             # One draw says which stretch of open ground, and where on it.
             at = (draws[:, 2] + 1) / 2 * room.sum()
             before = torch.cumsum(room, 0) - room

@@ -5,7 +5,7 @@ Shapes: N environments, O gaits, D numbers that a chooser sees.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import torch
@@ -138,6 +138,10 @@ class GaitsModel(nn.Module):
         """Which gaits run in the step from `obs` [N, 54]."""
         count, rng = len(obs), self.rng
         draws = Draws.none(count) if rng is None else Draws.of(rng, count)
+        if self.wandering is not None:
+            # Who does not wander takes the likelier end, whatever others do.
+            ends_at = torch.where(self.wandering, draws.ends, 0.5)
+            draws = replace(draws, ends=ends_at)
         return choose(
             self.running,
             q,

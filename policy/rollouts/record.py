@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -158,6 +159,10 @@ def _record_one(
 ) -> Iterator[Episode]:
     """Episodes of `policy`, or of random rhythms in its place."""
     info = policy.info
+    gaits = info.ppo.gaits
+    if gaits is not None:
+        # It remembers what runs, and is told below who changes gaits at random.
+        policy = deepcopy(policy)
     env_cfg = replace(info.env, episode_s=cfg.episode_s)
     robot = policy.robot()
     env_seed, actor_seed = spawned(seed, 2)
@@ -185,7 +190,6 @@ def _record_one(
         varied = actor.chosen.numpy()
     change_steps = cfg.change_steps(env_cfg.control_dt_s)
     noise = torch.from_numpy(noisy).float()
-    gaits = info.ppo.gaits
     if gaits is not None:
         # What varies between clips of it is which gait runs when.
         policy.wander(torch.from_numpy(noisy), rng)
