@@ -208,7 +208,7 @@ def test_a_wish_about_choices_is_fitted_from_answers(
     # A run that goes on asks nothing twice.
     assert answer_choices(dataset, names, wish, count=60, seed=0) == 0
     reward, report = fit_choices(dataset, names, seed=0)
-    assert report.num_preferences == 60
+    assert report.held_out_accuracy is None or report.held_out_accuracy > 0.5
     assert reward.change_cost(0.02) > 0.2
     rows = torch.zeros(1, len(reward.names))
     changes = rows.clone()
