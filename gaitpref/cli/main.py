@@ -136,6 +136,7 @@ _HOMES: dict[type, tuple[str, str]] = {
     options.Label: ("label", "label"),
     options.Loop: ("loop", "train"),
     options.Method: ("method", "train"),
+    options.Options: ("options", "train"),
     options.Pairs: ("pairs", "fit"),
     options.Play: ("looking.play", "train,label"),
     options.Policy: ("import_policy", "train,onnx"),

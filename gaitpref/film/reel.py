@@ -68,7 +68,7 @@ def film(
             frames_of(
                 shot.mjcf, shot.states_at(cfg.fps / cfg.speed, count), cfg.camera
             ),
-            shot.caption,
+            shot.captions(cfg.fps / cfg.speed, count),
         )
         for shot in shots
     ]
@@ -83,8 +83,10 @@ def frame_count(shots: Sequence[Shot], cfg: FilmCfg) -> int:
     return max(1, round(longest_s * cfg.fps))
 
 
-def _captioned(frames: Iterator[np.ndarray], caption: str) -> Iterator[np.ndarray]:
-    for frame in frames:
+def _captioned(
+    frames: Iterator[np.ndarray], captions: Sequence[str]
+) -> Iterator[np.ndarray]:
+    for frame, caption in zip(frames, captions, strict=True):
         if not caption:
             yield frame
             continue

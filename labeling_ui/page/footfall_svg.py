@@ -44,6 +44,10 @@ margin:0 84px 0 58px;opacity:.75;font-size:10px}
 .gp .over{position:absolute;right:84px;top:0;height:0}
 .gp .head{position:absolute;top:0;width:2px;margin-left:-1px;border-radius:1px;
 background:currentColor;opacity:.85;pointer-events:none}
+.gp .gait{position:absolute;left:0;right:0;top:46px;height:9px;font-size:8px;
+line-height:9px}
+.gp .gait span{position:absolute;overflow:hidden;white-space:nowrap;padding-left:2px;
+box-sizing:border-box;border-left:1px solid currentColor}
 .gp .speed{position:absolute;left:4px;top:108px;font-size:10px;opacity:.75}
 </style>"""
 FOOTFALLS_PX, CURVES_PX, TITLE_PX = 108, 48, 16
@@ -68,7 +72,8 @@ def footfalls(left: Motion, right: Motion, duration_s: float) -> str:
             side,
             _contact_svg(
                 motion.contact, motion.dt_s, duration_s, side, fell=motion.fell
-            ),
+            )
+            + _gait_words(motion, duration_s),
             went_words(motion.obeyed),
         )
         for side, motion in enumerate((left, right))
@@ -164,6 +169,21 @@ def went_words(obeyed: Obeyed | None) -> str:
             f"of {math.degrees(abs(obeyed.asked_rad)):.0f}°",
         ]
     return "<br>".join(lines)
+
+
+def _gait_words(motion: Motion, duration_s: float) -> str:
+    """Which gait ran when, below the feet; nothing where there is one."""
+    parts = []
+    for index, (name, first, last) in enumerate(motion.gaits):
+        left, wide = (
+            100 * each * motion.dt_s / duration_s for each in (first, last - first)
+        )
+        shade = ".28" if index % 2 else ".14"
+        parts.append(
+            f'<span title="{name}" style="left:{left:.2f}%;width:{wide:.2f}%;'
+            f'background:rgba(128,128,128,{shade})">{name}</span>'
+        )
+    return f'<div class="gait">{"".join(parts)}</div>' if parts else ""
 
 
 def _row(side: int, svg: str, went: str = "") -> str:

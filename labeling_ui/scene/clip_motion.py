@@ -13,6 +13,7 @@ import numpy as np
 
 from data.answers.answer_records import Pair
 from data.datasets.dataset import Dataset
+from data.episodes.choices import choices_of
 from data.episodes.clips import Clip
 from data.episodes.episode import Episode
 from data.episodes.visible_habits import visible_habits
@@ -62,6 +63,9 @@ class Motion:
     """[T] height of the base."""
     torque_nm: np.ndarray
     """[T] mean magnitude over the joints."""
+    gaits: tuple[tuple[str, int, int], ...]
+    """Name, first step and step behind the last of each gait that a policy chose, one
+    after the other; empty where it has one."""
     habits: np.ndarray
     """[H] what is seen of it, as `visible_habits` gives it."""
 
@@ -141,8 +145,14 @@ def load_motion(dataset: Dataset, clip: Clip) -> Motion:
         speed_m_s=rows[:, column("base_lin_vel_b")][:, 0].copy(),
         height_m=rows[:, column("base_height")][:, 0].copy(),
         torque_nm=np.abs(rows[:, column("joint_torque")]).mean(axis=-1),
+        gaits=_gaits(episode, clip),
         habits=visible_habits(rows, dt_s),
     )
+
+
+def _gaits(episode: Episode, clip: Clip) -> tuple[tuple[str, int, int], ...]:
+    said = choices_of(episode.meta.extra, episode.num_steps)
+    return () if said is None else tuple(said.runs(clip.rows))
 
 
 def _commands(episode: Episode, rows: np.ndarray) -> tuple[Command, ...]:

@@ -13,6 +13,7 @@ from functools import cached_property, lru_cache
 import mujoco
 import numpy as np
 
+from data.course_marks import BAR_PREFIX
 from data.errors import EpisodeError
 from data.ground import Ground
 
@@ -166,7 +167,8 @@ def linear_rgb(rgb: Rgb) -> np.ndarray:
 
 def _pieces_of_bodies(mj_model: mujoco.MjModel) -> dict[int, tuple[Piece, ...]]:
     """What is seen of every moving body, or what collides if nothing is to be seen."""
-    moving = np.flatnonzero(mj_model.body_weldid[mj_model.geom_bodyid] != 0)
+    of_body = mj_model.geom_bodyid
+    moving = np.flatnonzero((mj_model.body_weldid[of_body] != 0) | _is_bar(mj_model))
     solid = moving[mj_model.geom_rgba[moving, 3] > 0]
     seen = solid[mj_model.geom_group[solid] < _SEEN_GROUPS]
     bodies: dict[int, tuple[Piece, ...]] = {}
@@ -179,6 +181,16 @@ def _pieces_of_bodies(mj_model: mujoco.MjModel) -> dict[int, tuple[Piece, ...]]:
         piece = Piece(placed, _colour(mj_model, int(geom)))
         bodies[body] = (*bodies.get(body, ()), piece)
     return bodies
+
+
+def _is_bar(mj_model: mujoco.MjModel) -> np.ndarray:
+    """Which geoms [n] are bars of a course, which robots are to pass below."""
+    bars = [
+        body
+        for body in range(mj_model.nbody)
+        if mj_model.body(body).name.startswith(BAR_PREFIX)
+    ]
+    return np.isin(mj_model.geom_bodyid, bars)
 
 
 def _colour(mj_model: mujoco.MjModel, geom: int) -> Rgb:

@@ -22,6 +22,7 @@ from policy.sim.chosen import Rows
 from policy.sim.field import Field
 from policy.sim.sim import Sim, SimState
 
+from .course import Lane
 from .curriculum import Curriculum
 from .env_cfg import EnvCfg, Range
 from .feature_row import OBS_DIM, BaseState, base_state, feature_row, observation
@@ -100,7 +101,10 @@ class QuadrupedEnv(VecEnv):
         self._foot_radius = self._constant(robot.foot_radius)
         ground = robot.ground
         self._field = None if ground is None else Field(ground, self.device)
-        self._starts = None if self._field is None else Starts(robot, self._field)
+        self._starts: Lane | Starts | None = None
+        self._lane = None if cfg.course is None else Lane(cfg.course, self.device)
+        if self._field is not None:
+            self._starts = self._lane or Starts(robot, self._field)
         self._lying = None
         if cfg.getup is not None:
             self._lying = Lying(robot, cfg.getup, seed=dropped_seed, device=self.device)
@@ -141,6 +145,8 @@ class QuadrupedEnv(VecEnv):
 
     def get_observations(self) -> TensorDict:
         """The current observations, `{"policy": [N, 48]}`.
+
+        On a course, what is ahead follows them.
 
         Under a law, `policy` is what the law says and `privileged` [N, 48] is what
         policies of this project see.
@@ -216,6 +222,8 @@ class QuadrupedEnv(VecEnv):
             "fallen": fallen,
             "log": log,
         }
+        if self._lane is not None:
+            extras["ahead"] = self._ahead(self._lane, state)
         if self._keep_final:
             extras["final"] = (*self.sim.raw_state(), self._own_obs(state, base))
         self._resample_commands()
@@ -309,7 +317,15 @@ class QuadrupedEnv(VecEnv):
     def _observe(self, state: SimState, base: BaseState | None = None) -> Tensor:
         """What the policy sees; `base` where it is known already."""
         self._true_obs = self._own_obs(state, base)
-        return self._encoded(self._true_obs)
+        seen = self._encoded(self._true_obs)
+        if self._lane is None:
+            return seen
+        return torch.cat((seen, self._ahead(self._lane, state)), dim=1)
+
+    def _ahead(self, lane: Lane, state: SimState) -> Tensor:
+        """What is ahead on the course, [N, 6]."""
+        time_s = self.episode_length_buf * self.step_dt
+        return lane.ahead(state.base_pos_w[:, 0], time_s)
 
     def _own_obs(self, state: SimState, base: BaseState | None) -> Tensor:
         """Observations [N, 48] as policies of this project see them."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from data.files.plain import ADDED_LATER, NONE_AS_BEFORE
 from policy.law.law import Law
 
+from .course import CourseCfg
 from .curriculum import CurriculumCfg
 from .getup import GetupCfg
 from .task_reward import GETUP_TASK, TaskRewardCfg
@@ -181,6 +182,9 @@ class EnvCfg:
     law: Law | None = field(default=None, metadata=NONE_AS_BEFORE)
     """What the policy sees and what its actions ask for, where that is not this
     project's own: of a policy from elsewhere, or without the velocity of the base."""
+
+    course: CourseCfg | None = field(default=None, metadata=NONE_AS_BEFORE)
+    """Walk along a course of obstacles, and see what is ahead, instead of `terrain`."""
 
     def __post_init__(self) -> None:
         if self.law is not None and (

@@ -34,7 +34,7 @@ _TURN_RAD = 0.5
 """How far a robot may start turned away from the middle."""
 _LIFT_M = 0.03
 """Lift of the start, for feet that are not quite where they are at home."""
-_THICKNESS_M = 0.5
+THICKNESS_M = 0.5
 _DIGITS = 3
 """Digits of a height, as a share of the field's: more only lengthen the text."""
 
@@ -115,12 +115,12 @@ def on_terrain(robot: Robot, cfg: TerrainCfg) -> Robot:
     spec = mujoco.MjSpec.from_string(robot.mjcf)
     # The elements of a spec have ids once it is compiled.
     spec.compile()
-    floor = _floor_of(spec, robot)
+    floor = floor_of(spec, robot)
     spec.add_hfield(
         name=TERRAIN_NAME,
         nrow=field.shape[0],
         ncol=field.shape[1],
-        size=[cfg.size_m / 2, cfg.size_m / 2, tall, _THICKNESS_M],
+        size=[cfg.size_m / 2, cfg.size_m / 2, tall, THICKNESS_M],
         userdata=((field - low) / tall).round(_DIGITS).ravel().tolist(),
     )
     floor.type, floor.hfieldname = mujoco.mjtGeom.mjGEOM_HFIELD, TERRAIN_NAME
@@ -130,7 +130,7 @@ def on_terrain(robot: Robot, cfg: TerrainCfg) -> Robot:
     )
 
 
-def _floor_of(spec: mujoco.MjSpec, robot: Robot) -> mujoco.MjsGeom:
+def floor_of(spec: mujoco.MjSpec, robot: Robot) -> mujoco.MjsGeom:
     """The floor in `spec`; of several, which are the same plane, one is left."""
     mj_model = robot.mj_model
     own = bodies_below(mj_model, robot.base_body_id)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from policy.robots.robot import Robot
 
+from .course import on_course
 from .env_cfg import EnvCfg
 from .getup import with_solid_legs
 from .terrain import on_terrain
@@ -16,4 +17,6 @@ def in_world(robot: Robot, cfg: EnvCfg) -> Robot:
     """
     if cfg.getup is not None:
         robot = with_solid_legs(robot)
+    if cfg.course is not None:
+        return on_course(robot, cfg.course)
     return on_terrain(robot, cfg.terrain)

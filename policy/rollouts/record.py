@@ -5,16 +5,19 @@ Shapes: N environments, T steps of an episode.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 import torch
 
+from data.episodes.choices import COURSE, told_choices
 from data.episodes.episode import EndReason, Episode, EpisodeMeta
 from data.episodes.episode_records import COMMAND_CHANGE
-from data.files.plain import ADDED_LATER
+from data.files.plain import ADDED_LATER, to_plain
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import CommandCfg, EnvCfg
 from policy.env.seeding import spawned
@@ -156,6 +159,10 @@ def _record_one(
 ) -> Iterator[Episode]:
     """Episodes of `policy`, or of random rhythms in its place."""
     info = policy.info
+    gaits = info.ppo.gaits
+    if gaits is not None:
+        # It remembers what runs, and is told below who changes gaits at random.
+        policy = deepcopy(policy)
     env_cfg = replace(info.env, episode_s=cfg.episode_s)
     robot = policy.robot()
     env_seed, actor_seed = spawned(seed, 2)
@@ -183,11 +190,15 @@ def _record_one(
         varied = actor.chosen.numpy()
     change_steps = cfg.change_steps(env_cfg.control_dt_s)
     noise = torch.from_numpy(noisy).float()
-    steps = list(
-        _told(
-            first_episodes(actor, env, noise=noise, rng=rng), env, choices, change_steps
-        )
-    )
+    if gaits is not None:
+        # What varies between clips of it is which gait runs when.
+        policy.wander(torch.from_numpy(noisy), rng)
+    steps, ran = [], []
+    rollout = first_episodes(actor, env, noise=noise, rng=rng)
+    for step in _told(rollout, env, choices, change_steps):
+        steps.append(step)
+        if (gait := policy.gait) is not None and not babble:
+            ran.append(gait.numpy())
     # Once for all: taking steps apart for every episode costs a third of the rollout.
     arrays = {
         name: np.stack([np.asarray(getattr(step, name)) for step in steps], axis=1)
@@ -216,6 +227,9 @@ def _record_one(
             ),
         )
         num_steps = int(lengths[index])
+        if gaits is not None and ran:
+            own = np.stack(ran)[:num_steps, index]
+            meta.extra.update(told_choices(gaits.names, own))
         rows = {name: array[index, :num_steps] for name, array in arrays.items()}
         yield _episode(steps[num_steps - 1], rows, index, meta, env.robot.mjcf)
 
@@ -257,6 +271,8 @@ def _extra(
         extra["posture"] = "varied"
     if cfg.terrain.kind != "flat":
         extra |= {"terrain": cfg.terrain.kind, "terrain_seed": str(cfg.terrain.seed)}
+    if cfg.course is not None:
+        extra[COURSE] = json.dumps(to_plain(cfg.course, whole=True), sort_keys=True)
     return extra
 
 

@@ -21,9 +21,11 @@ from data.files.limits import POLICY_BYTES
 from data.files.plain import ADDED_LATER, from_plain, to_plain
 from data.files.unpacking import require_stored
 from data.files.weights import misfits, not_finite
+from policy.env.course import AHEAD_DIM
 from policy.env.env_cfg import EnvCfg
 from policy.env.feature_row import OBS_DIM
 from policy.law.origin import Origin
+from policy.options.gaits_model import GaitsModel
 from policy.robots.robot import Robot, load_robot_xml
 
 from .others import writer_of_bytes, writer_of_payload, writer_without_description
@@ -62,7 +64,9 @@ class PolicyInfo:
 class Policy:
     """A trained actor; observations in, actions out."""
 
-    def __init__(self, actor: MLPModel, info: PolicyInfo, sha256: str) -> None:
+    def __init__(
+        self, actor: MLPModel | GaitsModel, info: PolicyInfo, sha256: str
+    ) -> None:
         self.info = info
         self.sha256 = sha256
         self._actor = actor.eval()
@@ -90,6 +94,19 @@ class Policy:
     def std(self) -> Tensor:
         """Exploration noise [12], units of the action."""
         return self._actor.distribution.std_param.detach()  # type: ignore[union-attr]
+
+    @property
+    def gait(self) -> Tensor | None:
+        """[N] which of its gaits acted last; None for a policy of one."""
+        if isinstance(self._actor, GaitsModel):
+            return self._actor.running.gait.clone()
+        return None
+
+    def wander(self, which: Tensor, rng: torch.Generator) -> None:
+        """Change gaits at random in the rows `which` [N] from now on, where it has
+        more than one."""
+        if isinstance(self._actor, GaitsModel):
+            self._actor.wandering, self._actor.rng = which, rng
 
     def robot(self) -> Robot:
         """The robot it was trained on."""
@@ -166,9 +183,16 @@ def load_policy(path: Path) -> Policy:
     content = _bytes_of(path)
     payload = _plain(path, content)
     info = policy_info(path, payload)
+    if (info.ppo.gaits is None) != (info.env.course is None):
+        raise PolicyError(
+            f"{path} has a course without gaits to choose among, or gaits without a "
+            "course: make it anew with `gaitpref options`"
+        )
     cfg = to_rsl_rl(info.ppo)
     actor_class, actor_cfg = resolve_class(cfg["actor"])
     dim = OBS_DIM if info.env.law is None else info.env.law.obs_dim
+    if info.ppo.gaits is not None:
+        dim += AHEAD_DIM
     obs = TensorDict({"policy": torch.zeros(1, dim)}, batch_size=[1])
     actor = actor_class(obs, cfg["obs_groups"], "actor", 12, **actor_cfg)
     weights = payload["actor_state_dict"]

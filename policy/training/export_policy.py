@@ -91,6 +91,7 @@ def export(policy: Policy, out: Path) -> list[Path]:
     """
     robot = policy.robot()
     law = law_of(policy.info, robot)
+    # Also says of what no file can hold that it cannot, before anything is written.
     deployed = _Deployed(policy, law).eval()
     out.mkdir(parents=True, exist_ok=True)
     described = json.dumps(describe(policy.info, robot, policy.sha256), indent=1)

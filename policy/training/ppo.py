@@ -20,6 +20,7 @@ from policy.extensions.bonus import ExplorationBonusCfg
 from policy.extensions.kl_penalty import KlPenaltyCfg
 from policy.networks.brought_model import BroughtModel
 from policy.networks.recipe import Recipe
+from policy.options.gaits_model import GaitsCfg, GaitsModel
 from policy.parallel.ranks import ALONE, Ranks
 from policy.robots.hints import RobotError
 
@@ -76,6 +77,8 @@ class PpoCfg:
     """A bonus for motion that is new."""
     recipe: Recipe | None = field(default=None, metadata=NONE_AS_BEFORE)
     """The network of a policy from elsewhere; None is an MLP of `hidden_sizes`."""
+    gaits: GaitsCfg | None = field(default=None, metadata=NONE_AS_BEFORE)
+    """The gaits that a policy chooses among; None is one policy alone."""
 
     def __post_init__(self) -> None:
         if self.mirror and (self.privileged_critic or self.kl_penalty is not None):
@@ -106,6 +109,8 @@ def to_rsl_rl(cfg: PpoCfg) -> dict[str, Any]:
     actor: dict[str, Any] = dict(network)
     if cfg.recipe is not None:
         actor = {"class_name": BroughtModel, "recipe": cfg.recipe}
+    if cfg.gaits is not None:
+        actor = {"class_name": GaitsModel, "gaits": cfg.gaits}
     return {
         "num_steps_per_env": cfg.steps_per_env,
         "save_interval": 1,

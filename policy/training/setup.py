@@ -10,7 +10,7 @@ from policy.env.velocity_commands import env_for
 from policy.law.driven import driven_by
 from policy.robots.robot import Robot, load_robot
 
-from .checkpoint import load_policy
+from .checkpoint import PolicyError, load_policy
 from .clipped_update import LEAST_RATE
 from .ppo import PpoCfg
 
@@ -40,6 +40,11 @@ def setting_of(policy_file: Path | None, robot_xml: Path | None) -> Setting:
         robot = load_robot(robot_xml, physics_dt_s=env.physics_dt_s)
         return Setting(robot, env_for(robot, env), PpoCfg())
     policy = load_policy(policy_file)
+    if policy.info.ppo.gaits is not None:
+        raise PolicyError(
+            f"{policy_file} chooses among frozen gaits, which PPO does not train: go "
+            "on with `gaitpref options`, or train one of its gaits"
+        )
     env = policy.info.env
     robot = policy.robot()
     if robot_xml is not None:

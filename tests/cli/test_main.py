@@ -28,6 +28,10 @@ COMMANDS = {
         ["--out", "o", "--reward", "task"],
         options.Train(out=Path("o"), reward="task"),
     ),
+    "options": (
+        ["--policy", "a=p", "--policy", "b=q", "--out", "o"],
+        options.Options(policy=("a=p", "b=q"), out=Path("o")),
+    ),
     "record": (
         ["--policy", "p", "--dataset", "d"],
         options.Record(policy=Path("p"), dataset=Path("d")),

@@ -65,6 +65,10 @@ ELSEWHERE = {
     "torchrun": "tests/policy/test_ranks.py starts ranks",
     "gaitpref answer --dataset runs/clips --rater openai:": "test_programs serves one",
     "ray start": "tests/policy/test_actors.py starts Ray",
+    "gaitpref options": "tests/policy/test_options.py",
+    "gaitpref record --policy runs/choose": "tests/policy/test_options.py",
+    "gaitpref pairs --dataset runs/judged": "tests/policy/test_options.py",
+    "gaitpref label --dataset runs/judged": "tests/policy/test_options.py",
     "gaitpref train --out runs/walk --reward task --actors": "tests/policy/test_actors",
 }
 """Lines that are not typed here, and where what they do is tried."""

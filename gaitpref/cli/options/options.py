@@ -13,6 +13,7 @@ import tyro
 
 from .arena_options import Arena as Arena
 from .bounds import AtLeast, Count, Seed
+from .choice_options import Options as Options
 from .data_options import Data as Data
 from .policy_options import Evaluate as Evaluate
 from .policy_options import Export as Export
@@ -196,6 +197,7 @@ Command = (
     Annotated[Loop, tyro.conf.subcommand("loop")]
     | Annotated[Sweep, tyro.conf.subcommand("sweep")]
     | Annotated[Train, tyro.conf.subcommand("train")]
+    | Annotated[Options, tyro.conf.subcommand("options")]
     | Annotated[Record, tyro.conf.subcommand("record")]
     | Annotated[Pairs, tyro.conf.subcommand("pairs")]
     | Annotated[Answer, tyro.conf.subcommand("answer")]

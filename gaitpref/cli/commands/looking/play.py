@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 
@@ -100,7 +101,8 @@ def live_policy(path: Path, xml: Path | None) -> LivePolicy:
     robot = in_world(robot, env)
 
     def new_step() -> StepFn:
-        return PolicyRunner(policy, robot)
+        # A policy that chooses among gaits remembers which one runs: of one visitor.
+        return PolicyRunner(deepcopy(policy), robot)
 
     return LivePolicy(
         name=f"{path.parent.name}/{path.name}, {policy.info.steps:,} steps{on_other}",

@@ -1,0 +1,172 @@
+"""`gaitpref options`: one policy that chooses among gaits."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from data.datasets.dataset import Dataset
+from data.errors import GaitprefError
+from data.files.files import write_atomically
+from data.files.plain import to_plain
+from gaitpref.cli.options import options
+from gaitpref.console.progress import console, counted, counting_bar, working
+from gaitpref.console.terminal import EXIT_INTERRUPTED, complain
+from gaitpref.options.choice_fit import fit_choices
+from gaitpref.options.choice_rater import answer_choices, parse_wish
+from gaitpref.options.gait_files import Gaits, load_gaits, named_files
+from gaitpref.options.measure import measured, table
+from gaitpref.options.train_options import (
+    LookStats,
+    OptionsCfg,
+    OptionsTraining,
+    train_options,
+)
+from policy.env.course import CourseCfg, Obstacle, stands_on
+from policy.options.choice_row import TASK, ChoiceReward, written_reward
+from policy.options.choosing import ChoosingCfg
+from policy.rollouts.record import RecordCfg, record
+from policy.training.checkpoint import load_policy
+from policy.training.train import POLICY_NAME
+
+REWARD_NAME, UNTAUGHT_NAME, DATASET_NAME = "reward.json", "untaught.pt", "dataset"
+_LENGTHS_M = {"steps": 2.0, "bar": 0.4, "slope": 1.2}
+_OPEN_M = 1.2
+"""Open ground before every obstacle, and behind the last."""
+_CLIPS, _CLIP_S = 32, 8.0
+"""Episodes that a simulated rater is asked about."""
+
+
+def run(command: options.Options) -> int:
+    """Run the command; gives the exit code."""
+    files = named_files(command.policy)
+    if command.dataset is not None and command.wish is not None:
+        raise GaitprefError(
+            "--dataset and --wish are two raters: the answers of a data set, or a "
+            "simulated rater; leave one out"
+        )
+    wish = None if command.wish is None else parse_wish(command.wish)
+    with working("loading the gaits"):
+        gaits = load_gaits(files)
+    cfg = _cfg(command)
+    stands_on(gaits.robot, cfg.course)
+    reward = _reward(command, gaits, cfg, wish)
+    if not _train(command.out, gaits, cfg, reward):
+        complain("stopped; the same command goes on")
+        return EXIT_INTERRUPTED
+    policy_file = command.out / POLICY_NAME
+    text = json.dumps(to_plain(reward), indent=1)
+    write_atomically(command.out / REWARD_NAME, text.encode())
+    with working("comparing it with each gait alone"):
+        rows = measured(policy_file, gaits, reward)
+    console.print(table(rows, gaits.names))
+    console.print(f"the policy is {policy_file}")
+    console.next(
+        f"`gaitpref film --policy {policy_file} --out course.gif` shows which gait "
+        f"runs when, `gaitpref record --policy {policy_file} --dataset DIR` logs clips "
+        "to be judged"
+    )
+    return 0
+
+
+def _cfg(command: options.Options) -> OptionsCfg:
+    """What the command line says.
+
+    Raises:
+        GaitprefError: something is out of range.
+    """
+    if not 0.1 <= command.speed_m_s <= 2.0:
+        raise GaitprefError(
+            f"--speed-m-s must lie in [0.1, 2], got {command.speed_m_s:g}"
+        )
+    at, obstacles = _OPEN_M, []
+    for kind in command.course:
+        obstacles.append(Obstacle(kind=kind, start_m=at, length_m=_LENGTHS_M[kind]))
+        at += _LENGTHS_M[kind] + _OPEN_M
+    course = CourseCfg(
+        obstacles=tuple(obstacles),
+        length_m=at,
+        step_m=command.step_m,
+        bar_m=command.bar_m,
+        slope_rad=command.slope_rad,
+    )
+    try:
+        choosing = ChoosingCfg(
+            termination=command.termination,
+            length_s=command.length_s,
+            interrupt_margin=command.interrupt,
+        )
+    except ValueError as error:
+        raise GaitprefError(f"{error}: give another --length-s") from None
+    return OptionsCfg(
+        course=course,
+        choosing=choosing,
+        speed_m_s=command.speed_m_s,
+        # Time for everybody who does not stand before an obstacle.
+        episode_s=round(1.6 * at / command.speed_m_s, 1),
+        envs=command.envs,
+        steps=command.steps,
+        seed=command.seed,
+    )
+
+
+def _reward(
+    command: options.Options,
+    gaits: Gaits,
+    cfg: OptionsCfg,
+    wish: dict[str, float] | None,
+) -> ChoiceReward:
+    """What is paid: what answers say, or metres less energy and changes."""
+    place = command.dataset
+    if wish is not None:
+        # A name that is wrong is told before anything is recorded.
+        written_reward(wish, gaits.names, "wish")
+        place = command.out / DATASET_NAME
+        _ask_wish(command, gaits, cfg, wish, place)
+    if place is None:
+        return written_reward(TASK, gaits.names, "metres, energy and changes")
+    dataset = Dataset.open(place)
+    with working("fitting the reward to the answers"):
+        reward, report = fit_choices(dataset, gaits.names, seed=command.seed)
+    held_out = report.held_out_accuracy
+    foreseen = "" if held_out is None else f"; foresees {held_out:.0%} of unseen ones"
+    console.print(f"fitted to {reward.told}{foreseen}")
+    return reward
+
+
+def _ask_wish(
+    command: options.Options,
+    gaits: Gaits,
+    cfg: OptionsCfg,
+    wish: dict[str, float],
+    place: Path,
+) -> None:
+    """Record clips of gaits that change at random, and answer about them."""
+    untaught = command.out / UNTAUGHT_NAME
+    dataset = Dataset.create(place)
+    if not dataset.entries():
+        task = written_reward(TASK, gaits.names, "nothing")
+        command.out.mkdir(parents=True, exist_ok=True)
+        write_atomically(untaught, OptionsTraining(gaits, cfg, task).policy())
+        shown = RecordCfg(episodes=_CLIPS, episode_s=_CLIP_S, noisy_share=1.0)
+        with counting_bar("recording", _CLIPS) as bar:
+
+            def each():
+                policies = [load_policy(untaught)]
+                for episode in record(
+                    untaught, shown, seed=command.seed, policies=policies
+                ):
+                    bar.advance(bar.task_ids[0])
+                    yield episode
+
+            dataset.add_episodes(each())
+    answer_choices(dataset, gaits.names, wish, count=command.answers, seed=command.seed)
+
+
+def _train(out: Path, gaits: Gaits, cfg: OptionsCfg, reward: ChoiceReward) -> bool:
+    with counted("learning to choose") as tell:
+
+        def look(stats: LookStats) -> None:
+            tell(min(stats.steps, cfg.steps), cfg.steps)
+
+        return train_options(out, gaits, cfg, reward, tell=look)

@@ -1,0 +1,1 @@
+"""Choosing among gaits: policies in, answers about choices, one policy out."""

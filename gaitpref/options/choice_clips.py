@@ -1,0 +1,113 @@
+"""Clips of choices as tables: what the fit of tables sees of episodes on a course.
+
+Shapes: T steps of a clip, C columns of a choice row.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from data.answers.answer_records import Answer, Pair
+from data.datasets.dataset import Dataset
+from data.datasets.segments import Segments, TableAnswer
+from data.episodes.choices import COURSE, choices_of
+from data.episodes.clips import Clip
+from data.episodes.episode_records import Episode
+from data.errors import GaitprefError
+from data.files.plain import from_plain
+from policy.env.course import CourseCfg, Lane
+from policy.options.choice_row import choice_names, choice_rows
+
+_TARGETS = {"a": 1.0, "b": 0.0, "equal": 0.5}
+
+
+def rows_of_episode(episode: Episode, gaits: Sequence[str]) -> np.ndarray:
+    """Choice rows [T, C] of an episode.
+
+    Raises:
+        GaitprefError: it is of no choices among `gaits`.
+    """
+    said = choices_of(episode.meta.extra, episode.num_steps)
+    if said is None or set(said.names) - set(gaits):
+        found = "none" if said is None else ", ".join(said.names)
+        raise GaitprefError(
+            f"an episode is of the gaits {found}, and those given are "
+            f"{', '.join(gaits)}: record with a policy of `gaitpref options` that "
+            "chooses among these"
+        )
+    gait = torch.tensor([gaits.index(name) for name in said.names])[
+        torch.from_numpy(said.gait)
+    ]
+    lane = Lane(_course(episode), torch.device("cpu"))
+    # Where the model has the free joint first, as every robot on a course has.
+    x = torch.from_numpy(episode.qpos[:, 0].copy())
+    changed = torch.zeros(len(gait), dtype=torch.bool)
+    changed[1:] = gait[1:] != gait[:-1]
+    rows = choice_rows(
+        torch.from_numpy(episode.features.copy()),
+        lane.ahead(x[:-1].float(), torch.zeros(len(gait))),
+        gait,
+        changed,
+        x.diff(),
+        options=len(gaits),
+        control_dt_s=episode.meta.control_dt_s,
+    )
+    return rows.numpy()
+
+
+def _course(episode: Episode) -> CourseCfg:
+    try:
+        return from_plain(CourseCfg, json.loads(episode.meta.extra[COURSE]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise GaitprefError(
+            f"an episode says of no course that it was on ({error}); record it again"
+        ) from None
+
+
+@dataclass(frozen=True, eq=False)
+class ChoiceClips:
+    """Clips of a data set as choice rows; every episode is read once."""
+
+    dataset: Dataset
+    gaits: tuple[str, ...]
+
+    def segments(self, clips: Sequence[Clip]) -> Segments:
+        """What was judged, in the order of `clips`.
+
+        Raises:
+            GaitprefError: an episode is of no choices among these gaits.
+        """
+        rows: dict[str, np.ndarray] = {}
+        for clip in clips:
+            if clip.rollout not in rows:
+                episode = self.dataset.read(clip.rollout)
+                rows[clip.rollout] = rows_of_episode(episode, self.gaits)
+        longest = max(clip.steps for clip in clips)
+        names = choice_names(self.gaits)
+        table = np.full((len(clips), longest, len(names)), np.nan, dtype=np.float32)
+        for at, clip in enumerate(clips):
+            own = rows[clip.rollout][clip.rows]
+            table[at, : len(own)] = own
+        return Segments(ids=tuple(clip.key for clip in clips), names=names, rows=table)
+
+
+def answered(
+    answers: Sequence[tuple[Pair, Answer]],
+) -> tuple[list[Clip], list[TableAnswer]]:
+    """The clips that answers are about, and the answers as a table has them."""
+    place: dict[Clip, int] = {}
+    found = []
+    for pair, answer in answers:
+        target = _TARGETS.get(answer.choice)
+        if target is None or answer.role == "undo":
+            continue
+        left, right = (place.setdefault(clip, len(place)) for clip in (pair.a, pair.b))
+        found.append(
+            TableAnswer(left=left, right=right, target=target, rater=answer.rater_id)
+        )
+    return list(place), found

@@ -1,0 +1,1 @@
+"""Choosing among gaits: options over frozen policies, and what they are worth."""

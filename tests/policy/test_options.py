@@ -1,0 +1,289 @@
+"""Gaits chosen by what is ahead: their worth, when they end, on a real course."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from benchmarks.options import bent
+from data.datasets.dataset import Dataset
+from data.episodes.choices import choices_of, told_choices
+from data.errors import GaitprefError
+from gaitpref.cli.main import main
+from gaitpref.options.choice_clips import rows_of_episode
+from gaitpref.options.choice_fit import fit_choices
+from gaitpref.options.choice_rater import answer_choices
+from gaitpref.options.gait_files import Gaits, load_gaits, named_files
+from gaitpref.options.train_options import OptionsCfg, train_options
+from policy.env.course import CourseCfg, Lane, Obstacle, course_heights, stands_on
+from policy.env.env import QuadrupedEnv
+from policy.options.choice_row import TASK, written_reward
+from policy.options.choosing import ChoosingCfg, Draws, Running, choose, ran
+from policy.options.smdp import discounted, targets, termination_loss, upon_arrival
+from policy.robots.hints import RobotError
+from policy.robots.shipped import WALK
+from policy.rollouts.record import RecordCfg, record
+from policy.training.checkpoint import load_policy, read_plain, saved_bytes
+from policy.training.export_policy import export
+
+BAR = CourseCfg(
+    obstacles=(Obstacle(kind="bar", start_m=0.7, length_m=0.3),), length_m=1.6
+)
+GAMMA = 0.9
+
+
+@pytest.fixture(scope="module")
+def gaits(tmp_path_factory: pytest.TempPathFactory) -> Gaits:
+    folder = tmp_path_factory.mktemp("gaits")
+    return load_gaits({"walk": WALK, "crouch": bent(WALK, folder / "crouch.pt")})
+
+
+@pytest.fixture(scope="module")
+def chosen(gaits: Gaits, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A policy that chooses, as a training of a few looks leaves it."""
+    out = tmp_path_factory.mktemp("chosen")
+    assert train_options(out, gaits, small(steps=640), task_of(gaits))
+    return out / "policy.pt"
+
+
+def small(**changes: int) -> OptionsCfg:
+    return replace(OptionsCfg(course=BAR, envs=16, seed=3), **changes)
+
+
+def task_of(gaits: Gaits):
+    return written_reward(TASK, gaits.names, "task")
+
+
+def values_of_chain(gamma_of: object) -> Tensor:
+    """Values [2] of a state whose gaits lead back to it: `short` pays 1 for one step,
+    `long` pays nothing in three and then 3.2.
+
+    By hand, for good: short alone is worth 1 / (1 - 0.9) = 10. Long is worth
+    0.81 * 3.2 + 0.729 * 10 = 9.882 before short, so short is the better one.
+    """
+    paid = discounted(torch.tensor([[1.0, 0.0], [0.0, 0.0], [0.0, 3.2]]), GAMMA)
+    steps = torch.tensor([1, 3])
+    waits = steps if gamma_of == "steps" else torch.ones_like(steps)
+    q = torch.zeros(2)
+    nobody = torch.zeros(2, dtype=torch.bool)
+    for _ in range(400):
+        arrived = upon_arrival(q.repeat(2, 1), torch.arange(2), torch.ones(2), cost=0.0)
+        q = targets(paid, waits, arrived, nobody, gamma=GAMMA)
+    return q
+
+
+def test_a_gait_of_k_steps_discounts_by_gamma_to_the_k() -> None:
+    short, long = values_of_chain("steps").tolist()
+    assert short == pytest.approx(10.0, abs=1e-4)
+    assert long == pytest.approx(0.81 * 3.2 + 0.729 * 10.0, abs=1e-4)
+
+
+def test_a_discount_of_one_step_would_choose_the_wrong_gait() -> None:
+    """What the line above guards against is seen: the long gait wins."""
+    short, long = values_of_chain("one").tolist()
+    assert long == pytest.approx(0.81 * 3.2 / (1 - GAMMA), abs=1e-3)
+    assert long > short + 1.0
+
+
+def test_what_may_end_is_worth_a_share_of_going_on_and_of_the_best() -> None:
+    """0.75 * 2 + 0.25 * max(2, 5 - 1) where a change costs 1; nothing after a fall."""
+    q, running = torch.tensor([[2.0, 5.0]]), torch.tensor([0])
+    value = upon_arrival(q, running, torch.tensor([0.25]), cost=1.0)
+    assert value.item() == pytest.approx(2.5)
+    fell = targets(
+        torch.ones(1), torch.tensor([4]), value, torch.tensor([True]), gamma=GAMMA
+    )
+    assert fell.item() == 1.0
+
+
+@pytest.mark.parametrize(("other", "rises"), [(5.0, True), (2.5, False)])
+def test_ends_become_likelier_where_another_gait_is_worth_the_change(
+    other: float, rises: bool
+) -> None:
+    ends = torch.tensor([0.5], requires_grad=True)
+    loss = termination_loss(
+        ends, torch.tensor([[2.0, other]]), torch.tensor([0]), cost=1.0
+    )
+    loss.backward()
+    assert ends.grad is not None
+    assert (ends.grad.item() < 0) == rises
+
+
+def gaits_over_time(cfg: ChoosingCfg, lead: float, steps: int) -> list[int]:
+    """The gait of each step where gait 1 leads by `lead` from step 10 on."""
+    running, found = Running.nothing(1), []
+    for step in range(steps):
+        q = torch.tensor([[1.0, 0.0 if step < 10 else 1.0 + lead]])
+        running = choose(
+            running,
+            q,
+            torch.zeros(1, 2),
+            torch.tensor([step == 0]),
+            cfg,
+            control_dt_s=0.02,
+            draws=Draws.none(1),
+        )
+        found.append(int(running.gait))
+        running = ran(running)
+    return found
+
+
+def test_a_gait_runs_its_length_unless_it_is_interrupted() -> None:
+    fixed = ChoosingCfg(termination="fixed", length_s=1.0, change_cost=0.1)
+    assert gaits_over_time(fixed, 1.0, 60) == [0] * 50 + [1] * 10
+    # Looks are 10 steps apart; a lead of 0.9 after the cost is above the margin.
+    cut = replace(fixed, interrupt_margin=0.5)
+    assert gaits_over_time(cut, 1.0, 60) == [0] * 10 + [1] * 50
+    assert gaits_over_time(cut, 0.5, 50) == [0] * 50
+
+
+def test_what_is_ahead_is_told_by_kind_and_distance() -> None:
+    """A bar from 0.7 to 1.0 m is reached 0.3 m before and left 0.3 m behind it."""
+    lane = Lane(BAR, torch.device("cpu"))
+    ahead = lane.ahead(torch.tensor([-1.2, 0.0, 0.7, 1.4]), torch.zeros(4))
+    assert ahead[:, 2].tolist() == [0.0, 1.0, 1.0, 0.0]
+    torch.testing.assert_close(ahead[:, 3], torch.tensor([1.5, 0.4, 0.0, 1.5]))
+    torch.testing.assert_close(ahead[:, 4], torch.tensor([1.5, 1.3, 0.6, 1.5]))
+
+
+def test_steps_go_up_and_down_again() -> None:
+    steps = Obstacle(kind="steps", start_m=1.0, length_m=2.0)
+    cfg = CourseCfg(obstacles=(steps,), length_m=4.0)
+    heights = course_heights(cfg)
+    assert heights.max() == pytest.approx(3 * cfg.step_m)
+    assert heights[0] == heights[-1] == 0.0
+
+
+def test_a_walk_is_stopped_by_the_bar_that_a_crouch_passes_below(gaits: Gaits) -> None:
+    """In real physics; to bump is no fall."""
+    env_cfg = replace(gaits.env, course=BAR, episode_s=5.0)
+    for policy, passes in zip(gaits.policies, (False, True), strict=True):
+        env = QuadrupedEnv(gaits.robot, env_cfg, 2, seed=0, keep_final=True)
+        env.fix_commands(torch.tensor([[0.6, 0.0, 0.0]] * 2))
+        farthest, fell = torch.zeros(2), False
+        for _ in range(env_cfg.episode_steps - 1):
+            action = policy(env.get_observations()["policy"][:, :48])
+            extras = env.step(action)[3]
+            fell |= bool(extras["fallen"].any())
+            farthest = farthest.maximum(extras["final"][0][:, 0].float())
+        assert not fell
+        assert bool((farthest > 1.2).all()) == passes
+
+
+def test_a_policy_that_chooses_is_recorded_with_what_ran(chosen: Path) -> None:
+    """And what a rater is asked about can be computed from the episode alone."""
+    cfg = RecordCfg(episodes=2, episode_s=1.5, noisy_share=1.0)
+    episode, other = record(chosen, cfg, seed=0)
+    said = choices_of(episode.meta.extra, episode.num_steps)
+    assert said is not None
+    assert said.names == ("walk", "crouch")
+    assert not np.array_equal(
+        said.gait,
+        choices_of(other.meta.extra, other.num_steps).gait,  # type: ignore[union-attr]
+    )
+    rows = rows_of_episode(episode, said.names)
+    # Each step is of one gait at one place, and says how far it came.
+    np.testing.assert_array_equal(rows[:, :8].sum(axis=1), 1.0)
+    np.testing.assert_array_equal(rows[:, 4:8].sum(axis=1), said.gait)
+    moved = episode.qpos[-1, 0] - episode.qpos[0, 0]
+    assert rows[:, -2].sum() * 0.02 == pytest.approx(moved, abs=1e-4)
+
+
+def test_a_wish_about_choices_is_fitted_from_answers(
+    chosen: Path, tmp_path: Path
+) -> None:
+    """Whoever dislikes changes pays for them, and for nothing of another sign."""
+    dataset = Dataset.create(tmp_path / "set")
+    cfg = RecordCfg(episodes=16, episode_s=2.0, noisy_share=1.0)
+    dataset.add_episodes(record(chosen, cfg, seed=1))
+    names = ("walk", "crouch")
+    wish = {"changes_per_s": -1.0}
+    assert answer_choices(dataset, names, wish, count=60, seed=0) == 60
+    # A run that goes on asks nothing twice.
+    assert answer_choices(dataset, names, wish, count=60, seed=0) == 0
+    reward, report = fit_choices(dataset, names, seed=0)
+    assert report.held_out_accuracy is None or report.held_out_accuracy > 0.5
+    assert reward.change_cost(0.02) > 0.2
+    rows = torch.zeros(1, len(reward.names))
+    changes = rows.clone()
+    changes[0, reward.names.index("changes_per_s")] = 50.0
+    cost = (reward(rows) - reward(changes)) * 0.02
+    assert cost.item() == pytest.approx(reward.change_cost(0.02), rel=1e-4)
+
+
+def test_the_command_says_what_is_wrong_in_one_line(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    out = ["--out", str(tmp_path / "out")]
+    both = ["--policy", f"a={WALK}", "--policy", f"b={WALK}"]
+    for given, said in (
+        ([f"--policy=walk={WALK}"], "leave nothing to choose"),
+        (["--policy", "walk", "--policy", f"b={WALK}"], "give NAME=FILE"),
+        ([*both, "--wish", "speed=1"], "no column 'speed'; there are: a:open"),
+        ([*both, "--wish", "power_w=much"], "give NAME=NUMBER"),
+        ([*both, "--bar-m", "0.1"], "raise bar_m to at least"),
+    ):
+        assert main(["options", *given, *out]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert said in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_training_goes_on_bit_for_bit(gaits: Gaits, tmp_path: Path) -> None:
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    reward = task_of(gaits)
+    assert train_options(whole, gaits, small(steps=960), reward)
+    # As long for what chance does by how far a training is.
+    assert train_options(cut, gaits, small(steps=960), reward, most_looks=3) is False
+    assert not (cut / "policy.pt").exists()
+    assert train_options(cut, gaits, small(steps=960), reward)
+    policies = [(each / "policy.pt").read_bytes() for each in (whole, cut)]
+    assert policies[0] == policies[1]
+    with pytest.raises(GaitprefError, match="other settings"):
+        train_options(cut, gaits, small(steps=960, seed=4), reward)
+
+
+def test_it_says_why_it_cannot_be_exported(chosen: Path, tmp_path: Path) -> None:
+    with pytest.raises(GaitprefError, match="export the policy files"):
+        export(load_policy(chosen), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_gaits_that_cannot_follow_one_another_are_told(
+    chosen: Path, tmp_path: Path
+) -> None:
+    payload = read_plain(WALK)
+    told = json.loads(payload["infos"]["gaitpref"])
+    told["env"]["substeps"] = 5
+    slow = tmp_path / "slow.pt"
+    slow.write_bytes(saved_bytes({**payload, "infos": {"gaitpref": json.dumps(told)}}))
+    with pytest.raises(GaitprefError, match=r"control_dt_s of 0\.025 s, walk of 0\.02"):
+        load_gaits({"walk": WALK, "slow": slow})
+    with pytest.raises(GaitprefError, match="chooses among gaits itself"):
+        load_gaits({"walk": WALK, "both": chosen})
+    with pytest.raises(GaitprefError, match="1 policies leave nothing to choose"):
+        named_files(("walk=a.pt",))
+
+
+def test_a_course_nobody_could_pass_is_refused(gaits: Gaits) -> None:
+    with pytest.raises(RobotError, match=r"raise bar_m to at least 0\.18"):
+        stands_on(gaits.robot, replace(BAR, bar_m=0.1))
+    with pytest.raises(RobotError, match="open ground before"):
+        replace(BAR, obstacles=(Obstacle(kind="bar", start_m=0.1, length_m=1.0),))
+
+
+@pytest.mark.parametrize(
+    "runs", ["", "0x3", "2x5", "0x5 x", "0x99999999", "0x2 1x3 0x1"]
+)
+def test_runs_that_are_not_those_of_an_episode_say_nothing(runs: str) -> None:
+    assert choices_of({"gaits": "walk,crouch", "gait_runs": runs}, 5) is None
+    said = told_choices(("walk", "crouch"), np.array([0, 0, 1, 1, 0]))
+    found = choices_of(said, 5)
+    assert found is not None
+    assert found.runs(slice(1, 4)) == [("walk", 0, 1), ("crouch", 1, 3)]
