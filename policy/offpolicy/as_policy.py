@@ -16,7 +16,7 @@ import torch
 from rsl_rl.models import MLPModel
 from rsl_rl.utils import resolve_class
 from tensordict import TensorDict
-from torch import Tensor
+from torch import Tensor, nn
 
 from data.files.weights import misfits
 from policy.networks.recipe import INPUT, Node, Recipe, RecipeNetwork, Stored
@@ -74,6 +74,7 @@ def tensors_of(actor: TanhActor) -> dict[str, Tensor]:
         "bound": actor.bound,
     }
     for layer, linear in enumerate((*actor.hidden, actor.mean)):
+        assert isinstance(linear, nn.Linear)
         found[f"weight{layer}"] = linear.weight.detach()
         found[f"bias{layer}"] = linear.bias.detach()
     return found

@@ -211,9 +211,11 @@ class OffPolicyRunner:
 
     def _improve(self) -> dict[str, float]:
         """Learn from memory as much as the steps of an iteration are worth."""
-        if self.ring.steps < min(self.sac.learn_from, self.ring.rows):
+        if self.ring.steps < min(
+            self.sac.learn_from, self.ring.rows * self.ring.columns
+        ):
             return {}
-        self._due += self.ppo.steps_per_env * self.sac.updates_per_step
+        self._due += self.ppo.steps_per_iteration * self.sac.updates_per_step
         updates = int(self._due)
         self._due -= updates
         losses = self.alg.learn(self.ring, updates)
@@ -287,6 +289,8 @@ class OffPolicyRunner:
         steps_per_s = self.ppo.steps_per_iteration / (stop_s - start_s)
         newest = self.ring.newest_obs(STD_FROM)
         if self.engine.offline:
+            paid = self.ring.reward[self.ring.usable()]
+            scalars["train/return"] = float(paid.mean()) * self.env.cfg.episode_steps
             scalars["offline/action_distance"] = action_distance(
                 self.alg.actor, self.ring
             )

@@ -79,10 +79,12 @@ def _of_dataset(path: Path, env: QuadrupedEnv, tell: Callable[[str], None]) -> C
         lengths[shortest] += len(rows["cut"])
         episodes, steps = episodes + 1, steps + entry.num_steps
     if not episodes:
-        why = f"none of its {len(reasons)} episodes fits: {reasons[0]}"
+        why = "it holds no episode"
+        if reasons:
+            why = f"none of its {len(reasons)} episodes fits: {reasons[0]}"
         raise GaitprefError(
-            f"--replay {path}: {why if reasons else 'it holds no episode'}; give a "
-            "data set that `gaitpref record` made with this robot"
+            f"--replay {path}: {why}; give a data set that `gaitpref record` made with "
+            "this robot"
         )
     left = f", {len(reasons)} left out: {reasons[0]}" if reasons else ""
     tell(f"{path}: {steps:,} steps of {episodes} episodes are replayed{left}")

@@ -10,6 +10,8 @@ from data.files.limits import POLICY_BYTES
 
 _OTHER_BYTES = 16
 """Of a step beside observation and feature row: marks, reward, version."""
+OFFLINE_CLONE_WEIGHT = 1.0
+"""`clone_weight` where nothing new is tried."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,9 +32,9 @@ class SacCfg:
     """Steps that are remembered; the oldest make room."""
     learn_from: int = 4_000
     """Steps in memory before the first update."""
-    updates_per_step: float = 4.0
-    """Updates for each control step of all environments together."""
-    batch: int = 512
+    updates_per_step: float = 0.1
+    """Updates for each environment step."""
+    batch: int = 256
     """Steps an update learns from."""
     actor_every: int = 2
     """Updates of the critics for each of the actor."""
@@ -48,7 +50,7 @@ class SacCfg:
     """Step size of the temperature."""
     first_alpha: float = 0.01
     """Temperature at the start, in the scaled reward's unit a nat."""
-    joint_entropy: float = -1.5
+    joint_entropy: float = -0.8
     """Entropy a joint is to keep, nats; an action's share of its bound is 1."""
     reward_scale: float = 10.0
     """What rewards of a step are multiplied by before a critic learns them."""
