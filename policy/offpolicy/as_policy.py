@@ -29,6 +29,9 @@ from .tanh_actor import TanhActor
 OWN_STATE = "offpolicy_state_dict"
 """In a policy file, what beside the actor's mean training goes on from."""
 
+LOOKING_ON = 500
+"""Updates of new critics before the actor they judge is changed."""
+
 
 def recipe_of(obs_dim: int, sizes: tuple[int, ...]) -> Recipe:
     """`bound * tanh(...)` of normalised observations."""
@@ -133,6 +136,7 @@ def begin_from(learner: Sac, init: Path, payload: Mapping[str, Any]) -> None:
             learner.log_alpha.copy_(own["log_alpha"])
         return
     _begin_from_ppo(learner.actor, init, payload.get("actor_state_dict", {}))
+    learner.looking_on = LOOKING_ON
 
 
 def _begin_from_ppo(actor: TanhActor, init: Path, given: Mapping[str, Any]) -> None:

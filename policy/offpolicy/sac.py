@@ -55,6 +55,8 @@ class Sac:
         )
         self.updates = 0
         """Done so far."""
+        self.looking_on = 0
+        """Updates in which the critics alone still learn."""
 
     def learn(self, ring: Ring, updates: int) -> dict[str, float]:
         """Do `updates` from `ring`; mean figures of them by name."""
@@ -94,7 +96,8 @@ class Sac:
                 own.lerp_(theirs, cfg.tau)
         self.updates += 1
         figures = {"critic": critic_loss.detach(), "value": values.detach().mean()}
-        if self.updates % cfg.actor_every == 0:
+        looks_on, self.looking_on = self.looking_on > 0, max(0, self.looking_on - 1)
+        if not looks_on and self.updates % cfg.actor_every == 0:
             figures |= self._update_actor(obs, batch)
         return figures
 
@@ -136,6 +139,7 @@ class Sac:
             "target_state_dict": self.target.state_dict(),
             "log_alpha": self.log_alpha.detach().clone(),
             "updates": self.updates,
+            "looking_on": self.looking_on,
             "optimizers": [step.state_dict() for step in self._steps],
         }
 
@@ -148,6 +152,7 @@ class Sac:
         with torch.no_grad():
             self.log_alpha.copy_(saved["log_alpha"])
         self.updates = int(saved["updates"])
+        self.looking_on = int(saved["looking_on"])
         for step, state in zip(self._steps, saved["optimizers"], strict=True):
             step.load_state_dict(state)
 
