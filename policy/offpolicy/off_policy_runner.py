@@ -5,8 +5,6 @@ Shapes: S control steps of an iteration, N environments, D numbers of an observa
 
 from __future__ import annotations
 
-import hashlib
-import json
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -22,24 +20,22 @@ from data.files.plain import to_plain
 from policy.env.randomise import make_env
 from policy.parallel.ranks import ALONE
 from policy.robots.robot import Robot
-from policy.training.identity import content_of
 from policy.training.mirror import mirror_of
 from policy.training.ppo import IterationStats
-from policy.training.reward_ppo import ScoreFn, figures_of
+from policy.training.reward_ppo import figures_of
 from policy.training.train import TrainCfg
 
 from .as_policy import begin_from, described, policy_states
 from .distance import action_distance
-from .remembered import chunk_of, contents_of
-from .ring import Chunk, Ring
+from .memory import Memory
+from .remembered import contents_of
+from .ring import Chunk
 from .sac import Sac
 from .sac_cfg import SacCfg
 from .tanh_actor import action_bound
 
 STD_FROM = 4096
 """Remembered steps over which the noise of a policy file is a mean."""
-_ALIKE = 1e-7
-"""Rewards of a step that differ by less are the same."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,11 +78,10 @@ class OffPolicyRunner:
         if cfg.ppo.mirror:
             self.alg.mirror = mirror_of(self.env.robot).to(self.env.sim.device)
         rows = self.sac.rows(self.env.num_envs, obs_dim)
-        self.ring = Ring(rows, self.env.num_envs, obs_dim, device=self.env.device)
+        self.memory = Memory(self.env, rows, obs_dim, engine.tell)
+        self.ring = self.memory.ring
         self.current_learning_iteration = 0
         self._due = 0.0
-        self._scored_by: list[str] = []
-        self._scorer: tuple[ScoreFn | None, int] | None = None
 
     @property
     def told(self) -> dict[str, Any]:
@@ -123,30 +118,23 @@ class OffPolicyRunner:
             env.episode_length_buf, high=env.max_episode_length
         )
         for path in self.engine.replay:
-            self._remember(path)
+            self.alg.actor.normalizer.update(self.memory.replay(path))
 
     def snapshot(self) -> dict[str, Any]:
         """Memory, environments and chance."""
-        state: dict[str, Any] = {
-            "ring": self.ring.snapshot(),
-            "scored_by": list(self._scored_by),
+        return {
+            **self.memory.snapshot(),
             "due": self._due,
             "env": self.env.snapshot(),
             "torch_rng": torch.get_rng_state(),
         }
-        if torch.device(self.device).type == "cuda":
-            state["device_rng"] = torch.cuda.get_rng_state()
-        return state
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Go on from what `snapshot` gave, among other things."""
-        self.ring.restore(snapshot["ring"])
-        self._scored_by = list(snapshot["scored_by"])
+        self.memory.restore(snapshot)
         self._due = float(snapshot["due"])
         self.env.restore(snapshot["env"])
         torch.set_rng_state(snapshot["torch_rng"])
-        if "device_rng" in snapshot:
-            torch.cuda.set_rng_state(snapshot["device_rng"])
 
     def learn(
         self,
@@ -161,9 +149,10 @@ class OffPolicyRunner:
         """
         while self.current_learning_iteration < num_learning_iterations:
             start_s = time.perf_counter()
-            scalars = self._relabelled()
+            count = self.memory.relabel(self.alg.reward_fn)
+            scalars = {"memory/relabelled": float(count)}
             if self.engine.offline:
-                self._require_told()
+                self.memory.require_told()
             else:
                 scalars |= self._collect()
             collected_s = time.perf_counter()
@@ -194,89 +183,30 @@ class OffPolicyRunner:
                 kept[name].append(extras[name])
         chunk = Chunk(**{name: torch.stack(each) for name, each in kept.items()})
         self.alg.actor.normalizer.update(chunk.obs.flatten(0, 1))
-        self.ring.add(chunk)
-        reward, version = self._reward()
-        self.ring.score(reward, version, newest=steps)
-        return self._figures(chunk) | {k: float(v) for k, v in extras["log"].items()}
+        paid = self.memory.add(chunk, self.alg.reward_fn)
+        scalars = self._figures(chunk)
+        scalars["train/return"] = float(paid.mean()) * env.cfg.episode_steps
+        return scalars | {k: float(v) for k, v in extras["log"].items()}
 
     def _figures(self, chunk: Chunk) -> dict[str, float]:
+        """Figures of a rollout by TensorBoard tag."""
         _, log = self.env.score(chunk.features)
         scalars = {name: float(value) for name, value in log.items()}
         minutes = chunk.starts.numel() * self.env.step_dt / 60.0
         falls = float(chunk.features[..., column("fallen")].sum())
         scalars["episode/falls_per_minute"] = falls / minutes
-        newest = self.ring.newest_reward(len(chunk.obs))
-        scalars["train/return"] = float(newest.mean()) * self.env.cfg.episode_steps
         return scalars | figures_of(self.alg.reward_fn)
 
     def _improve(self) -> dict[str, float]:
         """Learn from memory as much as the steps of an iteration are worth."""
-        if self.ring.steps < min(
-            self.sac.learn_from, self.ring.rows * self.ring.columns
-        ):
+        least = min(self.sac.learn_from, self.ring.rows * self.ring.columns)
+        if self.ring.steps < least and not self.engine.offline:
             return {}
         self._due += self.ppo.steps_per_iteration * self.sac.updates_per_step
         updates = int(self._due)
         self._due -= updates
         losses = self.alg.learn(self.ring, updates)
         return {f"loss/{name}": value for name, value in losses.items()}
-
-    def _relabelled(self) -> dict[str, float]:
-        """Score all of memory anew where the reward is another; how much that was."""
-        reward, version = self._reward()
-        if not self.ring.filled or not self.ring.stale(version):
-            return {}
-        count = self.ring.score(reward, version)
-        self.engine.tell(f"scored {count:,} remembered steps by the present reward")
-        return {"memory/relabelled": float(count)}
-
-    def _reward(self) -> tuple[ScoreFn, int]:
-        """What is paid, and the version that steps scored by it have."""
-        paid = self.alg.reward_fn
-        if self._scorer is None or self._scorer[0] is not paid:
-            told = content_of(paid) if paid is not None else to_plain(self.env.task)
-            name = hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
-            if name not in self._scored_by:
-                self._scored_by.append(name)
-            self._scorer = paid, self._scored_by.index(name)
-        return paid or self._task, self._scorer[1]
-
-    def _task(self, features: Tensor, starts: Tensor) -> Tensor:
-        """The environment's own reward [T, N]."""
-        return self.env.score(features)[0]
-
-    def _remember(self, path: Path) -> None:
-        """Put what is in `path` into memory, the end of it if there is no room.
-
-        Raises:
-            GaitprefError: it cannot be replayed here.
-        """
-        chunk = chunk_of(path, self.env, self.engine.tell)
-        ring, known = self.ring, ~chunk.cut
-        if len(chunk.cut) > ring.rows - ring.filled:
-            self.engine.tell(
-                f"{path} and what is in memory take "
-                f"{(ring.filled + len(chunk.cut)) * ring.columns:,} steps, of which "
-                f"the last {ring.rows * ring.columns:,} are kept: --memory keeps more"
-            )
-        self.alg.actor.normalizer.update(chunk.obs[known].to(self.env.device))
-        ring.add(chunk)
-
-    def _require_told(self) -> None:
-        """Refuse to learn offline from what the reward says nothing about.
-
-        Raises:
-            GaitprefError: it pays every step in memory alike.
-        """
-        paid = self.ring.reward[self.ring.usable()]
-        if len(paid) and float(paid.max() - paid.min()) > _ALIKE:
-            return
-        worth = f"{float(paid[0]):.3g} a step" if len(paid) else "nothing"
-        raise GaitprefError(
-            f"the reward pays all {len(paid):,} remembered steps alike ({worth}), so "
-            "they do not hold what it wants: replay episodes that differ in it, or "
-            "leave --offline out"
-        )
 
     def _stats(
         self,
@@ -323,6 +253,11 @@ def _require_possible(cfg: TrainCfg, engine: OffPolicy) -> None:
         raise GaitprefError(
             "an exploration bonus and a KL penalty are PPO's: leave --exploration and "
             "--kl-penalty out, or --algorithm fastsac"
+        )
+    if cfg.sim is not None and cfg.sim.device != "cpu":
+        raise GaitprefError(
+            "off-policy learning is on the processor: leave --device out, or "
+            "--algorithm fastsac"
         )
     if engine.offline and not engine.replay:
         raise GaitprefError(

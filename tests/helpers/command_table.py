@@ -104,10 +104,6 @@ TABLE = (
     Typed("sweep --out {out} --plan {plan}"),
     Typed("train --out {out} --reward task --steps 96 --envs 4 --init {policy}"),
     Typed("train --out {out} --reward {reward} --steps 96 --envs 4"),
-    Typed(
-        "train --out {out} --reward task --algorithm fastsac --steps 96 --envs 4 "
-        "--replay {dataset} --offline"
-    ),
     Typed("record --policy {policy} --dataset {out} --episodes 2 --episode-s 1"),
     Typed("pairs --dataset {dataset} --count 1", writes_set=True),
     Typed("answer --dataset {dataset} --criterion task", writes_set=True),

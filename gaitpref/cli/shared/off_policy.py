@@ -36,11 +36,6 @@ def off_policy_of(
             "--algorithm fastsac collects and learns in one process: leave --actors "
             "and torchrun out, or --algorithm fastsac"
         )
-    if command.device != "cpu" or command.sim == "warp":
-        raise GaitprefError(
-            "--algorithm fastsac learns on the processor: leave --device and --sim "
-            "out, or --algorithm fastsac"
-        )
     sac = SacCfg(memory=command.memory, updates_per_step=command.updates_per_step)
     if command.offline:
         sac = replace(sac, clone_weight=OFFLINE_CLONE_WEIGHT)
