@@ -102,7 +102,7 @@ class Train:
     """With --actors: updates since the weights of a rollout; older ones are dropped."""
     algorithm: Literal["ppo", "fastsac"] = "ppo"
     """What learns: PPO from the last steps, or soft actor-critic from all it remembers:
-    fewer steps, each of them dearer, and steps of others count (--replay)."""
+    each step counts many times and is dearer, and those of others count (--replay)."""
     replay: tuple[Path, ...] = ()
     """With --algorithm fastsac: data sets whose episodes memory begins with, or
     directories of earlier such trainings, all scored by the present reward."""
