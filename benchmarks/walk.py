@@ -48,6 +48,8 @@ class Options:
     """Environment steps between two policies that are looked at."""
     episodes: int = 64
     """Episodes of 10 s each of them is judged by."""
+    more: tuple[str, ...] = ()
+    """Further options of `gaitpref train`."""
     quick: bool = False
     """A small version that shows that everything runs; its figures mean nothing."""
     json: Path | None = None
@@ -77,7 +79,7 @@ def trained(options: Options, seed: int) -> Outcome:
     command += ["--steps", str(options.steps)]
     command += ["--checkpoints", str(options.steps // options.every - 1)]
     start_s = time.time()
-    run = gaitpref(*command)
+    run = gaitpref(*command, *options.more)
     outcome = _first_walk(options, out, start_s, run.wall_s)
     write_atomically(done, json.dumps(asdict(outcome)).encode())
     return outcome

@@ -2,6 +2,8 @@
 
 from .env.env_cfg import EnvCfg as EnvCfg
 from .env.known_terms import KnownTermsCfg as KnownTermsCfg
+from .offpolicy.off_policy_runner import OffPolicy as OffPolicy
+from .offpolicy.sac_cfg import SacCfg as SacCfg
 from .robots.robot import Robot as Robot
 from .robots.robot import load_robot as load_robot
 from .rollouts.evaluate import Evaluation as Evaluation
@@ -20,10 +22,12 @@ __all__ = [
     "EnvCfg",
     "Evaluation",
     "KnownTermsCfg",
+    "OffPolicy",
     "Policy",
     "PpoCfg",
     "RecordCfg",
     "Robot",
+    "SacCfg",
     "ScoreFn",
     "TrainCfg",
     "TrainResult",

@@ -45,11 +45,10 @@ class TrainingBar:
 
     def __call__(self, stats: IterationStats) -> None:
         """Show one iteration."""
-        error = stats.scalars["track/planar_error_m_s"]
-        figures = (
-            f"{stats.steps_per_s:,.0f} steps/s  return {stats.mean_return:.2f}  "
-            f"tracking error {error:.2f} m/s"
-        )
+        figures = f"{stats.steps_per_s:,.0f} steps/s  return {stats.mean_return:.2f}"
+        # Who takes no step tracks nothing.
+        if (error := stats.scalars.get("track/planar_error_m_s")) is not None:
+            figures += f"  tracking error {error:.2f} m/s"
         if self._progress is not None:
             self._progress.update(self._task, completed=stats.steps, figures=figures)
             return

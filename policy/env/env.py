@@ -245,6 +245,14 @@ class QuadrupedEnv(VecEnv):
         targets = self._rest_joint_pos + self.action_scale_rad * action
         return targets.clamp(self._target_low, self._target_high)
 
+    def reach(self) -> Tensor:
+        """[12] the action that asks for the farther end of each joint's range; infinite
+        where there is none."""
+        low, high = self._target_low, self._target_high
+        rest = self._rest_joint_pos
+        farther = torch.maximum((low - rest).abs(), (high - rest).abs())
+        return farther / self.action_scale_rad
+
     def snapshot(self) -> dict[str, Tensor]:
         """All state as plain tensors, so that a killed run goes on bit for bit."""
         state = {

@@ -15,7 +15,6 @@ from rsl_rl.utils import resolve_class
 from tensordict import TensorDict
 from torch import Tensor, nn
 
-from data.errors import GaitprefError
 from data.files.files import read_file, sha256_bytes, write_atomically
 from data.files.limits import POLICY_BYTES
 from data.files.plain import ADDED_LATER, from_plain, to_plain
@@ -29,14 +28,11 @@ from policy.options.gaits_model import GaitsModel
 from policy.robots.robot import Robot, load_robot_xml
 
 from .others import writer_of_bytes, writer_of_payload, writer_without_description
-from .ppo import PpoCfg, RewardPpo, to_rsl_rl
+from .policy_error import PolicyError as PolicyError
+from .ppo import PpoCfg, to_rsl_rl
 from .written import as_written
 
 FORMAT_VERSION = 1
-
-
-class PolicyError(GaitprefError):
-    """A policy file cannot be used."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,13 +113,9 @@ class Policy:
         )
 
 
-def policy_bytes(alg: RewardPpo, info: PolicyInfo) -> bytes:
-    """The contents of a policy file; equal states give equal bytes."""
-    return payload_bytes(alg.save(), info)
-
-
 def payload_bytes(states: dict[str, Any], info: PolicyInfo) -> bytes:
-    """The contents of a policy file with these state dictionaries."""
+    """The contents of a policy file with these state dictionaries; equal states give
+    equal bytes."""
     told = to_plain(info)
     told["ppo"] = as_written(told["ppo"])
     infos = {"gaitpref": json.dumps(told)}
@@ -157,9 +149,9 @@ def without_optimizer(path: Path) -> bytes:
     return saved_bytes({**payload, "optimizer_state_dict": {}})
 
 
-def save_policy(path: Path, alg: RewardPpo, info: PolicyInfo) -> None:
-    """Write a policy file, all or nothing."""
-    write_atomically(path, policy_bytes(alg, info))
+def save_policy(path: Path, states: dict[str, Any], info: PolicyInfo) -> None:
+    """Write a policy file with these state dictionaries, all or nothing."""
+    write_atomically(path, payload_bytes(states, info))
 
 
 def read_plain(path: Path) -> dict[str, Any]:

@@ -6,12 +6,15 @@ import contextlib
 import io
 import time
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, ClassVar
 
 import torch
 from rsl_rl.runners import OnPolicyRunner
 from tensordict import TensorDict
+from torch import Tensor
 
 from data.features import column
 from data.files.plain import ADDED_LATER, KIND_NONE, NONE_AS_BEFORE
@@ -30,6 +33,7 @@ from .reward_ppo import RewardPpo as RewardPpo
 from .reward_ppo import ScoreFn as ScoreFn
 from .reward_ppo import figures_of as figures_of
 from .reward_ppo import history_of as history_of
+from .take_over import take_over
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,6 +200,30 @@ class Runner(OnPolicyRunner):
         """What beside its settings makes a training what it is."""
         return {"ranks": self.ranks.size} if self.ranks.size > 1 else {}
 
+    @property
+    def std(self) -> Tensor:
+        """Exploration noise [12], which may be changed in place."""
+        return self.alg.get_policy().distribution.std_param.data  # type: ignore[union-attr]
+
+    def networks(self) -> dict[str, dict[str, Any]]:
+        """Weights of actor and critic."""
+        return {
+            "actor": self.alg.actor.state_dict(),
+            "critic": self.alg.critic.state_dict(),
+        }
+
+    def policy_states(self) -> dict[str, Any]:
+        """State dictionaries of a policy file."""
+        return self.alg.save()
+
+    def start_from(self, init: Path, payload: dict[str, Any]) -> None:
+        """Take over the networks of a policy file, and hold it as the reference."""
+        take_over(self.alg, init, payload, sizes=self.ppo.hidden_sizes)
+        with torch.random.fork_rng(devices=_devices(self.device)):
+            reference = Runner(self.env, self.ppo).alg.get_policy()
+        reference.load_state_dict(deepcopy(self.alg.get_policy().state_dict()))
+        self.alg.reference = reference.eval()
+
     def begin(self) -> None:
         """Prepare the first iteration of a training."""
         env = self.env
@@ -298,3 +326,8 @@ class Runner(OnPolicyRunner):
             mean_return=found["train/return"],
             scalars=found,
         )
+
+
+def _devices(device: str) -> list[int]:
+    """GPUs whose chance is at stake beside the processor's."""
+    return [] if device == "cpu" else [torch.cuda.current_device()]

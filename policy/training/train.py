@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torch import Tensor
 from torch.utils.tensorboard.writer import SummaryWriter
 
 from data.files.files import sha256_file, write_atomically
 from data.files.plain import ADDED_LATER, NONE_AS_BEFORE, to_plain
-from data.files.weights import misfits, not_finite
+from data.files.weights import not_finite
 from policy.env.env_cfg import EnvCfg
 from policy.env.randomise import make_env
 from policy.env.seeding import spawned
@@ -36,6 +35,7 @@ from .checkpoint import (
 )
 from .identity import content_of, differences
 from .interrupts import interrupts
+from .learning import Learning
 from .on_device import on_device
 from .ppo import IterationStats, PpoCfg, Runner, ScoreFn
 from .written import as_written
@@ -44,8 +44,6 @@ RESUME_NAME = "resume.pt"
 POLICY_NAME = "policy.pt"
 CHECKPOINTS_NAME = "checkpoints"
 SUMMARY_NAME = "summary.json"
-LOOKING_ON = 10
-"""Updates of a new critic before the policy it judges is changed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,8 +108,8 @@ class TrainResult:
     """The last iteration; None where there was nothing to do."""
 
 
-Engine = Callable[[Robot, TrainCfg, int], Runner]
-"""Makes a runner of a training, whose environments have their chance from a seed."""
+Engine = Callable[[Robot, TrainCfg, int], Learning]
+"""Makes what collects and learns, whose environments have their chance from a seed."""
 
 
 def train(
@@ -213,7 +211,7 @@ class _Session:
     """One process's work on a training directory."""
 
     def __init__(
-        self, out: Path, robot: Robot, cfg: TrainCfg, runner: Runner, reward_name: str
+        self, out: Path, robot: Robot, cfg: TrainCfg, runner: Learning, reward_name: str
     ) -> None:
         self.out, self.robot, self.cfg, self.runner = out, robot, cfg, runner
         self.ranks = runner.ranks
@@ -225,57 +223,19 @@ class _Session:
         """What must be equal for a run to be the same run."""
 
     def start_from(self, init: Path) -> None:
-        """Take over the networks of a policy file, and hold it as the reference."""
+        """Take over the networks of a policy file."""
         payload = read_plain(init)
         info = policy_info(init, payload)
-        alg = self.runner.alg
-        self._require_same_critic(init, payload)
-        parts: dict[str, Any] = {"actor": alg.actor, "critic": alg.critic}
-        if "critic_state_dict" not in payload and info.origin is not None:
-            # Others' critics were shown other rewards: a new one looks on first.
-            del parts["critic"]
-            alg.looking_on = LOOKING_ON
-        for part, network in parts.items():
-            found = payload.get(f"{part}_state_dict", {})
-            if differences := misfits(found, network.state_dict()):
-                raise PolicyError(
-                    f"{init} cannot be trained further with networks of "
-                    f"{self.cfg.ppo.hidden_sizes}, its {part} does not fit: "
-                    f"{differences}"
-                )
-        alg.load(payload, dict.fromkeys(parts, True), strict=True)
+        self.runner.start_from(init, payload)
         self.origin = info.origin
         self.steps_before = info.steps
         self.identity["init"] = sha256_file(init)
-        self._hold_reference()
-
-    def _require_same_critic(self, init: Path, payload: dict[str, Any]) -> None:
-        """Say what differs where the critic of `init` was shown something else."""
-        mean = "obs_normalizer._mean"
-        theirs = payload.get("critic_state_dict", {}).get(mean)
-        ours = self.runner.alg.critic.state_dict().get(mean)
-        if theirs is None or ours is None or theirs.shape == ours.shape:
-            return
-        raise PolicyError(
-            f"the critic of {init} was shown {theirs.shape[-1]} numbers and would be "
-            f"shown {ours.shape[-1]}: with --randomize it sees what was drawn at "
-            "random. Train on with the --randomize it was trained with, off or not off"
-        )
-
-    def _hold_reference(self) -> None:
-        """Freeze a copy of the current actor to measure the drift from."""
-        buffer = io.BytesIO()
-        torch.save(self.runner.alg.get_policy().state_dict(), buffer)
-        buffer.seek(0)
-        with _own_chance(self.runner.device):
-            reference = Runner(self.runner.env, self.cfg.ppo).alg.get_policy()
-        reference.load_state_dict(torch.load(buffer, weights_only=True))
-        self.runner.alg.reference = reference.eval()
 
     def start_fresh(self) -> None:
         """Prepare the first iteration."""
-        if self.cfg.exploration_std is not None:
-            self._std.fill_(self.cfg.exploration_std)
+        std = self.runner.std
+        if self.cfg.exploration_std is not None and std is not None:
+            std.fill_(self.cfg.exploration_std)
         self.runner.begin()
 
     @property
@@ -283,11 +243,6 @@ class _Session:
         """Environment steps so far."""
         done = self.runner.current_learning_iteration
         return done * self.cfg.ppo.steps_per_iteration
-
-    @property
-    def _std(self) -> Tensor:
-        policy = self.runner.alg.get_policy()
-        return policy.distribution.std_param.data  # type: ignore[union-attr]
 
     def resume(self) -> bool:
         """Go on from the state in the directory; False where there is none."""
@@ -335,9 +290,9 @@ class _Session:
             nonlocal last, writer
             self._require_sound()
             last = stats
-            limit = cfg.std_limit(stats.iteration)
-            if limit is not None:
-                self._std.clamp_(max=limit)
+            limit, std = cfg.std_limit(stats.iteration), self.runner.std
+            if limit is not None and std is not None:
+                std.clamp_(max=limit)
             stopping = ranks.any(bool(interrupted))
             if ranks.is_first:
                 # Not before: what cannot begin leaves nothing.
@@ -403,11 +358,9 @@ class _Session:
         Raises:
             PolicyError: a weight is no finite number, or the noise is not positive.
         """
-        alg = self.runner.alg
-        networks = {"actor": alg.actor.state_dict(), "critic": alg.critic.state_dict()}
-        ruined = not_finite(networks)
-        if not ruined and (self._std <= 0).any():
-            ruined = f"exploration noise of {float(self._std.min()):.3g}"
+        ruined, std = not_finite(self.runner.networks()), self.runner.std
+        if not ruined and std is not None and (std <= 0).any():
+            ruined = f"exploration noise of {float(std.min()):.3g}"
         if ruined:
             raise PolicyError(
                 f"the training in {self.out} diverged at step {self._steps:,} "
@@ -440,12 +393,12 @@ class _Session:
             reward=self.reward_name,
             seed=self.cfg.seed,
             env=self.cfg.env,
-            ppo=self.cfg.ppo,
+            ppo=self.runner.ppo,
             robot_name=self.robot.name,
             robot_mjcf=self.robot.mjcf,
             origin=self.origin,
         )
-        save_policy(path, self.runner.alg, info)
+        save_policy(path, self.runner.policy_states(), info)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""`gaitpref train`: PPO on a hand-written, a criterion's or a learned reward."""
+"""`gaitpref train`: a policy on a hand-written, a criterion's or a learned reward."""
 
 from __future__ import annotations
 
@@ -20,6 +20,11 @@ from gaitpref.cli.shared.by_hand import (
     told_without_method,
 )
 from gaitpref.cli.shared.launched import ranks_of_launch
+from gaitpref.cli.shared.off_policy import (
+    off_policy_cfg,
+    off_policy_of,
+    told_of_distance,
+)
 from gaitpref.cli.shared.simulator import sim_of
 from gaitpref.console.extras import require
 from gaitpref.console.progress import console, training_bar
@@ -84,6 +89,9 @@ def _train(command: options.Train, ranks: Ranks) -> int:
         paid = stage.method.paid.of(retraining.model, stage.context)
         reward_fn = retraining.reward(paid, cfg)
         cfg = retraining.trained(cfg)
+    engine = off_policy_of(command, ranks, console.print)
+    if engine is not None:
+        cfg, engine = off_policy_cfg(cfg, engine)
     with training_bar("training", command.steps) as bar:
         result = train(
             command.out,
@@ -95,7 +103,7 @@ def _train(command: options.Train, ranks: Ranks) -> int:
             resume=command.resume,
             on_iteration=bar,
             ranks=ranks,
-            engine=_engine(command, ranks),
+            engine=engine or _engine(command, ranks),
         )
     if not result.finished:
         if ranks.is_first:
@@ -106,6 +114,8 @@ def _train(command: options.Train, ranks: Ranks) -> int:
             )
         return EXIT_INTERRUPTED
     console.print(f"the policy is {result.policy}")
+    if told := told_of_distance(result.stats):
+        console.print(told)
     if ranks.is_first and command.reward == "task" and not command.getup:
         _tell_standing(result.policy)
     if ranks.is_first:

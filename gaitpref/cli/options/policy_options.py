@@ -13,7 +13,7 @@ from .bounds import AtLeast, Count, CountOrZero, Seed
 
 @dataclass(frozen=True, kw_only=True)
 class Train:
-    """Train a policy with PPO; writes policy.pt, checkpoints and TensorBoard files.
+    """Train a policy; writes policy.pt, checkpoints and TensorBoard files.
 
     Several processes do it together with `torchrun --nproc-per-node 4 -m gaitpref train
     ...`: each simulates a share of the environments with chance of its own, gradients
@@ -100,6 +100,20 @@ class Train:
     gradients, each taken as it comes (A3C)."""
     most_lag: CountOrZero = 2
     """With --actors: updates since the weights of a rollout; older ones are dropped."""
+    algorithm: Literal["ppo", "fastsac"] = "ppo"
+    """What learns: PPO from the last steps, or soft actor-critic from all it remembers:
+    each step counts many times and is dearer, and those of others count (--replay)."""
+    replay: tuple[Path, ...] = ()
+    """With --algorithm fastsac: data sets whose episodes memory begins with, or
+    directories of earlier such trainings, all scored by the present reward."""
+    offline: bool = False
+    """With --replay: take no new step, and stay near what was done. --steps then says
+    how long is learned, as long as that many steps would be."""
+    memory: Count = 200_000
+    """With --algorithm fastsac: steps that are remembered, 570 bytes each, in
+    resume.pt too."""
+    updates_per_step: float = 0.1
+    """With --algorithm fastsac: updates for each environment step."""
     robot: Path | None = None
     """MJCF of the robot; the Go1 that ships by default."""
     seed: Seed = 0

@@ -1,0 +1,1 @@
+"""Learning from a memory of steps: an actor, twin critics, and what is replayed."""

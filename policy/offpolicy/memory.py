@@ -1,0 +1,126 @@
+"""What a training remembers, and that all of it is worth what is paid now.
+
+Shapes: T steps, N environments.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from torch import Tensor
+
+from data.errors import GaitprefError
+from data.files.plain import to_plain
+from policy.env.env import QuadrupedEnv
+from policy.training.identity import content_of
+from policy.training.reward_ppo import ScoreFn
+
+from .remembered import chunk_of
+from .ring import Chunk, Ring
+
+_ALIKE = 1e-7
+"""Rewards of a step that differ by less are the same."""
+
+
+class Memory:
+    """A ring whose steps are scored by the reward of the moment."""
+
+    def __init__(
+        self, env: QuadrupedEnv, rows: int, obs_dim: int, tell: Callable[[str], None]
+    ) -> None:
+        """Make an empty one.
+
+        Args:
+            env: Whose columns are remembered, and whose own reward is paid by default.
+            rows: Steps of each column.
+            obs_dim: Numbers of an observation.
+            tell: Gets a line about what was read, and what was scored again.
+        """
+        self.ring = Ring(rows, env.num_envs, obs_dim, device=env.device)
+        self._env, self._tell = env, tell
+        self._versions: list[str] = []
+        self._last: tuple[ScoreFn | None, int] | None = None
+
+    def replay(self, path: Path) -> Tensor:
+        """Remember what is in `path`, the end of it if there is no room; gives the
+        observations [B, D] of it.
+
+        Raises:
+            GaitprefError: it cannot be replayed here.
+        """
+        chunk, ring = chunk_of(path, self._env, self._tell), self.ring
+        if len(chunk.cut) > ring.rows - ring.filled:
+            self._tell(
+                f"{path} and what is in memory take "
+                f"{(ring.filled + len(chunk.cut)) * ring.columns:,} steps, of which "
+                f"the last {ring.rows * ring.columns:,} are kept: --memory keeps more"
+            )
+        ring.add(chunk)
+        return chunk.obs[~chunk.cut].to(self._env.device)
+
+    def add(self, chunk: Chunk, paid: ScoreFn | None) -> Tensor:
+        """Remember `chunk` as what `paid` says it is worth; gives its rewards [T, N].
+
+        None is the environment's own reward.
+        """
+        self.ring.add(chunk)
+        steps = len(chunk.cut)
+        self.ring.score(self._score(paid), self._version(paid), newest=steps)
+        return self.ring.newest_reward(steps)
+
+    def relabel(self, paid: ScoreFn | None) -> int:
+        """Score all of memory anew if any of it was scored by another reward than
+        `paid`; gives how many steps that were."""
+        version = self._version(paid)
+        if not self.ring.filled or not self.ring.stale(version):
+            return 0
+        count = self.ring.score(self._score(paid), version)
+        self._tell(f"scored {count:,} remembered steps by the present reward")
+        return count
+
+    def require_told(self) -> None:
+        """Refuse to learn from this alone if the reward says nothing about it.
+
+        Raises:
+            GaitprefError: it pays every step alike.
+        """
+        paid = self.ring.reward[self.ring.usable()]
+        if len(paid) and float(paid.max() - paid.min()) > _ALIKE:
+            return
+        worth = f"{float(paid[0]):.3g} a step" if len(paid) else "nothing"
+        raise GaitprefError(
+            f"the reward pays all {len(paid):,} remembered steps alike ({worth}), so "
+            "they do not hold what it wants: replay episodes that differ in it, or "
+            "leave --offline out"
+        )
+
+    def snapshot(self) -> dict[str, Any]:
+        """Steps, and the rewards that scored them, as plain values."""
+        return {"ring": self.ring.snapshot(), "versions": list(self._versions)}
+
+    def restore(self, snapshot: Mapping[str, Any]) -> None:
+        """Go on from what `snapshot` gave, among other things."""
+        self.ring.restore(snapshot["ring"])
+        self._versions = list(snapshot["versions"])
+
+    def _score(self, paid: ScoreFn | None) -> ScoreFn:
+        return paid or self._own
+
+    def _own(self, features: Tensor, starts: Tensor) -> Tensor:
+        """The environment's own reward [T, N]."""
+        return self._env.score(features)[0]
+
+    def _version(self, paid: ScoreFn | None) -> int:
+        """The number of `paid` among the rewards so far, by what it is."""
+        if self._last is None or self._last[0] is not paid:
+            own = to_plain(self._env.task)
+            told = json.dumps(own if paid is None else content_of(paid), sort_keys=True)
+            name = hashlib.sha256(told.encode()).hexdigest()
+            if name not in self._versions:
+                self._versions.append(name)
+            self._last = paid, self._versions.index(name)
+        return self._last[1]

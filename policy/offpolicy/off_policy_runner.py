@@ -1,0 +1,266 @@
+"""Training off-policy, behind the one `train` of `policy.training`.
+
+Shapes: S control steps of an iteration, N environments, D numbers of an observation.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from data.errors import GaitprefError
+from data.features import column
+from data.files.plain import to_plain
+from policy.env.randomise import make_env
+from policy.parallel.ranks import ALONE
+from policy.robots.robot import Robot
+from policy.training.mirror import mirror_of
+from policy.training.ppo import IterationStats
+from policy.training.reward_ppo import figures_of
+from policy.training.train import TrainCfg
+
+from .as_policy import begin_from, described, policy_states
+from .distance import action_distance
+from .memory import Memory
+from .remembered import contents_of
+from .ring import Chunk
+from .sac import Sac
+from .sac_cfg import SacCfg
+from .tanh_actor import action_bound
+
+STD_FROM = 4096
+"""Remembered steps over which the noise of a policy file is a mean."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class OffPolicy:
+    """An engine of `train`: learns from a memory instead of the last rollout."""
+
+    cfg: SacCfg = field(default_factory=SacCfg)
+    """How it learns."""
+    replay: tuple[Path, ...] = ()
+    """Data sets, or directories of off-policy trainings, that memory begins with."""
+    offline: bool = False
+    """Take no new step: learn from what is in memory alone."""
+    tell: Callable[[str], None] = lambda line: None
+    """Gets a line about what was read, and what was scored again."""
+
+    def __call__(self, robot: Robot, cfg: TrainCfg, seed: int) -> OffPolicyRunner:
+        """The runner of a training.
+
+        Raises:
+            GaitprefError: settings that only PPO has, or that do not go together.
+        """
+        _require_possible(cfg, self)
+        return OffPolicyRunner(robot, cfg, self, seed=seed)
+
+
+class OffPolicyRunner:
+    """Collects a few steps of all environments, remembers them, learns from memory."""
+
+    def __init__(
+        self, robot: Robot, cfg: TrainCfg, engine: OffPolicy, *, seed: int
+    ) -> None:
+        self.ranks = ALONE
+        self.env = make_env(robot, cfg.env, cfg.ppo.num_envs, seed=seed, sim=cfg.sim)
+        self.device = str(self.env.device)
+        self.sac, self.engine = engine.cfg, engine
+        obs_dim = self.env.get_observations()["policy"].shape[-1]
+        self.ppo = described(cfg.ppo, obs_dim, self.sac.actor_sizes)
+        bound = action_bound(self.env, self.sac.most_action)
+        self.alg = Sac(self.sac, obs_dim, bound)
+        if cfg.ppo.mirror:
+            self.alg.mirror = mirror_of(self.env.robot).to(self.env.sim.device)
+        rows = self.sac.rows(self.env.num_envs, obs_dim)
+        self.memory = Memory(self.env, rows, obs_dim, engine.tell)
+        self.ring = self.memory.ring
+        self.current_learning_iteration = 0
+        self._due = 0.0
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """What beside its settings makes a training what it is."""
+        return {
+            "algorithm": {"sac": to_plain(self.sac, whole=True)},
+            "replay": [contents_of(path) for path in self.engine.replay],
+            "offline": self.engine.offline,
+        }
+
+    @property
+    def std(self) -> None:
+        """Nobody sets its noise: the temperature finds it."""
+        return None
+
+    def networks(self) -> dict[str, dict[str, Tensor]]:
+        """Weights that must stay finite."""
+        return self.alg.networks()
+
+    def policy_states(self) -> dict[str, Any]:
+        """State dictionaries of a policy file."""
+        newest = self.ring.newest_obs(STD_FROM)
+        obs = newest if len(newest) else self.env.get_observations()["policy"]
+        return policy_states(self.alg, self.ppo, self.alg.actor.action_std(obs))
+
+    def start_from(self, init: Path, payload: dict[str, Any]) -> None:
+        """Take over the networks of the policy file `init`."""
+        begin_from(self.alg, init, payload)
+
+    def begin(self) -> None:
+        """Fill memory with what is to be replayed, and spread the time-outs."""
+        env = self.env
+        env.episode_length_buf = torch.randint_like(
+            env.episode_length_buf, high=env.max_episode_length
+        )
+        for path in self.engine.replay:
+            self.alg.actor.normalizer.update(self.memory.replay(path))
+
+    def snapshot(self) -> dict[str, Any]:
+        """Memory, environments and chance."""
+        return {
+            **self.memory.snapshot(),
+            "due": self._due,
+            "env": self.env.snapshot(),
+            "torch_rng": torch.get_rng_state(),
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from what `snapshot` gave, among other things."""
+        self.memory.restore(snapshot)
+        self._due = float(snapshot["due"])
+        self.env.restore(snapshot["env"])
+        torch.set_rng_state(snapshot["torch_rng"])
+
+    def learn(
+        self,
+        num_learning_iterations: int,
+        on_iteration: Callable[[IterationStats], bool],
+    ) -> None:
+        """Run iterations until `num_learning_iterations` are done since the beginning.
+
+        Args:
+            num_learning_iterations: Total, those before a resume included.
+            on_iteration: Called after each; answers whether to go on.
+        """
+        while self.current_learning_iteration < num_learning_iterations:
+            start_s = time.perf_counter()
+            count = self.memory.relabel(self.alg.reward_fn)
+            scalars = {"memory/relabelled": float(count)}
+            if self.engine.offline:
+                self.memory.require_told()
+            else:
+                scalars |= self._collect()
+            collected_s = time.perf_counter()
+            scalars |= self._improve()
+            self.current_learning_iteration += 1
+            stop_s = time.perf_counter()
+            stats = self._stats(scalars, start_s, collected_s, stop_s)
+            if not on_iteration(stats):
+                return
+
+    @torch.no_grad()
+    def _collect(self) -> dict[str, float]:
+        """Act, remember and score; figures of the rollout."""
+        env, steps = self.env, self.ppo.steps_per_env
+        obs = env.get_observations()["policy"]
+        kept: dict[str, list[Tensor]] = {
+            name: [] for name in ("obs", "features", "starts", "fallen", "cut")
+        }
+        extras: dict[str, Any] = {}
+        for _ in range(steps):
+            actions, _ = self.alg.actor.sample(obs)
+            kept["obs"].append(obs.clone())
+            after, _, _, extras = env.step(actions, score=False)
+            obs = after["policy"]
+            # A diverged simulation tells nothing of what its action led to.
+            kept["cut"].append(extras["time_outs"])
+            for name in ("features", "starts", "fallen"):
+                kept[name].append(extras[name])
+        chunk = Chunk(**{name: torch.stack(each) for name, each in kept.items()})
+        self.alg.actor.normalizer.update(chunk.obs.flatten(0, 1))
+        paid = self.memory.add(chunk, self.alg.reward_fn)
+        scalars = self._figures(chunk)
+        scalars["train/return"] = float(paid.mean()) * env.cfg.episode_steps
+        return scalars | {k: float(v) for k, v in extras["log"].items()}
+
+    def _figures(self, chunk: Chunk) -> dict[str, float]:
+        """Figures of a rollout by TensorBoard tag."""
+        _, log = self.env.score(chunk.features)
+        scalars = {name: float(value) for name, value in log.items()}
+        minutes = chunk.starts.numel() * self.env.step_dt / 60.0
+        falls = float(chunk.features[..., column("fallen")].sum())
+        scalars["episode/falls_per_minute"] = falls / minutes
+        return scalars | figures_of(self.alg.reward_fn)
+
+    def _improve(self) -> dict[str, float]:
+        """Learn from memory as much as the steps of an iteration are worth."""
+        least = min(self.sac.learn_from, self.ring.rows * self.ring.columns)
+        if self.ring.steps < least and not self.engine.offline:
+            return {}
+        self._due += self.ppo.steps_per_iteration * self.sac.updates_per_step
+        updates = int(self._due)
+        self._due -= updates
+        losses = self.alg.learn(self.ring, updates)
+        return {f"loss/{name}": value for name, value in losses.items()}
+
+    def _stats(
+        self,
+        scalars: dict[str, float],
+        start_s: float,
+        collected_s: float,
+        stop_s: float,
+    ) -> IterationStats:
+        iteration = self.current_learning_iteration
+        steps_per_s = self.ppo.steps_per_iteration / (stop_s - start_s)
+        newest = self.ring.newest_obs(STD_FROM)
+        if self.engine.offline:
+            paid = self.ring.reward[self.ring.usable()]
+            scalars["train/return"] = float(paid.mean()) * self.env.cfg.episode_steps
+            scalars["offline/action_distance"] = action_distance(
+                self.alg.actor, self.ring
+            )
+        found = {
+            **scalars,
+            "policy/std": float(self.alg.actor.action_std(newest).mean()),
+            "memory/steps": float(self.ring.steps),
+            "memory/megabytes": self.ring.megabytes,
+            "perf/steps_per_s": steps_per_s,
+            "perf/collect_s": collected_s - start_s,
+            "perf/learn_s": stop_s - collected_s,
+        }
+        return IterationStats(
+            iteration=iteration,
+            steps=iteration * self.ppo.steps_per_iteration,
+            steps_per_s=steps_per_s,
+            mean_return=found.get("train/return", 0.0),
+            scalars=found,
+        )
+
+
+def _require_possible(cfg: TrainCfg, engine: OffPolicy) -> None:
+    """Refuse settings of PPO's that would have no effect.
+
+    Raises:
+        GaitprefError: there is such a setting.
+    """
+    ppo = cfg.ppo
+    if ppo.bonus is not None or ppo.kl_penalty is not None:
+        raise GaitprefError(
+            "an exploration bonus and a KL penalty are PPO's: leave --exploration and "
+            "--kl-penalty out, or --algorithm fastsac"
+        )
+    if cfg.sim is not None and cfg.sim.device != "cpu":
+        raise GaitprefError(
+            "off-policy learning is on the processor: leave --device out, or "
+            "--algorithm fastsac"
+        )
+    if engine.offline and not engine.replay:
+        raise GaitprefError(
+            "--offline takes no new step, so it needs what to learn from: give "
+            "--replay DATASET too"
+        )

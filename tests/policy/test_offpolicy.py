@@ -1,0 +1,343 @@
+"""Learning off-policy: what is remembered, what it is worth, and what comes of it."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor
+
+from data.datasets.dataset import Dataset
+from data.errors import GaitprefError
+from data.features import FEATURE_DIM, column
+from policy.env.env import QuadrupedEnv
+from policy.env.env_cfg import CommandCfg, EnvCfg
+from policy.offpolicy import ring as ring_module
+from policy.offpolicy.off_policy_runner import OffPolicy
+from policy.offpolicy.ring import Chunk, Ring
+from policy.offpolicy.sac_cfg import SacCfg
+from policy.robots.robot import Robot, load_robot
+from policy.rollouts.record import RecordCfg, record
+from policy.training.checkpoint import load_policy, read_plain
+from policy.training.ppo import IterationStats, PpoCfg
+from policy.training.setup import setting_of
+from policy.training.train import TrainCfg, TrainResult, train
+
+ENV = EnvCfg(episode_s=0.4, commands=CommandCfg(resample_s=math.inf))
+PPO = PpoCfg(num_envs=4, steps_per_env=24, hidden_sizes=(16,))
+SAC = SacCfg(
+    actor_sizes=(16,),
+    critic_sizes=(16,),
+    memory=400,
+    learn_from=90,
+    batch=32,
+)
+HEIGHT = column("base_height")
+ACTION = column("action")
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot(physics_dt_s=ENV.physics_dt_s)
+
+
+def _trained(
+    out: Path, robot: Robot, iterations: int, engine: OffPolicy, **more: object
+) -> TrainResult:
+    cfg = TrainCfg(steps=iterations * PPO.steps_per_iteration, env=ENV, ppo=PPO)
+    return train(out, robot, cfg, engine=engine, **more)  # type: ignore[arg-type]
+
+
+def _chunk(first: int, rows: int, **marks: list[tuple[int, int]]) -> Chunk:
+    """Rows of two columns whose height and observation are the time, from `first`."""
+    time = torch.arange(first, first + rows, dtype=torch.float32)
+    features = torch.zeros(rows, 2, FEATURE_DIM)
+    features[..., HEIGHT] = time[:, None, None]
+    found = {}
+    for name in ("starts", "fallen", "cut"):
+        found[name] = torch.zeros(rows, 2, dtype=torch.bool)
+        for place in marks.get(name, []):
+            found[name][place] = True
+    obs = time[:, None, None].expand(-1, 2, 1).clone()
+    return Chunk(obs=obs, features=features, **found)
+
+
+def _height(features: Tensor, starts: Tensor) -> Tensor:
+    return features[..., HEIGHT][..., 0]
+
+
+def _minus_height(features: Tensor, starts: Tensor) -> Tensor:
+    return -_height(features, starts)
+
+
+@dataclass(frozen=True)
+class OfThree:
+    """The sum of the heights of the last three steps of the episode."""
+
+    history_steps: int = 2
+
+    def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
+        height, total = _height(features, starts), []
+        for step in range(len(height)):
+            sums = torch.zeros(height.shape[1])
+            for env in range(height.shape[1]):
+                for back in range(3):
+                    if step - back < 0:
+                        break
+                    sums[env] += height[step - back, env]
+                    if starts[step - back, env]:
+                        break
+            total.append(sums)
+        return torch.stack(total)
+
+
+def test_a_new_reward_is_that_of_all_steps_of_a_full_ring() -> None:
+    """Also of those behind the place that is written next: two rows of eight are
+    before it here."""
+    ring = Ring(8, 2, 1, device="cpu")
+    for first in (0, 5):
+        ring.add(_chunk(first, 5))
+    assert (ring.head, ring.filled) == (2, 8)
+    assert ring.score(_height, 0) == 16
+    assert not ring.stale(0)
+    assert ring.stale(1)
+    assert ring.score(_minus_height, 1) == 16
+    assert not ring.stale(1)
+    assert ring.reward[:, 0].tolist() == [-8, -9, -2, -3, -4, -5, -6, -7]
+
+
+def test_only_what_is_new_is_scored_on_the_way() -> None:
+    ring = Ring(8, 2, 1, device="cpu")
+    ring.add(_chunk(0, 6))
+    ring.score(_height, 0)
+    ring.add(_chunk(6, 1))
+    assert ring.stale(0)
+    assert ring.score(_height, 0, newest=1) == 2
+    assert not ring.stale(0)
+
+
+@pytest.mark.parametrize("at_once", [2, 6, 100])
+def test_a_reward_that_looks_back_sees_the_order_of_time(
+    at_once: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In parts of any size and over the end of the ring. Of 2 to 9, an episode begins
+    with 6: 2, 2+3, 2+3+4, ... and 6, 6+7, 6+7+8, ..."""
+    monkeypatch.setattr(ring_module, "SCORED_AT_ONCE", at_once)
+    ring = Ring(8, 2, 1, device="cpu")
+    ring.add(_chunk(0, 5))
+    ring.add(_chunk(5, 5, starts=[(1, 0), (1, 1)]))
+    ring.score(OfThree(), 0)
+    in_time = ring.reward[(torch.arange(8) + 2) % 8, 0]
+    assert in_time.tolist() == [2, 5, 9, 12, 6, 13, 21, 24]
+
+
+def _outcomes(ring: Ring) -> dict[tuple[float, float], tuple[float, float, float]]:
+    """Gain, discount and later observation by time and column drawn."""
+    # The columns are told apart by their action.
+    ring.features[:, 1, ACTION] = 1.0
+    torch.manual_seed(0)
+    batch = ring.sample(2000, n_step=3, gamma=0.5)
+    rows = zip(
+        batch.obs[:, 0].tolist(),
+        batch.action[:, 0].tolist(),
+        batch.gain.tolist(),
+        batch.discount.tolist(),
+        batch.later_obs[:, 0].tolist(),
+        strict=True,
+    )
+    return {(time, col): (g, d, later) for time, col, g, d, later in rows}
+
+
+def test_a_fall_ends_a_return_and_a_time_out_is_bootstrapped() -> None:
+    """Rewards are the time, three steps count, each half of the one before.
+
+    Column 0 falls at 3; of column 1, time is up at 3, so what step 3 led to is not
+    known: a critic is asked about the state before it. Nor is what the last led to.
+    """
+    ring = Ring(9, 2, 1, device="cpu")
+    ring.add(_chunk(0, 6, fallen=[(3, 0)], cut=[(3, 1)], starts=[(4, 0), (4, 1)]))
+    ring.score(_height, 0)
+    found = _outcomes(ring)
+    assert found[0, 0] == (0 + 0.5 + 0.5, 0.125, 3)
+    assert found[1, 0][:2] == (1 + 1 + 0.75, 0)
+    assert found[3, 0][:2] == (3, 0)
+    assert found[4, 0] == (4, 0.5, 5)
+    assert found[1, 1] == (1 + 1, 0.25, 3)
+    assert found[2, 1] == (2, 0.5, 3)
+    assert {place for place in found if place[0] == 5} == set()
+    assert (3, 1) not in found
+
+
+def test_what_is_newest_is_not_followed_by_what_is_oldest() -> None:
+    ring = Ring(8, 2, 1, device="cpu")
+    ring.add(_chunk(0, 8))
+    ring.add(_chunk(8, 3))
+    ring.score(_height, 0)
+    found = _outcomes(ring)
+    assert found[9, 0] == (9, 0.5, 10)
+    assert found[8, 0] == (8 + 4.5, 0.25, 10)
+    assert (10, 0) not in found
+    assert found[7, 0] == (7 + 4 + 2.25, 0.125, 10)
+
+
+class Reaching:
+    """Pays for actions near 1.5, which a tanh that ends at 1 cannot reach."""
+
+    history_steps = 0
+
+    def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
+        return 1.0 - (features[..., ACTION] - 1.5).square().mean(dim=-1)
+
+
+@pytest.fixture(scope="module")
+def reaching(tmp_path_factory: pytest.TempPathFactory, robot: Robot) -> Path:
+    """A training towards actions of 1.5."""
+    out = tmp_path_factory.mktemp("reaching")
+    cfg = replace(SAC, gamma=0.0, n_step=1, updates_per_step=0.5, reward_scale=1.0)
+    _trained(out, robot, 8, OffPolicy(cfg=cfg), reward_fn=Reaching())
+    return out
+
+
+def test_actions_reach_what_the_environment_takes(reaching: Path, robot: Robot) -> None:
+    """It is an ordinary policy file, and its actions came nearer to 1.5 than 1."""
+    policy = load_policy(reaching / "policy.pt")
+    env = QuadrupedEnv(robot, ENV, 4, seed=3)
+    actions = policy(env.get_observations()["policy"])
+    assert actions.mean() > 1.1
+    assert actions.abs().max() <= ENV.action_limit
+    assert policy.info.steps == 8 * PPO.steps_per_iteration
+    assert (policy.std > 0).all()
+
+
+def test_no_joint_is_asked_for_more_than_its_range(robot: Robot) -> None:
+    """The bound of an action is what reaches the farther end, and at most the limit."""
+    env = QuadrupedEnv(robot, replace(ENV, action_scale_rad=0.9), 1, seed=0)
+    home, ends = robot.home_joint_pos, robot.joint_range
+    farther = abs(ends - home[:, None]).max(axis=1) / 0.9
+    assert env.reach().tolist() == pytest.approx(farther.tolist(), rel=1e-5)
+    assert env.reach().min() < ENV.action_limit
+
+
+def test_ppo_goes_on_from_it_and_it_from_ppo(
+    reaching: Path, robot: Robot, tmp_path: Path
+) -> None:
+    first = reaching / "policy.pt"
+    setting = setting_of(first, None)
+    cfg = TrainCfg(
+        steps=96, env=ENV, ppo=replace(setting.ppo, num_envs=4, steps_per_env=24)
+    )
+    train(tmp_path / "ppo", robot, cfg, init=first)
+    plain = train(tmp_path / "plain", robot, replace(cfg, ppo=PPO))
+    engine = OffPolicy(cfg=SAC)
+    for init in (first, plain.policy):
+        out = tmp_path / f"from-{init.parent.name}"
+        result = _trained(out, robot, 0, engine, init=init)
+        obs = 0.1 * torch.randn(8, 48)
+        before, after = load_policy(init)(obs), load_policy(result.policy)(obs)
+        # Of PPO, tanh bends what is large.
+        expected = before if init == first else 3.0 * (before / 3.0).tanh()
+        assert torch.allclose(after, expected, atol=1e-5)
+
+
+def test_interrupted_and_resumed_it_ends_with_the_same_files(
+    robot: Robot, tmp_path: Path
+) -> None:
+    """Memory, networks, temperature and chance: to the last byte, over the wrap."""
+    engine = OffPolicy(cfg=SAC)
+    _trained(tmp_path / "whole", robot, 6, engine)
+
+    def interrupt(stats: IterationStats) -> None:
+        if stats.iteration == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    out = tmp_path / "cut"
+    assert not _trained(out, robot, 6, engine, on_iteration=interrupt).finished
+    assert _trained(out, robot, 6, engine, resume=True).finished
+    for name in ("policy.pt", "resume.pt"):
+        whole = (tmp_path / "whole" / name).read_bytes()
+        assert (out / name).read_bytes() == whole, name
+    assert json.loads((out / "summary.json").read_text())["memory/steps"] == 400
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory, reaching: Path) -> Path:
+    """A data set of episodes of that policy, of which half acts with noise."""
+    root = tmp_path_factory.mktemp("recorded") / "set"
+    dataset = Dataset.create(root)
+    cfg = RecordCfg(episodes=10, episode_s=0.4, checkpoints=0)
+    dataset.add_episodes(record(reaching / "policy.pt", cfg, seed=0))
+    return root
+
+
+def test_offline_it_learns_from_a_data_set_alone(
+    recorded: Path, robot: Robot, tmp_path: Path
+) -> None:
+    """No step is taken; summary.json says how far it went from what was done."""
+    lines: list[str] = []
+    cfg = replace(SAC, clone_weight=2.0, updates_per_step=0.5)
+    engine = OffPolicy(cfg=cfg, replay=(recorded,), offline=True, tell=lines.append)
+    result = _trained(tmp_path, robot, 4, engine, reward_fn=_height)
+    episodes = [Dataset.open(recorded).read(e.sha256) for e in _entries(recorded)]
+    held = read_plain(tmp_path / "resume.pt")["ring"]
+    steps = sum(len(each.action) for each in episodes)
+    fell = sum(each.end_reason == "terminated" for each in episodes)
+    assert f"{steps} steps of 10 episodes" in lines[0]
+    assert int((~held["cut"]).sum()) == steps
+    assert int(held["fallen"].sum()) == fell
+    known = torch.from_numpy(episodes[0].features.copy())
+    columns = held["features"].unbind(1)
+    assert any((each[: len(known)] == known).all() for each in columns)
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert 0.0 < summary["offline/action_distance"] < 2.0
+    assert result.stats is not None
+
+
+def _entries(root: Path) -> tuple:
+    return Dataset.open(root).entries()
+
+
+def test_what_the_data_do_not_hold_is_refused(
+    recorded: Path, robot: Robot, tmp_path: Path
+) -> None:
+    """A reward that pays all steps alike, other rates, no episodes, other memory."""
+    engine = OffPolicy(cfg=SAC, replay=(recorded,), offline=True)
+
+    def same(features: Tensor, starts: Tensor) -> Tensor:
+        return torch.ones(starts.shape)
+
+    with pytest.raises(GaitprefError, match=r"pays all .* remembered steps alike"):
+        _trained(tmp_path / "same", robot, 1, engine, reward_fn=same)
+    slower = TrainCfg(steps=96, env=replace(ENV, substeps=8), ppo=PPO)
+    with pytest.raises(GaitprefError, match=r"controlled at 50 Hz.* at 25 Hz"):
+        train(tmp_path / "rate", robot, slower, engine=engine)
+    wider = TrainCfg(steps=96, env=replace(ENV, action_scale_rad=0.5), ppo=PPO)
+    with pytest.raises(GaitprefError, match="ask for other joint positions"):
+        train(tmp_path / "scale", robot, wider, engine=engine)
+    Dataset.create(tmp_path / "empty")
+    with pytest.raises(GaitprefError, match="holds no episode"):
+        _trained(
+            tmp_path / "a", robot, 1, OffPolicy(cfg=SAC, replay=(tmp_path / "empty",))
+        )
+    with pytest.raises(GaitprefError, match="give --replay DATASET too"):
+        _trained(tmp_path / "b", robot, 1, OffPolicy(cfg=SAC, offline=True))
+    with pytest.raises(GaitprefError, match="give --memory"):
+        _trained(tmp_path / "c", robot, 1, OffPolicy(cfg=replace(SAC, memory=10**7)))
+
+
+def test_an_earlier_memory_is_scored_by_the_present_reward(
+    reaching: Path, robot: Robot, tmp_path: Path
+) -> None:
+    """All of it, though it is full and was written over."""
+    engine = OffPolicy(cfg=replace(SAC, memory=1000), replay=(reaching,))
+    _trained(tmp_path, robot, 1, engine, reward_fn=_height, init=reaching / "policy.pt")
+    ring = read_plain(tmp_path / "resume.pt")["ring"]
+    assert len(ring["reward"]) == 400 // 4 + 24
+    expected = ring["features"][..., HEIGHT][..., 0] * ~ring["cut"]
+    assert torch.equal(ring["reward"], expected)
+    assert (ring["version"] == 0).all()
