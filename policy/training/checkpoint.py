@@ -21,6 +21,7 @@ from data.files.limits import POLICY_BYTES
 from data.files.plain import ADDED_LATER, from_plain, to_plain
 from data.files.unpacking import require_stored
 from data.files.weights import misfits, not_finite
+from data.episodes.team_rows import SIGHT_DIM
 from policy.env.env_cfg import EnvCfg
 from policy.env.feature_row import OBS_DIM
 from policy.law.origin import Origin
@@ -169,6 +170,8 @@ def load_policy(path: Path) -> Policy:
     cfg = to_rsl_rl(info.ppo)
     actor_class, actor_cfg = resolve_class(cfg["actor"])
     dim = OBS_DIM if info.env.law is None else info.env.law.obs_dim
+    if info.env.team is not None:
+        dim += SIGHT_DIM
     obs = TensorDict({"policy": torch.zeros(1, dim)}, batch_size=[1])
     actor = actor_class(obs, cfg["obs_groups"], "actor", 12, **actor_cfg)
     weights = payload["actor_state_dict"]
