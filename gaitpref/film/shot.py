@@ -52,7 +52,7 @@ def shot_of(episode: Episode, clip: Clip | None = None, *, caption: str = "") ->
     rows = clip.rows if clip else slice(0, episode.num_steps)
     return Shot(
         mjcf=episode.mjcf,
-        qpos=episode.qpos[rows],
+        qpos=episode.world_qpos[rows],
         dt_s=episode.meta.control_dt_s,
         caption=caption,
     )

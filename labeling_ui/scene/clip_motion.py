@@ -109,7 +109,8 @@ def load_motion(dataset: Dataset, clip: Clip) -> Motion:
         )
     geometry = robot_geometry(episode.mjcf)
     qpos = episode.qpos[clip.start : clip.stop + 1]
-    positions, wxyzs = instance_poses(geometry, qpos)
+    world = episode.world_qpos[clip.start : clip.stop + 1]
+    positions, wxyzs = instance_poses(geometry, world)
     window = round(PATH_WINDOW_S / episode.meta.control_dt_s)
     floor_m = _smooth(geometry.floor_m(qpos[:, :2])[:, None], window)
     positions[..., 2] -= floor_m

@@ -191,7 +191,7 @@ def _record_one(
     # Once for all: taking steps apart for every episode costs a third of the rollout.
     arrays = {
         name: np.stack([np.asarray(getattr(step, name)) for step in steps], axis=1)
-        for name in _LOGGED
+        for name in LOGGED
     }
     lengths = np.sum([np.asarray(step.alive) for step in steps], axis=0)
     for index in range(count):
@@ -217,7 +217,7 @@ def _record_one(
         )
         num_steps = int(lengths[index])
         rows = {name: array[index, :num_steps] for name, array in arrays.items()}
-        yield _episode(steps[num_steps - 1], rows, index, meta, env.robot.mjcf)
+        yield episode_of(steps[num_steps - 1], rows, index, meta, env.robot.mjcf)
 
 
 def _told(
@@ -269,10 +269,10 @@ def _babble(env: QuadrupedEnv, rng: torch.Generator) -> Babble:
     )
 
 
-_LOGGED = ("qpos", "qvel", "obs", "action", "targets", "features", "reward")
+LOGGED = ("qpos", "qvel", "obs", "action", "targets", "features", "reward")
 
 
-def _episode(
+def episode_of(
     last: RolloutStep,
     rows: dict[str, np.ndarray],
     index: int,

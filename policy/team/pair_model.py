@@ -7,6 +7,7 @@ world is that of the first robot, and behind it that of the second.
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import replace
 
 import mujoco
@@ -53,7 +54,13 @@ def pair_of(robot: Robot) -> tuple[Robot, Robot]:
             f"two of {robot.name} have {both.nq} positions and {both.nu} motors "
             f"together, not {2 * _QPOS} and 24: its motors drive more than its legs"
         )
-    first = replace(robot, mj_model=both, mjcf=mjcf, changes=())
+    first = replace(
+        robot,
+        mj_model=both,
+        mjcf=mjcf,
+        model_sha256=hashlib.sha256(mjcf.encode()).hexdigest(),
+        changes=(),
+    )
     return first, _second(first)
 
 
