@@ -16,7 +16,6 @@ from data.features import FEATURE_DIM, Feature
 
 from .episode_records import Episode
 
-
 SIGHT = (
     Feature("mate_pos_h", 2, "m", "where the other is: ahead and to the left"),
     Feature("mate_turned", 2, "1", "cosine and sine of its heading less the own"),

@@ -64,6 +64,26 @@ def pair_of(robot: Robot) -> tuple[Robot, Robot]:
     return first, _second(first)
 
 
+def first_alone(mjcf: str) -> str:
+    """The model of the first robot alone, out of a world of two.
+
+    Raises:
+        RobotError: it is no world of two.
+    """
+    try:
+        world = mujoco.MjSpec.from_string(mjcf)
+        bases = [b for b in world.worldbody.bodies if b.name.startswith(MATE)]
+        for base in bases:
+            world.delete(base)
+        text = flatten(world)
+    except ValueError as error:
+        told = " ".join(str(error).split())
+        raise RobotError(f"the world of a team does not compile ({told})") from None
+    if not bases:
+        raise RobotError("the world of a team has one robot: record it again")
+    return text
+
+
 def _second(first: Robot) -> Robot:
     """The second robot of the world of the first."""
     both = first.mj_model
@@ -72,9 +92,7 @@ def _second(first: Robot) -> Robot:
         name = mujoco.mj_id2name(both, kind, number)
         return mujoco.mj_name2id(both, kind, f"{MATE}{name}")
 
-    sites = [
-        mates(mujoco.mjtObj.mjOBJ_SITE, int(site)) for site in first.foot_site_ids
-    ]
+    sites = [mates(mujoco.mjtObj.mjOBJ_SITE, int(site)) for site in first.foot_site_ids]
     base = mates(mujoco.mjtObj.mjOBJ_BODY, first.base_body_id)
     motors = first.actuator_ids + 12
     return replace(

@@ -61,7 +61,7 @@ class TeamEnv(QuadrupedEnv):
         )
 
     @property
-    def episode_length_buf(self) -> Tensor:  # pyright: ignore[reportIncompatibleVariableOverride]
+    def episode_length_buf(self) -> Tensor:
         """[N] control steps since the reset, equal in a team."""
         return self._episode_length
 

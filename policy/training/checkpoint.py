@@ -15,13 +15,13 @@ from rsl_rl.utils import resolve_class
 from tensordict import TensorDict
 from torch import Tensor, nn
 
+from data.episodes.team_rows import SIGHT_DIM
 from data.errors import GaitprefError
 from data.files.files import read_file, sha256_bytes, write_atomically
 from data.files.limits import POLICY_BYTES
 from data.files.plain import ADDED_LATER, from_plain, to_plain
 from data.files.unpacking import require_stored
 from data.files.weights import misfits, not_finite
-from data.episodes.team_rows import SIGHT_DIM
 from policy.env.env_cfg import EnvCfg
 from policy.env.feature_row import OBS_DIM
 from policy.law.origin import Origin

@@ -1,1 +1,1 @@
-"""What a team is worth: shares of its robots and of the pair, from answers about both."""
+"""What a team is worth, from answers about it: shares of its robots and of the pair."""

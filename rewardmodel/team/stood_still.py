@@ -69,7 +69,8 @@ def had_stood(
     cos, sin = turned.cos(), turned.sin()
     angle = torch.stack([c * cos - s * sin, s * cos + c * sin], dim=-1)
     mates_speed = _turn(
-        rows[..., robot, sight_column("mate_vel_h")] + _level_velocity(rows[..., robot, :]),
+        rows[..., robot, sight_column("mate_vel_h")]
+        + _level_velocity(rows[..., robot, :]),
         turned,
     )
     own[..., sight_column("mate_pos_h")] = place

@@ -3,8 +3,8 @@
 Nobody says which of both robots a clip was better for: the same weights count for
 either, and what differs between them in many clips tells whose it was.
 
-Shapes: B pairs, T steps, R = 2 robots, F + V columns of a row, D descriptors of a robot,
-P of the pair, K steps.
+Shapes: B pairs, T steps, R = 2 robots, F + V columns of a row, D descriptors of a
+robot, P of the pair, K steps.
 """
 
 from __future__ import annotations

@@ -19,10 +19,10 @@ import torch
 from torch import Tensor
 
 from rewardmodel.descriptors.normaliser import Normaliser, fill_missing
-from rewardmodel.descriptors.table import columns_seen, describe
+from rewardmodel.descriptors.table import DESCRIPTOR_NAMES, columns_seen, describe
 from rewardmodel.models.fit_report import FitReport
 
-from .pair_habits import PAIR_HABITS, describe_pair
+from .pair_habits import PAIR_HABITS, PAIR_NAMES, describe_pair
 from .stood_still import StandingCfg, had_stood
 
 
@@ -63,6 +63,11 @@ class TeamReward:
     answers_sha256: str
     episodes: frozenset[str]
     """SHA-256 of the episodes in the answers."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """[D + P] of what it sees."""
+        return (*DESCRIPTOR_NAMES, *PAIR_NAMES)
 
     def described(self, rows: Tensor) -> tuple[Tensor, Tensor]:
         """Standardised descriptors [..., R, D] and [..., P] of rows [..., R, F + V]."""
@@ -114,10 +119,14 @@ class TeamReward:
         own, pair = self.described(rows)
         w, v = self.agreed
         parts = [
-            *zip(columns_seen("habits"), (own.mean(dim=-2) * w).unbind(-1), strict=True),
+            *zip(
+                columns_seen("habits"), (own.mean(dim=-2) * w).unbind(-1), strict=True
+            ),
             *zip(PAIR_HABITS, (pair * v).unbind(-1), strict=True),
         ]
         found: dict[str, Tensor] = {}
         for habit, part in parts:
-            found[habit.group] = found[habit.group] + part if habit.group in found else part
+            found[habit.group] = (
+                found[habit.group] + part if habit.group in found else part
+            )
         return found

@@ -74,7 +74,7 @@ class Typed:
     def words(self) -> tuple[str, ...]:
         """The command itself."""
         words = self.line.split()
-        return tuple(words[: 1 + (words[0] == "data")])
+        return tuple(words[: 1 + (words[0] in ("data", "team"))])
 
     @property
     def writes_out(self) -> bool:
