@@ -26,6 +26,8 @@ _EXTRA_PREFIX = "extra."
 
 COMMAND_CHANGE = "command_change_steps"
 """Name in `EpisodeMeta.extra` of the steps from one command to the next."""
+TEAM_TASK = "team"
+"""`EpisodeMeta.task` of two robots that walk in formation."""
 ROBOTS = "robots"
 """Name in `EpisodeMeta.extra` of how many robots there are, where not one alone."""
 

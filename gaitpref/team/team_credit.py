@@ -54,17 +54,21 @@ def credit_of(
     starts = torch.zeros(len(rows), 1, dtype=torch.bool)
     starts[0] = True
     worth = model.difference(rows[:, None], starts, standing, control_dt_s=control_dt_s)
-    speed = torch.linalg.vector_norm(
-        rows[..., column("base_lin_vel_b")][..., :2], dim=-1
-    )
-    told = torch.linalg.vector_norm(rows[..., column("command")][..., :2], dim=-1)
-    still = ((speed < _STILL * told) & (told > 0)).float()
     return Credit(
         share=_both(shares.of_each.mean(dim=0)),
         own=_both(shares.own.mean(dim=0)),
         worth=_both(worth[:, 0].mean(dim=0)),
-        still=_both(still.mean(dim=0)),
+        still=standing_share(rows),
     )
+
+
+def standing_share(rows: Tensor) -> tuple[float, float]:
+    """Share of the steps of rows [T, R, F + V] in which each robot stands though it is
+    told to go."""
+    moved = rows[..., column("base_lin_vel_b")][..., :2]
+    speed = torch.linalg.vector_norm(moved, dim=-1)
+    told = torch.linalg.vector_norm(rows[..., column("command")][..., :2], dim=-1)
+    return _both(((speed < _STILL * told) & (told > 0)).float().mean(dim=0))
 
 
 def _both(values: Tensor) -> tuple[float, float]:

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.episodes.episode_records import ROBOTS, Episode, EpisodeMeta
+from data.episodes.episode_records import ROBOTS, TEAM_TASK, Episode, EpisodeMeta
 from data.features import FEATURE_DIM
 from policy.env.seeding import spawned
 from policy.rollouts.record import LOGGED, episode_of, recorded_commands
@@ -124,7 +124,7 @@ def record_team(
         both: list[Episode] = []
         for robot in (2 * team, 2 * team + 1):
             meta = EpisodeMeta(
-                task="walk",
+                task=TEAM_TASK,
                 seed=seed,
                 env_index=robot,
                 command=told[team],
