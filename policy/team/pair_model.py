@@ -17,6 +17,8 @@ from policy.robots.robot import Robot, RobotError
 
 MATE = "mate_"
 """What every name of the second robot begins with."""
+_BUMP = 1 << 29
+"""The bit by which both robots collide; models hardly use any but the first few."""
 _QPOS, _QVEL = 7 + 12, 6 + 12
 
 
@@ -42,6 +44,8 @@ def pair_of(robot: Robot) -> tuple[Robot, Robot]:
         for key in list(spec.keys):
             spec.delete(key)
     base = mj_model.body(robot.base_body_id).name
+    _let_bump(world, contype=_BUMP)
+    _let_bump(other, conaffinity=_BUMP)
     world.worldbody.add_frame().attach_body(other.body(base), MATE, "")
     try:
         mjcf = flatten(world)
@@ -62,6 +66,20 @@ def pair_of(robot: Robot) -> tuple[Robot, Robot]:
         changes=(),
     )
     return first, _second(first)
+
+
+def _let_bump(spec: mujoco.MjSpec, *, contype: int = 0, conaffinity: int = 0) -> None:
+    """Let what collides of the robot in `spec` also collide by these bits.
+
+    Robots mostly have no bit in common with themselves, and so none with each other. A
+    bit that the first one asks by and the second answers to leaves each with itself as
+    it was.
+    """
+    for base in spec.worldbody.bodies:
+        for geom in base.find_all(mujoco.mjtObj.mjOBJ_GEOM):
+            if geom.contype or geom.conaffinity:
+                geom.contype |= contype
+                geom.conaffinity |= conaffinity
 
 
 def first_alone(mjcf: str) -> str:
