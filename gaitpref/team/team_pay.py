@@ -49,11 +49,6 @@ class SharedPay:
             return shares.of_each.flatten(1)
         return (shares.whole / 2).repeat_interleave(2, dim=1)
 
-    def spread(self, features: Tensor, starts: Tensor) -> Tensor:
-        """Deviation [T, N] of the reward of the team over the members."""
-        found = self.model.spread(features.unflatten(1, (-1, 2)))
-        return found.repeat_interleave(2, dim=1)
-
 
 @dataclass(frozen=True, eq=False)
 class CriterionPay:
