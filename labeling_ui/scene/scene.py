@@ -151,7 +151,7 @@ class PairScene:
             "lanes": Floor(scene, "/lanes", _LANES),
         }
         self._shelves = Floor(scene, "/shelves", _SHELVES) if robots == 2 else None
-        self._narrow = False
+        self._narrow = self._of_teams = False
         self._robots: tuple[dict[str, RobotView], ...] = ({}, {})
         self._shown: list[RobotView | None] = [None, None]
         self._fallen = [False, False]
@@ -185,6 +185,10 @@ class PairScene:
                 self._shown[side] = robot
             self._labels[side].visible = robot is not None
             self._ways[side].show(robot is not None)
+        of_teams = any(g is not None and g.robots > 1 for g in (left, right))
+        if of_teams != self._of_teams:
+            self._of_teams = of_teams
+            self.look(self.view)
         self._show_ghosts()
 
     def toggle_ghosts(self) -> None:

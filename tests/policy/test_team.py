@@ -61,20 +61,20 @@ def walkers(tmp_path_factory: pytest.TempPathFactory) -> Policy:
 
 @pytest.fixture(scope="module")
 def episodes(walkers: Policy) -> Sequence[Episode]:
-    """Twelve teams of 3 s, in every second one of which a robot is lazy."""
-    cfg = TeamRecordCfg(episodes=12, episode_s=3.0, lazy_share=0.5)
-    return tuple(record_team(walkers, cfg, seed=1))
+    """Forty teams of 4 s, in every second one of which a robot is lazy."""
+    cfg = TeamRecordCfg(episodes=40, episode_s=4.0, lazy_share=0.5)
+    return tuple(record_team(walkers, cfg, seed=0))
 
 
 @pytest.fixture(scope="module")
 def dataset(
     episodes: Sequence[Episode], tmp_path_factory: pytest.TempPathFactory
 ) -> Dataset:
-    """These episodes on disk, a pair of clips of them answered 40 times."""
+    """These episodes on disk, and 60 answers about them."""
     found = Dataset.create(tmp_path_factory.mktemp("teams") / "set")
     found.add_episodes(episodes)
     given = ["--dataset", str(found.root)]
-    assert main(["pairs", *given, "--count", "40"]) == 0
+    assert main(["pairs", *given, "--count", "60"]) == 0
     assert main(["team", "answer", *given]) == 0
     return found
 
