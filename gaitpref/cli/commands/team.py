@@ -4,42 +4,44 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 
 import torch
-from rich.table import Table
 
 from data.datasets.dataset import Dataset
 from data.datasets.manifest_file import writable
-from data.episodes.episode import Episode
 from data.errors import GaitprefError
 from data.files.files import write_atomically
 from data.files.lock import only_writer
 from gaitpref.cli.options import team_options as options
+from gaitpref.cli.shared.shares_told import tell_shares
 from gaitpref.console.progress import (
     console,
     counted,
     training_bar,
     working,
 )
-from gaitpref.console.terminal import EXIT_INTERRUPTED, PlainConsole
-from gaitpref.raters.criteria import CriterionContext
+from gaitpref.console.terminal import EXIT_INTERRUPTED
 from gaitpref.raters.criterion_scores import criterion_context
 from gaitpref.raters.rater_cfg import RaterCfg
 from gaitpref.raters.simulated import answer_pairs
 from gaitpref.report.fit_summary import fit_summary
-from gaitpref.team.team_credit import Credit, credit_of, mean_credit, verdict_of
+from gaitpref.team.team_credit import Credit, credit_of
 from gaitpref.team.team_criteria import team_criterion
 from gaitpref.team.team_pay import CriterionPay, SharedPay
+from gaitpref.team.team_sets import (
+    context_of_teams,
+    first_team,
+    robot_of_teams,
+    standing_of,
+)
 from gaitpref.training.total_reward import total_reward
-from policy.env.env_cfg import EnvCfg
 from policy.env.known_terms import KnownTermsCfg
 from policy.env.team_cfg import TeamCfg
-from policy.robots.robot import Robot, load_robot_xml
+from policy.robots.robot import Robot
 from policy.robots.shipped import WALK
 from policy.rollouts.record import LONGEST_S
-from policy.team.pair_model import first_alone
 from policy.team.team_env import team_runner
 from policy.team.team_record import LAZY, TeamRecordCfg, record_team
 from policy.team.team_start import as_team
@@ -47,7 +49,6 @@ from policy.training.checkpoint import PolicyError, PolicyInfo, load_policy
 from policy.training.ppo import PpoCfg, ScoreFn
 from policy.training.train import POLICY_NAME, RESUME_NAME, TrainCfg, train
 from rewardmodel.answers.answered_pairs import load_pairs
-from rewardmodel.team.stood_still import StandingCfg
 from rewardmodel.team.team_fit import fit_team, rows_in
 from rewardmodel.team.team_reward import TeamReward
 from rewardmodel.team.team_storage import load_team, save_team
@@ -158,11 +159,6 @@ def _paid(command: options.TeamTrain, robot: Robot, info: PolicyInfo) -> ScoreFn
     )
 
 
-def standing_of(robot: Robot) -> StandingCfg:
-    """How this robot stands that does nothing."""
-    return StandingCfg(height_m=0.95 * float(robot.home_qpos[2]))
-
-
 def _record(command: options.TeamRecord) -> None:
     if not 0.0 <= command.lazy <= 1.0:
         raise GaitprefError(f"--lazy must lie in [0, 1], got {command.lazy:g}")
@@ -194,50 +190,12 @@ def _record(command: options.TeamRecord) -> None:
     )
 
 
-def _first_of(dataset: Dataset) -> Episode:
-    """An episode of the data set, which shows a team.
-
-    Raises:
-        GaitprefError: it holds none, or one that shows a robot alone.
-    """
-    entries = dataset.entries()
-    if not entries:
-        raise GaitprefError(
-            f"{dataset.root} holds no episode: `gaitpref team record --policy POLICY "
-            f"--dataset {dataset.root}` adds some"
-        )
-    if alone := [entry for entry in entries if not entry.meta.is_team]:
-        raise GaitprefError(
-            f"{len(alone)} of {len(entries)} episodes of {dataset.root} show one robot "
-            "alone: keep teams in a data set of their own, made by `gaitpref team "
-            "record`"
-        )
-    rates = {entry.meta.control_dt_s for entry in entries}
-    if len(rates) > 1:
-        told = ", ".join(f"{1 / rate:g} Hz" for rate in sorted(rates))
-        raise GaitprefError(
-            f"{dataset.root} holds teams that act at {told}: what a robot earns is "
-            "counted in steps of one rate; keep each in a data set of its own"
-        )
-    return dataset.read(entries[0].sha256)
-
-
-def _robot_of(dataset: Dataset) -> tuple[Robot, float]:
-    """A robot of the teams in a data set, and their control step."""
-    episode = _first_of(dataset)
-    meta = episode.meta
-    robot = load_robot_xml(
-        first_alone(episode.mjcf), name=meta.robot, physics_dt_s=meta.physics_dt_s
-    )
-    return robot, meta.control_dt_s
-
-
 def _answer(command: options.TeamAnswer) -> None:
     if not 0.0 <= command.mistakes <= 1.0:
         raise GaitprefError(f"--mistakes must lie in [0, 1], got {command.mistakes:g}")
     dataset = Dataset.open(command.dataset)
-    robot, control_dt_s = _robot_of(dataset)
-    criterion = team_criterion(command.criterion, _context(robot, control_dt_s))
+    robot, control_dt_s = robot_of_teams(dataset)
+    criterion = team_criterion(command.criterion, context_of_teams(robot, control_dt_s))
     with counted("answering") as tell:
         count = answer_pairs(
             dataset,
@@ -256,14 +214,10 @@ def _answer(command: options.TeamAnswer) -> None:
     )
 
 
-def _context(robot: Robot, control_dt_s: float) -> CriterionContext:
-    return replace(criterion_context(robot, EnvCfg()), control_dt_s=control_dt_s)
-
-
 def _fit(command: options.TeamFit) -> None:
     datasets = [Dataset.open(path) for path in command.dataset]
     for dataset in datasets:
-        _first_of(dataset)
+        first_team(dataset)
     pairs = load_pairs(datasets)
     with working(f"fitting a reward of teams to {len(pairs)} answers"):
         model = fit_team(pairs, rows_in(datasets), seed=command.seed)
@@ -295,7 +249,7 @@ def _largest(model: TeamReward, count: int = 5) -> list[tuple[str, float]]:
 def _shares(command: options.TeamShares) -> None:
     model = load_team(command.reward)
     dataset = Dataset.open(command.dataset)
-    robot, control_dt_s = _robot_of(dataset)
+    robot, control_dt_s = robot_of_teams(dataset)
     entries = [
         entry
         for entry in dataset.entries()
@@ -311,55 +265,4 @@ def _shares(command: options.TeamShares) -> None:
             found = torch.from_numpy(rows(entry.sha256))
             credits.append(credit_of(model, found, standing, control_dt_s=control_dt_s))
     lazy = [int(entry.meta.extra.get(LAZY, "0")) for entry in entries]
-    _tell_shares(command, credits, lazy)
-
-
-def _tell_shares(
-    command: options.TeamShares, credits: list[Credit], lazy: list[int]
-) -> None:
-    """Print who earned what: of all episodes, and of those with a lazy robot."""
-    verdict = verdict_of(credits)
-    on_purpose = {
-        who: [each for each, own in zip(credits, lazy, strict=True) if own == who]
-        for who in (0, 1, 2)
-    }
-    if command.json:
-        told = {
-            "episodes": len(credits),
-            "verdict": asdict(verdict) | {"sentence": verdict.sentence},
-            "mean": asdict(mean_credit(credits)),
-            "lazy_on_purpose": {
-                who: {
-                    "mean": asdict(mean_credit(own)),
-                    "verdict": verdict_of(own).sentence,
-                }
-                for who, own in on_purpose.items()
-                if own
-            },
-        }
-        print(json.dumps(told))
-        return
-    table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False)
-    for head in ("episodes", "robot", "share/s", "own/s", "worth/s", "stands"):
-        table.add_column(head, justify="left" if head == "episodes" else "right")
-    names: dict[int, str] = {0: "both walk", 1: "1 is lazy", 2: "2 is lazy"}
-    for who, own in on_purpose.items():
-        if not own:
-            continue
-        mean = mean_credit(own)
-        for robot in (0, 1):
-            table.add_row(
-                f"{len(own)} {names[who]}" if robot == 0 else "",
-                str(robot + 1),
-                *(f"{part[robot]:+.2f}" for part in (mean.share, mean.own, mean.worth)),
-                f"{mean.still[robot]:.0%}",
-            )
-    out = PlainConsole()
-    out.print(table)
-    for who, own in on_purpose.items():
-        if own:
-            out.print(f"{names[who]}: {verdict_of(own).sentence}")
-    console.next(
-        f"`gaitpref team train --reward {command.reward} --out NEW` pays each robot "
-        "its share"
-    )
+    tell_shares(command, credits, lazy)
