@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict
 
 from rich.table import Table
@@ -23,7 +24,12 @@ def tell_shares(command: TeamShares, credits: list[Credit], lazy: list[int]) -> 
     if command.json:
         told = {
             "episodes": len(credits),
-            "verdict": asdict(verdict) | {"sentence": verdict.sentence},
+            "verdict": asdict(verdict)
+            | {
+                # One episode has no error, and JSON no infinity.
+                "error": verdict.error if math.isfinite(verdict.error) else None,
+                "sentence": verdict.sentence,
+            },
             "mean": asdict(mean_credit(credits)),
             "lazy_on_purpose": {
                 who: {
