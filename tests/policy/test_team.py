@@ -354,7 +354,7 @@ def test_each_way_to_pay_trains_and_goes_on(
         (["team", "record", "--policy", str(WALK), *given], "this policy walks alone"),
         (["team", "shares", "--reward", str(tmp_path), *given], "no reward of a team"),
         (["team", "answer", *given, "--criterion", "dance"], "is called 'dance'"),
-        (["fit", *given, "--out", str(tmp_path / "y")], "`gaitpref team fit`"),
+        (["fit", *given, "--out", str(tmp_path / "y")], "`gaitpref team fit --dataset"),
     ):
         assert main(args) == 2, args
         assert words in capsys.readouterr().err
