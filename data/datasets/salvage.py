@@ -80,6 +80,11 @@ def salvage(
     """
     facts, found_mjcf, steps, final = _scan(content)
     promised = entry.num_steps if entry else _count(facts.get("n_steps"))
+    of_team = facts.get("format_version") == str(schema.TEAM_VERSION)
+    if of_team or (entry is not None and entry.meta.is_team):
+        return Salvage(
+            (), promised, "a part of it would be one robot without the other"
+        )
     if not len(steps):
         return Salvage((), promised, "no whole chunk of steps is left")
     try:

@@ -41,8 +41,8 @@ from .episode_records import EndReason as EndReason
 from .episode_records import Episode as Episode
 from .episode_records import EpisodeMeta as EpisodeMeta
 from .mcap_records import checked_summary, chunk_messages, only, record_at
-from .model_store import ModelStore
-from .writer import MODEL_KEY
+from .model_store import ModelStore, model_sha256
+from .writer import MATE_NAME, MJCF_NAME, MODEL_KEY
 
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 
@@ -91,12 +91,14 @@ def decode_episode(
             field: parts.rows(field)
             for field in ("action", "ctrl", "features", "reward")
         }
+        mjcf = _mjcf(content, parts, name, model_of)
         return Episode(
             **states,
             **rows,
             end_reason=cast(EndReason, end_reason),
             meta=EpisodeMeta.from_strings(parts.metadata),
-            mjcf=_mjcf(content, parts, name, model_of),
+            mjcf=mjcf,
+            mate=_mate(content, parts, name, mjcf),
         )
 
 
@@ -117,7 +119,10 @@ def named_model(metadata: Mapping[str, str]) -> str:
     Raises:
         KeyError, ValueError: it should say, and does not.
     """
-    if metadata["format_version"] != str(schema.APART_VERSION):
+    version = metadata["format_version"]
+    if version == str(schema.TEAM_VERSION) and MODEL_KEY not in metadata:
+        return ""
+    if version not in (str(schema.APART_VERSION), str(schema.TEAM_VERSION)):
         return ""
     sha256 = metadata[MODEL_KEY]
     if not _SHA256.fullmatch(sha256):
@@ -276,5 +281,39 @@ def _mjcf(
                 "that it lies in, or with `read_episode`"
             )
         return model_of(sha256)
-    offset = only(parts.summary, AttachmentIndex).offset
-    return Attachment.read(record_at(content, offset, Opcode.ATTACHMENT)).data.decode()
+    return _attached(content, parts, MJCF_NAME).decode()
+
+
+def _mate(content: bytes, parts: _Parts, name: str, mjcf: str) -> Episode | None:
+    """The other robot of a team, which has the same model `mjcf`."""
+    if parts.metadata["format_version"] != str(schema.TEAM_VERSION):
+        return None
+    own = _attached(content, parts, MATE_NAME)
+    inner = f"{MATE_NAME} of {name}"
+    # No file holds a file that holds a file: the depth would be a stranger's choice.
+    facts = _supported_metadata(own, checked_summary(own, inner), inner)
+    if facts["format_version"] != str(schema.APART_VERSION):
+        raise ValueError(f"{MATE_NAME} is no file of one robot without its model")
+    return decode_episode(own, inner, lambda sha256: _same(mjcf, sha256))
+
+
+def _same(mjcf: str, sha256: str) -> str:
+    if model_sha256(mjcf) != sha256:
+        raise ValueError(f"{MATE_NAME} is of a robot in another world")
+    return mjcf
+
+
+def _attached(content: bytes, parts: _Parts, wanted: str) -> bytes:
+    """What is attached to the file under a name."""
+    indexes = [r for r in parts.summary if isinstance(r, AttachmentIndex)]
+    found = [index for index in indexes if index.name == wanted]
+    if len(found) != 1 or len(indexes) != _attachments(parts.metadata):
+        raise ValueError(f"{len(indexes)} attachments, of which {wanted} {len(found)}")
+    offset = found[0].offset
+    return Attachment.read(record_at(content, offset, Opcode.ATTACHMENT)).data
+
+
+def _attachments(metadata: Mapping[str, str]) -> int:
+    """How many a file has: the model, if it is not apart, and the mate of a team."""
+    is_team = metadata["format_version"] == str(schema.TEAM_VERSION)
+    return is_team + (not named_model(metadata))

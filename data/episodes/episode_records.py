@@ -26,6 +26,10 @@ _EXTRA_PREFIX = "extra."
 
 COMMAND_CHANGE = "command_change_steps"
 """Name in `EpisodeMeta.extra` of the steps from one command to the next."""
+TEAM_TASK = "team"
+"""`EpisodeMeta.task` of two robots that walk in formation."""
+ROBOTS = "robots"
+"""Name in `EpisodeMeta.extra` of how many robots there are, where not one alone."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,6 +92,11 @@ class EpisodeMeta:
         """Control steps from one command of a manoeuvre to the next; 0 without one."""
         text = self.extra.get(COMMAND_CHANGE, "")
         return int(text) if text.isdecimal() and len(text) < 10 else 0
+
+    @property
+    def is_team(self) -> bool:
+        """Whether two robots are in the world; the file of one holds the other."""
+        return self.extra.get(ROBOTS) == "2"
 
     def to_strings(self) -> dict[str, str]:
         """Spell every field as text, the only thing MCAP metadata holds."""
@@ -179,8 +188,13 @@ class Episode:
     meta: EpisodeMeta
     mjcf: str
     """The robot and its world as one self-contained MJCF text."""
+    mate: Episode | None = None
+    """The other robot of a team, which did its steps at the same time in the same
+    world; None where the robot is alone."""
 
     def __post_init__(self) -> None:
+        if self.mate is not None:
+            _require_together(self, self.mate)
         if self.end_reason not in END_REASONS:
             known = ", ".join(END_REASONS)
             raise ValueError(f"end_reason must be one of {known}: {self.end_reason!r}")
@@ -209,6 +223,17 @@ class Episode:
         return len(self.action)
 
     @property
+    def robots(self) -> tuple[Episode, ...]:
+        """This robot, and behind it the other one of a team."""
+        return (self,) if self.mate is None else (self, self.mate)
+
+    @property
+    def world_qpos(self) -> np.ndarray:
+        """[T + 1, nq] float64, positions of the whole world of `mjcf`: as `qpos`, of
+        one robot after the other."""
+        return np.concatenate([robot.qpos for robot in self.robots], axis=1)
+
+    @property
     def duration_s(self) -> float:
         """Simulated time from the reset to the final state."""
         return self.num_steps * self.meta.control_dt_s
@@ -217,6 +242,28 @@ class Episode:
     def time_s(self) -> np.ndarray:
         """[T + 1] seconds since the reset, for the rows of `qpos`."""
         return np.arange(self.num_steps + 1) * self.meta.control_dt_s
+
+
+def _require_together(episode: Episode, mate: Episode) -> None:
+    """
+    Raises:
+        ValueError: both were not in one world at the same time.
+    """
+    if not episode.meta.is_team:
+        raise ValueError(f"the extra {ROBOTS!r} of a robot with a mate must be '2'")
+    if mate.mate is not None:
+        raise ValueError("the mate of a robot has no mate of its own beside it")
+    for name, ours, theirs in (
+        ("steps", len(episode.action), len(mate.action)),
+        ("an end", episode.end_reason, mate.end_reason),
+        ("a world", episode.mjcf, mate.mjcf),
+        ("a control step", episode.meta.control_dt_s, mate.meta.control_dt_s),
+    ):
+        if ours != theirs:
+            raise ValueError(
+                f"both robots of a team share {name}, these have {str(ours)[:40]!r} "
+                f"and {str(theirs)[:40]!r}"
+            )
 
 
 def _array_table() -> dict[str, tuple[np.dtype, tuple[int, ...], int]]:

@@ -20,7 +20,10 @@ FORMAT_VERSION = 2
 APART_VERSION = 3
 """The same where the robot's model is not in the file but beside it, under the hash
 that the metadata `mjcf_sha256` says."""
-READABLE_VERSIONS = (1, 2, APART_VERSION)
+TEAM_VERSION = 4
+"""Two robots in one world: the file of the other is attached, and the model is in the
+file or, where the metadata says its hash, beside it."""
+READABLE_VERSIONS = (1, 2, APART_VERSION, TEAM_VERSION)
 STEP_SCHEMA = "gaitpref/msg/StepV1"
 FINAL_SCHEMA = "gaitpref/msg/FinalV1"
 STEP_TOPIC = "/robot/step"

@@ -45,6 +45,9 @@ from .model_store import model_sha256
 
 MJCF_NAME = "model/scene.xml"
 _MJCF_TYPE = "application/xml"
+MATE_NAME = "team/mate.mcap"
+"""The attached file of the other robot of a team, which goes without the model."""
+_MATE_TYPE = "application/octet-stream"
 METADATA_NAME = "episode"
 MODEL_KEY = "mjcf_sha256"
 """Metadata of a file without its model: the hash of the model."""
@@ -75,6 +78,8 @@ def encode_episode(
     section = _Section()
     section.append(MCAP0_MAGIC, _join([Header(profile="", library="gaitpref")]))
     attached = [] if model_apart else [_append_model(section, episode.mjcf)]
+    if episode.mate is not None:
+        attached.append(_append_mate(section, episode.mate, compression))
     metadata_index = MetadataIndex(*section.append(_join([metadata])), METADATA_NAME)
     chunk_indexes: list[ChunkIndex] = []
     for chunk in encode_chunks(episode, schemas + channels, compression):
@@ -104,6 +109,21 @@ def _append_model(section: _Section, mjcf: str) -> AttachmentIndex:
         data_size=size,
         name=MJCF_NAME,
         media_type=_MJCF_TYPE,
+    )
+
+
+def _append_mate(
+    section: _Section, mate: Episode, compression: Compression
+) -> AttachmentIndex:
+    """Put the file of the other robot into the file; gives where it is."""
+    content = encode_episode(mate, compression=compression, model_apart=True)
+    return AttachmentIndex(
+        *section.append(_join([Attachment(0, 0, MATE_NAME, _MATE_TYPE, content)])),
+        log_time=0,
+        create_time=0,
+        data_size=len(content),
+        name=MATE_NAME,
+        media_type=_MATE_TYPE,
     )
 
 
@@ -167,6 +187,8 @@ def _fixed_records() -> tuple[bytes, bytes]:
 
 def _metadata(episode: Episode, model_apart: bool) -> dict[str, str]:
     version = schema.APART_VERSION if model_apart else schema.FORMAT_VERSION
+    if episode.mate is not None:
+        version = schema.TEAM_VERSION
     apart = {MODEL_KEY: model_sha256(episode.mjcf)} if model_apart else {}
     return {
         "format_version": str(version),

@@ -146,6 +146,7 @@ _HOMES: dict[type, tuple[str, str]] = {
     options.Report: ("looking.report", "train"),
     options.Robot: ("robot", "train,label"),
     options.Sweep: ("sweep", "train"),
+    options.Team: ("team", "train"),
     options.Train: ("train", "train"),
     options.Trust: ("looking.trust", "train"),
     options.Watch: ("looking.watch", "train,label"),
@@ -155,7 +156,8 @@ _HOMES: dict[type, tuple[str, str]] = {
 
 def _place(command: options.Command | None) -> Path | None:
     """Where a command writes to, as it was told."""
-    told_to = command.action if isinstance(command, options.Data) else command
+    grouped = isinstance(command, options.Data | options.Team)
+    told_to = command.action if grouped else command
     for name in ("out", "run", "dataset"):
         if isinstance(place := getattr(told_to, name, None), Path):
             return place

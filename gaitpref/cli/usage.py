@@ -10,9 +10,10 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 import tyro
 
 from data.errors import GaitprefError
-from gaitpref.cli.options import data_options, options
+from gaitpref.cli.options import data_options, options, team_options
 
-DATA = "data"
+GROUPS = {"data": data_options.Action, "team": team_options.TeamAction}
+"""Commands of which the next word says what they do, and what there is of them."""
 WELCOME = """\
 gaitpref turns preferences between gaits into a better policy. Three ways in:
 
@@ -34,8 +35,10 @@ class UsageError(GaitprefError):
 def commands() -> dict[tuple[str, ...], type]:
     """The options of every command by its words."""
     found = {(name,): cls for name, cls in _named(options.Command)}
-    del found[(DATA,)]
-    return found | {(DATA, n): cls for n, cls in _named(data_options.Action)}
+    for group, actions in GROUPS.items():
+        del found[(group,)]
+        found |= {(group, name): cls for name, cls in _named(actions)}
+    return found
 
 
 def require_command(args: Sequence[str]) -> None:
@@ -46,9 +49,10 @@ def require_command(args: Sequence[str]) -> None:
     """
     known = [name for name, _ in _named(options.Command)]
     _require_one(args[:1], known, "gaitpref")
-    if list(args[:1]) == [DATA]:
-        actions = [name for name, _ in _named(data_options.Action)]
-        _require_one(args[1:2], actions, f"gaitpref {DATA}")
+    for group, actions in GROUPS.items():
+        if list(args[:1]) == [group]:
+            known = [name for name, _ in _named(actions)]
+            _require_one(args[1:2], known, f"gaitpref {group}")
 
 
 def did_you_mean(args: Sequence[str]) -> str:

@@ -23,6 +23,8 @@ from data.errors import GaitprefError
 _MOST_GEOMS = 2000
 _NO = ("disable", "disabled", "off", "false", "0")
 """What MUJOCO_GL says where nothing is to be drawn."""
+_OF_TEAM = 1.7
+"""How much farther off, and more from above, two robots are seen."""
 _SHADOW_PX, _SAMPLES = 1024, 4
 """Of the quality of pictures: without a graphics card they cost most of the time."""
 _STATIC_AND_MOVING = int(mujoco.mjtCatBit.mjCAT_ALL)
@@ -99,6 +101,11 @@ class Camera:
         self._camera.distance, self._camera.azimuth = cfg.distance_m, cfg.azimuth_deg
         self._camera.elevation = cfg.elevation_deg
         # A little below where the base stands at home: the feet are judged.
+        free = mj_model.jnt_type == mujoco.mjtJoint.mjJNT_FREE
+        self._bases = mj_model.jnt_qposadr[free]
+        if len(self._bases) > 1:
+            self._camera.distance *= _OF_TEAM
+            self._camera.elevation *= _OF_TEAM
         self._looks_at_m = 0.67 * float(mj_model.qpos0[2] if mj_model.nq else 0.0)
         self._picture = np.empty((cfg.height_px, cfg.width_px, 3), np.uint8)
 
@@ -110,7 +117,8 @@ class Camera:
         mujoco.mj_kinematics(mj_model, mj_data)
         mujoco.mj_comPos(mj_model, mj_data)  # What lights follow.
         mujoco.mj_camlight(mj_model, mj_data)
-        self._camera.lookat[:] = (*qpos[:2], self._looks_at_m)
+        bases = [qpos[base : base + 2] for base in self._bases] or [qpos[:2]]
+        self._camera.lookat[:] = (*np.mean(bases, axis=0), self._looks_at_m)
         mujoco.mjv_updateScene(
             mj_model,
             mj_data,

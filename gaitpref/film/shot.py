@@ -71,7 +71,7 @@ def shot_of(episode: Episode, clip: Clip | None = None, *, caption: str = "") ->
     said = choices_of(episode.meta.extra, episode.num_steps)
     return Shot(
         mjcf=episode.mjcf,
-        qpos=episode.qpos[rows],
+        qpos=episode.world_qpos[rows],
         dt_s=episode.meta.control_dt_s,
         caption=caption,
         gaits=() if said is None else tuple(said.runs(rows)),

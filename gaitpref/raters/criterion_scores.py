@@ -44,6 +44,11 @@ def context_of_dataset(dataset: Dataset) -> CriterionContext:
             f"{dataset.root} holds no episode: `gaitpref record --policy POLICY "
             f"--dataset {dataset.root}` adds some"
         )
+    if entries[0].meta.is_team:
+        raise DatasetError(
+            f"{dataset.root} shows teams of two: `gaitpref team answer --dataset "
+            f"{dataset.root}` judges both"
+        )
     episode = dataset.read(entries[0].sha256)
     meta = episode.meta
     robot = load_robot_xml(

@@ -53,15 +53,19 @@ def answer_pairs(
     seed: int,
     cfg: RaterCfg = PERFECT,
     round: int | None = None,
+    features_of: Callable[[str], np.ndarray] | None = None,
     tell: Callable[[int, int], None] = lambda done, of: None,
 ) -> int:
     """Answer every pair `rater_id` has not answered yet; gives how many. Pairs whose
     episode is gone are left open.
 
+    `features_of` gives the rows of an episode, where the criterion is of others than
+    the feature rows of the data set.
+
     An answer's id follows from pair and rater, and its chance from the id, so that a
     killed run answers no pair twice and none otherwise.
     """
-    scores = ClipScores(dataset.features, criterion)
+    scores = ClipScores(features_of or dataset.features, criterion)
     with dataset.answers() as store:
         store.add_rater(rater_id, "scripted", {})
         listed = listed_in([dataset])

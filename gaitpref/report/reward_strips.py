@@ -5,22 +5,35 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from data.datasets.dataset import EpisodeEntry
 from data.episodes.clips import Clip
 from rewardmodel.explain.attribution import Explanation
+from rewardmodel.explain.four_ways import FourWays, Run, four_ways
 from rewardmodel.explain.learned_curves import Curve
 
-from .pictures import BLUE, GREY, plain_axes
+from .pictures import BLUE, GREY, RED, plain_axes
+
+ROBOTS = (BLUE, RED, GREY)
+"""Of what is told apart within one clip."""
 
 
 def clip_picture(
-    shown: Explanation, entry: EpisodeEntry, clip: Clip, reward: float
+    shown: Explanation,
+    entry: EpisodeEntry,
+    clip: Clip,
+    reward: float,
+    runs: Sequence[Run] = (),
 ) -> Figure:
-    """Reward with the ensemble's spread above, shares of the groups below."""
-    figure = Figure(figsize=(6.4, 3.8), layout="constrained")
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1, 1.1))
+    """A clip in up to four rows over time: its reward with the ensemble's spread, the
+    shares of habits, of what was chosen, and of each robot, as far as there are any."""
+    heights = [1.0, 1.1 + 0.06 * max(0, len(shown.groups) - 6)]
+    heights += [0.35] * bool(runs) + [0.8] * (shown.robots is not None)
+    figure = Figure(figsize=(6.4, 1.8 * sum(heights)), layout="constrained")
+    rows = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
+    above, below = rows[:2]
     dt_s = entry.meta.control_dt_s
     time_s = (clip.start + np.arange(clip.steps)) * dt_s
     forward, left, yaw = entry.meta.command
@@ -48,11 +61,49 @@ def clip_picture(
     )
     below.set_yticks(range(len(shown.groups)), shown.groups)
     below.grid(False)
-    below.set_xlabel("time in the episode, s", fontsize=9)
+    parts = four_ways(shown, control_dt_s=dt_s, runs=runs)
+    if runs:
+        _choices_row(rows[2], runs, parts, time_s[0], dt_s)
+    if shown.robots is not None:
+        _robots_row(rows[-1], shown.robots, parts, time_s)
+    rows[-1].set_xlabel("time in the episode, s", fontsize=9)
     bar = figure.colorbar(image, ax=below, pad=0.01)
     bar.set_label("liked", fontsize=8)
     bar.ax.tick_params(labelsize=7)
     return figure
+
+
+def _choices_row(
+    axes: Axes, runs: Sequence[Run], parts: FourWays, start_s: float, dt_s: float
+) -> None:
+    """What was chosen when, and what of the mean reward came of it."""
+    plain_axes(axes, "")
+    axes.grid(False)
+    names = list(parts.choices)
+    for name, first, stop in runs:
+        colour = ROBOTS[names.index(name) % len(ROBOTS)]
+        left, width = start_s + first * dt_s, (stop - first) * dt_s
+        axes.barh(0, width, left=left, color=colour, alpha=0.35, height=1.0)
+        axes.text(left + width / 2, 0, name, ha="center", va="center", fontsize=8)
+    axes.set_yticks([])
+    told = ", ".join(f"{name} {share:+.2f}" for name, share in parts.choices.items())
+    axes.set_title(f"by choice: {told}; together {parts.whole:+.2f}", fontsize=8)
+
+
+def _robots_row(
+    axes: Axes, robots: np.ndarray, parts: FourWays, time_s: np.ndarray
+) -> None:
+    """What each robot earns over time; both together are the reward."""
+    plain_axes(axes, "")
+    for (name, share), own, colour in zip(
+        parts.robots.items(), robots.T, ROBOTS, strict=False
+    ):
+        label = f"{name} {share:+.2f}"
+        axes.plot(time_s, own, color=colour, linewidth=1.3, label=label)
+    axes.axhline(0.0, color=GREY, linestyle=":", linewidth=1)
+    axes.set_ylabel("share", fontsize=9)
+    axes.legend(fontsize=8, loc="upper right", ncols=2, frameon=False)
+    axes.set_title(f"by robot; together {parts.whole:+.2f}", fontsize=8)
 
 
 def curves_picture(curves: Sequence[Curve]) -> Figure:

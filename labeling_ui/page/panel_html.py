@@ -12,6 +12,7 @@ import html
 from collections.abc import Sequence
 from datetime import datetime
 
+from data.episodes.episode_records import TEAM_TASK
 from labeling_ui.questions.judgement import Past, Verdict
 from labeling_ui.scene.clip_motion import Command
 
@@ -37,7 +38,11 @@ def head(rater_id: str, showing: Showing, said: Remarks) -> str:
     else:
         motion = None if showing.motions is None else showing.motions[0]
         lies = motion is not None and motion.task == "getup"
-        lines.append(f"<b>Which one {'gets up' if lies else 'walks'} better?</b>")
+        team = motion is not None and motion.task == TEAM_TASK
+        who = "team" if team else "one"
+        lines.append(f"<b>Which {who} {'gets up' if lies else 'walks'} better?</b>")
+        if team:
+            lines.append("Two robots each: judge both together. Feet: robot 1's.")
         if motion is not None and not lies:
             lines.append(command_words(motion.commands))
     if question is not None and question.pair.meanwhile is not None:

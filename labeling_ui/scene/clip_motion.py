@@ -56,9 +56,10 @@ class Motion:
     fell: bool
     """The clip ends with the fall of the robot."""
     contact: np.ndarray
-    """[T, 4] feet on the ground, in the order of `data.features.LEGS`."""
+    """[T, 4] feet on the ground, in the order of `data.features.LEGS`; of a team those
+    of the first robot."""
     speed_m_s: np.ndarray
-    """[T] forward speed of the base."""
+    """[T] forward speed of the base; like what follows, of a team the mean of both."""
     height_m: np.ndarray
     """[T] height of the base."""
     torque_nm: np.ndarray
@@ -112,17 +113,22 @@ def load_motion(dataset: Dataset, clip: Clip) -> Motion:
             f"{episode.num_steps}; the pairs belong to another data set"
         )
     geometry = robot_geometry(episode.mjcf)
-    qpos = episode.qpos[clip.start : clip.stop + 1]
-    positions, wxyzs = instance_poses(geometry, qpos)
+    robots = [robot.qpos[clip.start : clip.stop + 1] for robot in episode.robots]
+    qpos = robots[0]
+    # Of a team, the view follows the middle of both.
+    middle = np.mean([robot[:, :3] for robot in robots], axis=0)
+    world = episode.world_qpos[clip.start : clip.stop + 1]
+    positions, wxyzs = instance_poses(geometry, world)
     window = round(PATH_WINDOW_S / episode.meta.control_dt_s)
-    floor_m = _smooth(geometry.floor_m(qpos[:, :2])[:, None], window)
+    floor_m = _smooth(geometry.floor_m(middle[:, :2])[:, None], window)
     positions[..., 2] -= floor_m
     turn = _heading_wxyz(qpos[0, 3:7]) * (1, 0, 0, -1)
-    origin = np.array([*qpos[0, :2], 0.0])
+    origin = np.array([*middle[0, :2], 0.0])
     wxyzs = multiply_wxyz(turn, wxyzs).astype(np.float32)
     dt_s = episode.meta.control_dt_s
-    ground = _turned(qpos[:, :3] - origin, turn)[:, :2]
-    rows = episode.features[clip.rows]
+    ground = _turned(middle - origin, turn)[:, :2]
+    both = [robot.features[clip.rows] for robot in episode.robots]
+    rows = both[0]
     path = _smooth(ground, window).astype(np.float32)
     told = episode.meta.task != "getup"
     heading_rad = _headings_rad(qpos[:, 3:7])
@@ -141,12 +147,14 @@ def load_motion(dataset: Dataset, clip: Clip) -> Motion:
         obeyed=obeyed(ground, heading_rad, asked, dt_s) if told else None,
         fell=episode.end_reason == "terminated" and clip.stop == episode.num_steps,
         contact=rows[:, column("foot_contact")] > 0.5,
-        # Copies: a view would keep the whole episode in memory.
-        speed_m_s=rows[:, column("base_lin_vel_b")][:, 0].copy(),
-        height_m=rows[:, column("base_height")][:, 0].copy(),
-        torque_nm=np.abs(rows[:, column("joint_torque")]).mean(axis=-1),
+        # Means are copies: a view would keep the whole episode in memory.
+        speed_m_s=np.mean([own[:, column("base_lin_vel_b")][:, 0] for own in both], 0),
+        height_m=np.mean([own[:, column("base_height")][:, 0] for own in both], 0),
+        torque_nm=np.mean(
+            [np.abs(own[:, column("joint_torque")]).mean(axis=-1) for own in both], 0
+        ),
         gaits=_gaits(episode, clip),
-        habits=visible_habits(rows, dt_s),
+        habits=np.mean([visible_habits(own, dt_s) for own in both], axis=0),
     )
 
 

@@ -61,6 +61,11 @@ class RobotGeometry:
     meshes: tuple[BodyMesh, ...]
 
     @cached_property
+    def robots(self) -> int:
+        """How many there are: bodies that go where they like."""
+        return int((self.mj_model.jnt_type == mujoco.mjtJoint.mjJNT_FREE).sum())
+
+    @cached_property
     def ground(self) -> Ground | None:
         """The ground under the robot; None is the plane z = 0."""
         mj_model = self.mj_model

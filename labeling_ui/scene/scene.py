@@ -5,7 +5,7 @@ All handles belong to one client, are made once and then only moved.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -37,6 +37,8 @@ _ONE_PLATE = (Rectangle(center=(0.0, 0.0), size=(1.5, 1.0)),)
 _LANES = (Rectangle(center=(0.0, 0.0), size=(3.0, 1.5)),)
 _LANE_Y_M = (0.36, -0.36)
 _LABEL_HEIGHT_M = 0.56
+_FARTHER = 1.6
+"""How much farther off teams of two are seen."""
 _GHOST_OPACITY = 0.32
 _FALL_RGB = (224, 49, 49)
 
@@ -151,7 +153,7 @@ class PairScene:
             "lanes": Floor(scene, "/lanes", _LANES),
         }
         self._shelves = Floor(scene, "/shelves", _SHELVES) if robots == 2 else None
-        self._narrow = False
+        self._narrow = self._of_teams = False
         self._robots: tuple[dict[str, RobotView], ...] = ({}, {})
         self._shown: list[RobotView | None] = [None, None]
         self._fallen = [False, False]
@@ -185,6 +187,10 @@ class PairScene:
                 self._shown[side] = robot
             self._labels[side].visible = robot is not None
             self._ways[side].show(robot is not None)
+        of_teams = any(g is not None and g.robots > 1 for g in (left, right))
+        if of_teams != self._of_teams:
+            self._of_teams = of_teams
+            self.look(self.view)
         self._show_ghosts()
 
     def toggle_ghosts(self) -> None:
@@ -224,7 +230,7 @@ class PairScene:
             for side, plate in enumerate(self._standing):
                 above = _SHELF_LABEL_M if self._narrow else _LABEL_HEIGHT_M
                 self._labels[side].position = (*plate.center, plate.height_m + above)
-        shot = _SHELF_SHOT if self._narrow else SHOTS[view]
+        shot = self._shot
         with self._client.atomic():
             camera.up_direction = (0.0, 0.0, 1.0)
             camera.position = shot.from_afar(aspect_of(camera))
@@ -233,7 +239,7 @@ class PairScene:
 
     def is_seen_as_set(self, camera: viser.CameraHandle) -> bool:
         """Whether a visitor's camera stands where `look` put it."""
-        shot = _SHELF_SHOT if self._narrow else SHOTS[self.view]
+        shot = self._shot
         stands = shot.from_afar(aspect_of(camera))
         return bool(np.allclose(camera.position, stands, atol=0.02))
 
@@ -241,6 +247,15 @@ class PairScene:
         """Floors for the light or the dark theme."""
         for floor in self._all_floors:
             floor.colour(DARK if dark else LIGHT)
+
+    @property
+    def _shot(self) -> Shot:
+        """From where it is seen; teams from farther off and above."""
+        shot = _SHELF_SHOT if self._narrow else SHOTS[self.view]
+        if not self._of_teams:
+            return shot
+        x, y, z = shot.position
+        return replace(shot, position=(_FARTHER * x, _FARTHER * y, 1.6 * _FARTHER * z))
 
     @property
     def _standing(self) -> tuple[Rectangle, ...]:

@@ -6,13 +6,14 @@ Shapes: N environments, F feature columns, K environments being reset.
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from rsl_rl.env import VecEnv
 from tensordict import TensorDict
 from torch import Tensor
 
+from data.errors import GaitprefError
 from data.features import column
 from policy.law.encoder import Encoder
 from policy.parallel.ranks import ALONE, Ranks
@@ -32,6 +33,16 @@ from .task_reward import task_reward_for, weighted
 from .terrain import Starts, near_edge
 from .world import in_world
 
+_ONE_OR_TWO = (
+    "this policy walks in a team of two and is blind without the other robot: "
+    "`gaitpref team record --policy POLICY --dataset DIR` shows what it does, and "
+    "`gaitpref film --dataset DIR --clip CLIP` films it",
+    "this policy walks alone: `gaitpref team train --init POLICY --out DIR` makes a "
+    "team of two out of it",
+)
+"""What is wrong where a policy of two is taken for one that is alone, and the other way
+round."""
+
 Bounds = Range | tuple[Tensor, Tensor]
 """A range whose ends may depend on how far a curriculum has come."""
 
@@ -42,6 +53,9 @@ class QuadrupedEnv(VecEnv):
     `step` resets finished environments before it returns, as RSL-RL expects; what the
     step led to is in `extras["features"]`, computed before any reset.
     """
+
+    OF_TEAMS: ClassVar = False
+    """Whether two and two robots are in one world."""
 
     def __init__(
         self,
@@ -67,6 +81,8 @@ class QuadrupedEnv(VecEnv):
             threads: That the default simulator runs on; 0 is one for each CPU.
             ranks: Who has further environments of the same training.
         """
+        if (cfg.team is not None) != self.OF_TEAMS:
+            raise GaitprefError(_ONE_OR_TWO[self.OF_TEAMS])
         self.robot = robot = in_world(robot, cfg)
         self.cfg: EnvCfg = cfg  # pyright: ignore[reportIncompatibleVariableOverride]
         self.task = task_reward_for(robot, cfg.task)

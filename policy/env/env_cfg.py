@@ -12,6 +12,7 @@ from .course import CourseCfg
 from .curriculum import CurriculumCfg
 from .getup import GetupCfg
 from .task_reward import GETUP_TASK, TaskRewardCfg
+from .team_cfg import TeamCfg
 from .terrain import TerrainCfg
 
 Range = tuple[float, float]
@@ -179,6 +180,8 @@ class EnvCfg:
     """Begin episodes lying, and end none by a fall."""
     curriculum: CurriculumCfg | None = field(default=None, metadata=ADDED_LATER)
     """Ask for more as commands are followed better; None asks for all at once."""
+    team: TeamCfg | None = field(default=None, metadata=ADDED_LATER)
+    """Two robots in every world, which see each other; None leaves each alone."""
     law: Law | None = field(default=None, metadata=NONE_AS_BEFORE)
     """What the policy sees and what its actions ask for, where that is not this
     project's own: of a policy from elsewhere, or without the velocity of the base."""

@@ -202,7 +202,7 @@ def _record_one(
     # Once for all: taking steps apart for every episode costs a third of the rollout.
     arrays = {
         name: np.stack([np.asarray(getattr(step, name)) for step in steps], axis=1)
-        for name in _LOGGED
+        for name in LOGGED
     }
     lengths = np.sum([np.asarray(step.alive) for step in steps], axis=0)
     for index in range(count):
@@ -231,7 +231,7 @@ def _record_one(
             own = np.stack(ran)[:num_steps, index]
             meta.extra.update(told_choices(gaits.names, own))
         rows = {name: array[index, :num_steps] for name, array in arrays.items()}
-        yield _episode(steps[num_steps - 1], rows, index, meta, env.robot.mjcf)
+        yield episode_of(steps[num_steps - 1], rows, index, meta, env.robot.mjcf)
 
 
 def _told(
@@ -285,10 +285,10 @@ def _babble(env: QuadrupedEnv, rng: torch.Generator) -> Babble:
     )
 
 
-_LOGGED = ("qpos", "qvel", "obs", "action", "targets", "features", "reward")
+LOGGED = ("qpos", "qvel", "obs", "action", "targets", "features", "reward")
 
 
-def _episode(
+def episode_of(
     last: RolloutStep,
     rows: dict[str, np.ndarray],
     index: int,

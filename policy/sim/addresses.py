@@ -38,12 +38,12 @@ class Addresses:
     """4 times 3 velocities of the feet in `sensordata`."""
 
 
-def addresses_of(robot: Robot) -> Addresses:
-    """The columns of `robot`."""
+def addresses_of(robot: Robot, prefix: str = "") -> Addresses:
+    """The columns of `robot`, whose sensors have names that begin with `prefix`."""
     mj_model = robot.mj_model
 
     def sensor(name: str) -> int:
-        return int(mj_model.sensor(f"gaitpref_{name}").adr[0])
+        return int(mj_model.sensor(f"{prefix}gaitpref_{name}").adr[0])
 
     joint = mj_model.body_jntadr[robot.base_body_id]
     velocity = [sensor(f"vel_{leg}") for leg in LEGS]

@@ -16,7 +16,7 @@ from torch import Tensor
 from policy.robots.bare import bare_model
 from policy.robots.robot import Robot
 
-from .addresses import addresses_of
+from .addresses import Addresses, addresses_of
 from .chosen import Listed, Rows, listed
 from .draw import Draw, factors, varied_fields
 from .sim import SimState, require_fits
@@ -30,7 +30,8 @@ _UNSTABLE = [
     int(mujoco.mjtWarning.mjWARN_BADCTRL),
 ]
 
-_VEL = int(mujoco.mjtStage.mjSTAGE_VEL)
+VEL = int(mujoco.mjtStage.mjSTAGE_VEL)
+"""How far a step computes: all that is read of it, and no sensor of accelerations."""
 
 
 class BatchSim:
@@ -54,7 +55,7 @@ class BatchSim:
         self._at = addresses_of(robot)
         batch.reset()
         self._initial = batch.state[0].copy()
-        batch.forward(stage=_VEL)
+        batch.forward(stage=VEL)
         self._warned = self._warnings()
 
     def rows(self, mask: Tensor) -> Rows | None:
@@ -67,10 +68,10 @@ class BatchSim:
 
     def advance(self, substeps: int) -> Tensor:
         """See `Sim.advance`; MuJoCo resets a diverged simulation without an error."""
-        bad = torch.zeros(self.num_envs, dtype=torch.bool)
+        bad = torch.zeros(len(self._warned), dtype=torch.bool)
         try:
             # Decimation inside one call: five calls of one step cost 60 % more.
-            self._batch.step(nstep=substeps, stage=_VEL)
+            self._batch.step(nstep=substeps, stage=VEL)
         except SimulationError as error:
             bad[torch.from_numpy(np.asarray(error.ids, dtype=np.int64))] = True
         warned = self._warnings()
@@ -80,8 +81,11 @@ class BatchSim:
 
     def read(self, rows: Rows | None = None) -> SimState:
         """See `Sim.read`."""
-        chosen = slice(None) if rows is None else _ids(rows)
-        at, exact = self._at, self._qpos[chosen]
+        return self._seen(self._at, slice(None) if rows is None else _ids(rows))
+
+    def _seen(self, at: Addresses, chosen: slice | np.ndarray) -> SimState:
+        """The state of the robot at `at` in the simulations `chosen` [K]."""
+        exact = self._qpos[chosen]
         qpos, qvel = exact.astype(np.float32), self._qvel[chosen].astype(np.float32)
         sensors = self._sensors[chosen].astype(np.float32)
         free, free_vel = at.base_qpos, at.base_qvel
@@ -116,7 +120,7 @@ class BatchSim:
         self._ctrl[ids[:, None], self.robot.actuator_ids] = qpos.numpy()[
             :, self.robot.qpos_adr
         ]
-        self._batch.forward(ids, stage=_VEL)
+        self._batch.forward(ids, stage=VEL)
         self._warned = self._warnings()
 
     def raw_state(self) -> tuple[Tensor, Tensor]:
@@ -132,7 +136,7 @@ class BatchSim:
         """See `Sim.restore`."""
         require_fits(snapshot, self._batch.state.shape)
         self._batch.state[:] = snapshot.numpy()
-        self._batch.forward(stage=_VEL)
+        self._batch.forward(stage=VEL)
 
     def _warnings(self) -> np.ndarray:
         """How often each simulation [N] was found unstable since its last reset."""

@@ -15,6 +15,7 @@ from rsl_rl.utils import resolve_class
 from tensordict import TensorDict
 from torch import Tensor, nn
 
+from data.episodes.team_rows import SIGHT_DIM
 from data.files.files import read_file, sha256_bytes, write_atomically
 from data.files.limits import POLICY_BYTES
 from data.files.plain import ADDED_LATER, from_plain, to_plain
@@ -185,6 +186,8 @@ def load_policy(path: Path) -> Policy:
     dim = OBS_DIM if info.env.law is None else info.env.law.obs_dim
     if info.ppo.gaits is not None:
         dim += AHEAD_DIM
+    if info.env.team is not None:
+        dim += SIGHT_DIM
     obs = TensorDict({"policy": torch.zeros(1, dim)}, batch_size=[1])
     actor = actor_class(obs, cfg["obs_groups"], "actor", 12, **actor_cfg)
     weights = payload["actor_state_dict"]

@@ -17,7 +17,6 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from data.errors import GaitprefError
-from data.features import FEATURE_DIM
 from policy.parallel.ranks import ALONE, Ranks
 
 from .clipped_update import clipped_update
@@ -173,7 +172,8 @@ class RewardPpo(PPO):
         step = self.storage.step
         if step == 0:
             shape = (self.storage.num_transitions_per_env, self.storage.num_envs)
-            self.features = torch.zeros(*shape, FEATURE_DIM, device=self.device)
+            width = extras["features"].shape[-1]
+            self.features = torch.zeros(*shape, width, device=self.device)
             self.starts = torch.zeros(shape, dtype=torch.bool, device=self.device)
             self.time_outs = torch.zeros(shape, device=self.device)
             self.valid = torch.ones(shape, device=self.device)

@@ -48,6 +48,9 @@ class Explanation:
     average: float
     """Reward of an average judged step."""
     method: str
+    robots: np.ndarray | None = None
+    """[K, R] what each robot of a team earns; they add up to the reward. None of a
+    robot alone."""
 
 
 def explain(

@@ -28,7 +28,7 @@ from rewardmodel.linear.noise_level import errors_alike, noise_level, settled
 from rewardmodel.measures.held_out import held_out_predictions
 from rewardmodel.models.ensemble import fit_ensemble
 from rewardmodel.models.fit_report import FitReport
-from rewardmodel.models.kinds import KINDS
+from rewardmodel.models.kinds import kind_called
 from rewardmodel.models.model import leads_by
 from rewardmodel.models.prediction import Prediction
 from rewardmodel.prepared.described import DescribedPairs
@@ -105,7 +105,6 @@ def fit_table(
     Raises:
         RewardError: too few answers prefer a segment.
     """
-    started_s = time.perf_counter()
     preferences = sum(answer.target != 0.5 for answer in answers)
     if preferences < MIN_ANSWERS:
         raise RewardError(
@@ -114,13 +113,54 @@ def fit_table(
         )
     cfg = replace(cfg, kind=kind)
     prepared = PreparedTable.of(_pairs(segments, answers, cfg))
+    names = tuple((segments.ids[a.left], segments.ids[a.right]) for a in answers)
+    fitted = fit_measured(prepared, names, cfg, seed=seed)
+    asked, foreseen, report = fitted.asked, fitted.foreseen, fitted.report
+    kept = [answer for answer, was in zip(answers, asked.tolist(), strict=True) if was]
+    report = replace(report, raters=_raters(kept, foreseen, report.temperature))
+    names = (*segments.names, *(f"{name} squared" for name in segments.names))
+    return TableReward(names, fitted.normaliser, fitted.scorer, fitted.cfg, report)
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A reward, and what those said that had not seen what they were asked about."""
+
+    normaliser: Normaliser
+    scorer: Scorer
+    cfg: FitCfg
+    """With what the answers decided put in."""
+    report: FitReport
+    asked: Tensor
+    """[B] bool, answers about what a model had not seen."""
+    foreseen: Prediction
+    """What was said of these."""
+
+
+def fit_measured(
+    prepared: Prepared,
+    names: tuple[tuple[str, str], ...],
+    cfg: FitCfg,
+    *,
+    seed: int,
+    at_random: Tensor | None = None,
+) -> Fitted:
+    """Fit a reward to prepared answers and measure it on what models have not seen.
+
+    Args:
+        prepared: The answers.
+        names: [B] what the left and the right side of each are cut from.
+        cfg: How it is fitted.
+        seed: Bootstrap draws and first weights.
+        at_random: [B] bool, answers about pairs that no reward chose; by default all.
+    """
+    started_s = time.perf_counter()
     found = settled(
-        cfg, noise_level(prepared, cfg), tells_errors=KINDS[kind].tells_errors
+        cfg, noise_level(prepared, cfg), tells_errors=kind_called(cfg.kind).tells_errors
     )
     errors = errors_alike(prepared, found, found.error_share)
     prepared = replace(prepared, described=replace(prepared.described, errors=errors))
     normaliser, scorer = fit_ensemble(prepared, found, seed)
-    names = tuple((segments.ids[a.left], segments.ids[a.right]) for a in answers)
     asked, foreseen = held_out_predictions(prepared, names, found, seed)
     report = report_of(
         prepared.described,
@@ -129,12 +169,13 @@ def fit_table(
         foreseen,
         found,
         time.perf_counter() - started_s,
-        at_random=torch.ones(len(answers), dtype=torch.bool),
+        at_random=(
+            torch.ones(len(prepared), dtype=torch.bool)
+            if at_random is None
+            else at_random
+        ),
     )
-    kept = [answer for answer, was in zip(answers, asked.tolist(), strict=True) if was]
-    report = replace(report, raters=_raters(kept, foreseen, report.temperature))
-    names = (*segments.names, *(f"{name} squared" for name in segments.names))
-    return TableReward(names, normaliser, scorer, found, report)
+    return Fitted(normaliser, scorer, found, report, asked, foreseen)
 
 
 def _pairs(

@@ -16,8 +16,10 @@ from gaitpref.cli.main import main
 from gaitpref.loop.run_config import claim
 from gaitpref.loop.run_inputs import inputs_of
 from policy.env.env_cfg import EnvCfg
+from policy.env.team_cfg import TeamCfg
 from policy.robots.robot import load_robot
 from policy.robots.shipped import WALK
+from policy.team.team_start import as_team
 from policy.training.ppo import PpoCfg
 from policy.training.train import TrainCfg, train
 from tests.helpers.log_tables import write_tables
@@ -45,12 +47,17 @@ _INPUTS = {
     "plan": "plan.yaml",
     "theirs": "theirs/policy.onnx",
     "place": "place",
+    "team": "team.pt",
+    "teams": "teams",
+    "shared": "team-reward",
 }
 _FIRST = "first.txt"
 """Holds the hash of an episode."""
 _PARTS = {
     "dataset": ("set/manifest.json", "set/preferences.sqlite", "set/raters.json"),
     "reward": ("reward/reward.json", "reward/reward.safetensors"),
+    "teams": ("teams/manifest.json", "teams/preferences.sqlite"),
+    "shared": ("team-reward/team.json", "team-reward/team.safetensors"),
     "run": ("run/config.yaml", "run/rounds/00/report.json"),
     "queries": ("queries/episodes.json",),
     "lerobot": ("lerobot/meta/info.json", "lerobot/data/chunk-000/file-000.parquet"),
@@ -74,7 +81,7 @@ class Typed:
     def words(self) -> tuple[str, ...]:
         """The command itself."""
         words = self.line.split()
-        return tuple(words[: 1 + (words[0] == "data")])
+        return tuple(words[: 1 + (words[0] in ("data", "team"))])
 
     @property
     def writes_out(self) -> bool:
@@ -109,6 +116,11 @@ TABLE = (
     Typed("answer --dataset {dataset} --criterion task", writes_set=True),
     Typed("fit --dataset {dataset} --out {out} --model linear"),
     Typed("relabel --reward {reward} --dataset {dataset} --out {out}"),
+    Typed("team train --out {out} --init {team} --steps 96 --robots 4"),
+    Typed("team record --policy {team} --dataset {out} --episodes 2 --episode-s 1"),
+    Typed("team answer --dataset {teams}", writes_set=True),
+    Typed("team fit --dataset {teams} --out {out}"),
+    Typed("team shares --reward {shared} --dataset {teams}"),
     Typed("evaluate --policy {policy} --reward {reward} --episodes 2"),
     Typed("report --run {run}"),
     Typed("method --run {run}"),
@@ -162,12 +174,17 @@ def make_world(world: Path) -> None:
     ppo = PpoCfg(num_envs=4, hidden_sizes=(8,))
     robot = load_robot(physics_dt_s=EnvCfg().physics_dt_s)
     (world / "shipped.pt").write_bytes(WALK.read_bytes())
+    (world / "team.pt").write_bytes(as_team(WALK, TeamCfg()))
     train(world / "train", robot, TrainCfg(steps=96, env=EnvCfg(), ppo=ppo))
     for line in (
         "record --policy {policy} --dataset {dataset} --episodes 20 --episode-s 2",
         "pairs --dataset {dataset} --count 24",
         "answer --dataset {dataset} --criterion crouch",
         "fit --dataset {dataset} --out {reward} --model linear",
+        "team record --policy {team} --dataset {teams} --episodes 10 --episode-s 2",
+        "pairs --dataset {teams} --count 16",
+        "team answer --dataset {teams}",
+        "team fit --dataset {teams} --out {shared}",
         "raters --dataset {dataset} add ada",
         "data pack --dataset {dataset} --out {archive}",
         "data export --format uni-rlhf --dataset {dataset} --out {queries}",

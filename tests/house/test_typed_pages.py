@@ -51,6 +51,8 @@ INSTEAD = {
 SMALL = {
     "loop": "--rounds 1 --labels 8 --steps 96",
     "train": "--steps 96 --envs 4",
+    "team train": "--steps 96 --robots 4",
+    "team record": "--episodes 12 --episode-s 2",
     "evaluate": "--episodes 4",
     "arena": "--episodes 5 --most 3",
     "film": "--duration-s 1 --fps 5",
@@ -137,7 +139,8 @@ def _type(line: str, monkeypatch: pytest.MonkeyPatch) -> None:
         if not draws():
             return
     words, to = (words[:-2], words[-1]) if words[-2] == ">" else (words, "")
-    args = words[1:] + SMALL.get(words[1], "").split()
+    small = SMALL.get(words[1]) or SMALL.get(" ".join(words[1:3]), "")
+    args = words[1:] + small.split()
     if words[1] in SERVERS or "human" in words:
         if words[1] == "loop" and "--no-auth" not in words:
             _let_in(args)

@@ -10,13 +10,18 @@ from gaitpref.console.progress import console
 from gaitpref.console.terminal import say
 from policy.imported.given_back import export_like
 from policy.robots.motor_class import unusual_motors
-from policy.training.checkpoint import load_policy
+from policy.training.checkpoint import PolicyError, load_policy
 from policy.training.export_policy import export
 
 
 def run(command: options.Export) -> int:
     """Write the files; gives the exit code."""
     policy = load_policy(command.policy)
+    if policy.info.env.team is not None:
+        raise PolicyError(
+            f"{command.policy} walks in a team of two, and what it sees of the other "
+            "no sensor of a robot tells: export a policy that walks alone"
+        )
     if command.like is not None:
         say(str(export_like(policy, command.like, command.out)))
         return 0

@@ -70,6 +70,11 @@ def _fit_alone(command: options.Fit) -> None:
         )
     answers = address(command.answers)
     datasets = [Dataset.open(path, answers=answers) for path in command.dataset]
+    if teams := [d.root for d in datasets if any(e.meta.is_team for e in d.entries())]:
+        raise GaitprefError(
+            f"{teams[0]} shows teams of two, of which this reward would see one robot: "
+            f"`gaitpref team fit --dataset {teams[0]} --out {command.out}` sees both"
+        )
     cfg = FitCfg(kind=command.model, label_filter=_label_filter(command.doubted_below))
     refuse_beside_method(
         command,

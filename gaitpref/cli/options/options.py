@@ -33,6 +33,7 @@ from .reward_options import Relabel as Relabel
 from .reward_options import Trust as Trust
 from .sweep_options import Looping
 from .sweep_options import Sweep as Sweep
+from .team_options import Team as Team
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,6 +218,7 @@ Command = (
     | Annotated[Export, tyro.conf.subcommand("export")]
     | Annotated[Policy, tyro.conf.subcommand("policy")]
     | Annotated[Robot, tyro.conf.subcommand("robot")]
+    | Annotated[Team, tyro.conf.subcommand("team")]
     | Annotated[Data, tyro.conf.subcommand("data")]
     | Annotated[Doctor, tyro.conf.subcommand("doctor")]
 )

@@ -89,7 +89,7 @@ def _messages(
     mj_model = robot_geometry(episode.mjcf).mj_model
     frames = frame_names(mj_model, name)
     positions, wxyzs = body_poses(
-        mj_model, episode.qpos[clip.start : clip.stop + 1], shift_m
+        mj_model, episode.world_qpos[clip.start : clip.stop + 1], shift_m
     )
     step_ns = round(episode.meta.control_dt_s * 1e9)
     yield 0, f"/{name}/scene", SCENE_TYPE, scene(mj_model, name)

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import torch
 
 from data.answers.answer_records import Answer, Pair
 from data.datasets.dataset import Dataset, EpisodeEntry
@@ -22,17 +23,24 @@ from gaitpref.report.pictures import save_picture
 from gaitpref.report.ranked_clips import Ranked, extremes, ranked
 from gaitpref.report.reward_strips import clip_picture, curves_picture
 from rewardmodel.answers.clip_batch import read_clips
+from rewardmodel.asking.clip_questions import ClipCfg, clips_of
 from rewardmodel.explain.attribution import Explanation, explain
+from rewardmodel.explain.four_ways import four_ways
 from rewardmodel.explain.learned_curves import Curve, learned_curves
 from rewardmodel.explain.marked import decided_there, moments_of
 from rewardmodel.models.model import RewardModel
 from rewardmodel.models.storage import load_reward
+from rewardmodel.team.team_explained import explain_team
+from rewardmodel.team.team_fit import rows_in
+from rewardmodel.team.team_storage import TEAM_FACTS, load_team
 
 DATA_NAME = "explanation.json"
 
 
 def run(command: options.Explain) -> int:
     """Run the command; gives the exit code."""
+    if (command.reward / TEAM_FACTS).exists():
+        return _of_teams(command)
     model = load_reward(command.reward)
     dataset = Dataset.open(command.dataset)
     if command.clip is not None:
@@ -66,6 +74,51 @@ def run(command: options.Explain) -> int:
     console.next(
         f"`gaitpref pairs --dataset {command.dataset} --reward {command.reward} "
         f"--count 20` asks where it is in doubt"
+    )
+    return 0
+
+
+def _of_teams(command: options.Explain) -> int:
+    """Explain clips of teams."""
+    model, dataset = load_team(command.reward), Dataset.open(command.dataset)
+    rows = rows_in([dataset])
+    if command.clip is None:
+        clips = clips_of(dataset.entries(), ClipCfg())
+    else:
+        clips = [find_clip(dataset, command.clip)]
+    if not clips:
+        raise GaitprefError(f"{dataset.root} gives no clip of a team")
+
+    def seen(clip: Clip) -> Explanation:
+        return explain_team(model, torch.tensor(rows(clip.rollout)[clip.rows]))
+
+    with working("looking for the best and the worst clips"):
+        found = sorted(
+            ((float(seen(clip).reward.mean()), clip) for clip in clips),
+            key=lambda item: (-item[0], item[1]),
+        )
+    count = command.count
+    chosen = [(f"best-{n}", each) for n, each in enumerate(found[:count], start=1)]
+    if command.clip is not None:
+        chosen = [("clip", found[0])]
+    else:
+        worst = enumerate(found[::-1][:count], start=1)
+        chosen += [(f"worst-{n}", each) for n, each in worst]
+    told = []
+    for name, (reward, clip) in chosen:
+        entry, shown = dataset.entry(clip.rollout), seen(clip)
+        picture = command.out / f"{name}.svg"
+        save_picture(clip_picture(shown, entry, clip, reward), picture)
+        parts = four_ways(shown, control_dt_s=entry.meta.control_dt_s)
+        both = ", ".join(f"{who} {share:+.2f}" for who, share in parts.robots.items())
+        say(f"{picture}  reward {reward:+.2f} ({both})  {clip.key}")
+        told.append(clip_json(name, Ranked(clip, reward), entry, shown))
+    data = {"descriptors": list(model.names), "clips": told, "curves": []}
+    write_atomically(command.out / DATA_NAME, json.dumps(data).encode())
+    say(f"the figures are in {command.out / DATA_NAME}")
+    console.next(
+        f"`gaitpref team shares --reward {command.reward} --dataset "
+        f"{command.dataset}` says who earns it over all episodes"
     )
     return 0
 
@@ -204,8 +257,16 @@ def clip_json(
         "groups": list(shown.groups),
         "shares": _rounded(shown.shares),
         "by_descriptor": (
-            None if shown.method == "occlusion" else _rounded(shown.descriptors)
+            _rounded(shown.descriptors)
+            if np.isfinite(shown.descriptors).all()
+            else None
         ),
+        "ways": {
+            way: _rounded_values(shares)
+            for way, shares in four_ways(
+                shown, control_dt_s=entry.meta.control_dt_s
+            ).ways.items()
+        },
     }
 
 

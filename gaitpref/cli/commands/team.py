@@ -1,0 +1,268 @@
+"""`gaitpref team`: two robots that share a reward, from training to who earned it."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+import torch
+
+from data.datasets.dataset import Dataset
+from data.datasets.manifest_file import writable
+from data.errors import GaitprefError
+from data.files.files import write_atomically
+from data.files.lock import only_writer
+from gaitpref.cli.options import team_options as options
+from gaitpref.cli.shared.shares_told import tell_shares
+from gaitpref.console.progress import (
+    console,
+    counted,
+    training_bar,
+    working,
+)
+from gaitpref.console.terminal import EXIT_INTERRUPTED
+from gaitpref.raters.criterion_scores import criterion_context
+from gaitpref.raters.rater_cfg import RaterCfg
+from gaitpref.raters.simulated import answer_pairs
+from gaitpref.report.fit_summary import fit_summary
+from gaitpref.team.team_credit import Credit, credit_of
+from gaitpref.team.team_criteria import team_criterion
+from gaitpref.team.team_pay import CriterionPay, SharedPay
+from gaitpref.team.team_sets import (
+    context_of_teams,
+    first_team,
+    robot_of_teams,
+    standing_of,
+)
+from gaitpref.training.total_reward import total_reward
+from policy.env.known_terms import KnownTermsCfg
+from policy.env.team_cfg import TeamCfg
+from policy.robots.robot import Robot
+from policy.robots.shipped import WALK
+from policy.rollouts.record import LONGEST_S
+from policy.team.team_env import team_runner
+from policy.team.team_record import LAZY, TeamRecordCfg, record_team
+from policy.team.team_start import as_team
+from policy.training.checkpoint import PolicyError, PolicyInfo, load_policy
+from policy.training.ppo import PpoCfg, ScoreFn
+from policy.training.train import POLICY_NAME, RESUME_NAME, TrainCfg, train
+from rewardmodel.answers.answered_pairs import load_pairs
+from rewardmodel.team.team_fit import fit_team, rows_in
+from rewardmodel.team.team_reward import TeamReward
+from rewardmodel.team.team_storage import load_team, save_team
+
+_START_STD, _END_STD = 0.3, 0.15
+"""Exploration noise: a walk that is there is changed, not found."""
+_START_NAME = "start.pt"
+
+
+def run(command: options.Team) -> int:
+    """Run one `gaitpref team` command; gives the exit code."""
+    match action := command.action:
+        case options.TeamTrain():
+            with only_writer(action.out, console.print):
+                return _train(action)
+        case options.TeamRecord():
+            _record(action)
+        case options.TeamAnswer():
+            _answer(action)
+        case options.TeamFit():
+            _fit(action)
+        case options.TeamShares():
+            _shares(action)
+    return 0
+
+
+def _train(command: options.TeamTrain) -> int:
+    names = (POLICY_NAME, RESUME_NAME)
+    if not command.resume and any((command.out / name).exists() for name in names):
+        raise PolicyError(
+            f"{command.out} holds a training run: --resume goes on with it, or give "
+            "another --out"
+        )
+    start = _start(command.init or WALK, command.out)
+    policy = load_policy(start)
+    info, robot = policy.info, policy.robot()
+    cfg = TrainCfg(
+        steps=command.steps,
+        env=info.env,
+        ppo=PpoCfg(hidden_sizes=info.ppo.hidden_sizes, num_envs=command.robots),
+        seed=command.seed,
+        checkpoints=command.checkpoints,
+        exploration_std=_START_STD,
+        final_std=_END_STD,
+    )
+    reward_fn = _paid(command, robot, info)
+    with training_bar("training", command.steps) as bar:
+        result = train(
+            command.out,
+            robot,
+            cfg,
+            reward_fn=reward_fn,
+            reward_name=f"team {command.reward}",
+            init=start,
+            resume=command.resume,
+            on_iteration=bar,
+            engine=team_runner,
+        )
+    if not result.finished:
+        print(
+            f"gaitpref: stopped after {result.steps:,} steps; the same command with "
+            "--resume goes on",
+            file=sys.stderr,
+        )
+        return EXIT_INTERRUPTED
+    console.print(f"the policy is {result.policy}")
+    console.next(
+        f"`gaitpref team record --policy {result.policy} --dataset DIR --lazy 0.5` "
+        "records what people can judge"
+    )
+    return 0
+
+
+def _start(init: Path, out: Path) -> Path:
+    """The policy of a team that a training begins from."""
+    if load_policy(init).info.env.team is not None:
+        return init
+    start = out / _START_NAME
+    content = as_team(init, TeamCfg())
+    with writable(out):
+        out.mkdir(parents=True, exist_ok=True)
+        write_atomically(start, content)
+    return start
+
+
+def _paid(command: options.TeamTrain, robot: Robot, info: PolicyInfo) -> ScoreFn | None:
+    """What is paid; None is the environment's own."""
+    if command.reward == "task":
+        return None
+    score: ScoreFn
+    if Path(command.reward).is_dir():
+        score = SharedPay(
+            load_team(Path(command.reward)),
+            command.pay,
+            standing_of(robot),
+            info.env.control_dt_s,
+        )
+    else:
+        context = criterion_context(robot, info.env)
+        score = CriterionPay(team_criterion(command.reward, context))
+    return total_reward(
+        score,
+        robot,
+        info.env,
+        known=KnownTermsCfg(),
+        weight=command.weight,
+        keep_task=True,
+    )
+
+
+def _record(command: options.TeamRecord) -> None:
+    if not 0.0 <= command.lazy <= 1.0:
+        raise GaitprefError(f"--lazy must lie in [0, 1], got {command.lazy:g}")
+    if not 0.0 < command.episode_s <= LONGEST_S:
+        raise GaitprefError(
+            f"--episode-s must lie in (0, {LONGEST_S:g}] seconds, got "
+            f"{command.episode_s:g}"
+        )
+    if command.lazy_robot is not None and not command.lazy:
+        raise GaitprefError("--lazy-robot needs --lazy, the share in which it is lazy")
+    policy = load_policy(command.policy)
+    cfg = TeamRecordCfg(
+        episodes=command.episodes,
+        episode_s=command.episode_s,
+        lazy_share=command.lazy,
+        lazy_robot=command.lazy_robot,
+    )
+    dataset = Dataset.create(command.dataset)
+    with working(f"recording {cfg.episodes} episodes"):
+        episodes = record_team(policy, cfg, seed=command.seed, round=command.round)
+        entries = dataset.add_episodes(episodes)
+    falls = sum(entry.end_reason == "terminated" for entry in entries)
+    console.print(
+        f"{len(entries)} episodes of teams are in {command.dataset}; {falls} of them "
+        "end in a fall"
+    )
+    console.next(
+        f"`gaitpref pairs --dataset {command.dataset} --count 60` chooses what to ask"
+    )
+
+
+def _answer(command: options.TeamAnswer) -> None:
+    if not 0.0 <= command.mistakes <= 1.0:
+        raise GaitprefError(f"--mistakes must lie in [0, 1], got {command.mistakes:g}")
+    dataset = Dataset.open(command.dataset)
+    robot, control_dt_s = robot_of_teams(dataset)
+    criterion = team_criterion(command.criterion, context_of_teams(robot, control_dt_s))
+    with counted("answering") as tell:
+        count = answer_pairs(
+            dataset,
+            criterion,
+            rater_id=f"simulated:{command.criterion}",
+            seed=command.seed,
+            cfg=RaterCfg(mistakes=command.mistakes),
+            features_of=rows_in([dataset]),
+            tell=tell,
+        )
+    console.print(
+        f"{count} pairs of {command.dataset} were answered by {command.criterion}"
+    )
+    console.next(
+        f"`gaitpref team fit --dataset {command.dataset} --out REWARD` fits a reward"
+    )
+
+
+def _fit(command: options.TeamFit) -> None:
+    datasets = [Dataset.open(path) for path in command.dataset]
+    for dataset in datasets:
+        first_team(dataset)
+    pairs = load_pairs(datasets)
+    with working(f"fitting a reward of teams to {len(pairs)} answers"):
+        model = fit_team(pairs, rows_in(datasets), seed=command.seed)
+    with writable(command.out.parent):
+        save_team(model, command.out)
+    if command.json:
+        print(json.dumps(asdict(model.report) | {"largest": _largest(model)}))
+        return
+    console.print(f"team: {fit_summary(model.report)}; the reward is {command.out}")
+    liked = ", ".join(f"{name} {weight:+.2f}" for name, weight in _largest(model))
+    console.print(f"most of all it looks at {liked}")
+    console.next(
+        f"`gaitpref team shares --reward {command.out} --dataset {command.dataset[0]}` "
+        "says who earns it"
+    )
+
+
+def _largest(model: TeamReward, count: int = 5) -> list[tuple[str, float]]:
+    """Habits with the largest weights, and these: what one deviation more is worth."""
+    own, pair = model.agreed
+    weights = [*own.tolist(), *pair.tolist()]
+    named = [
+        (name, round(weight, 3))
+        for name, weight in zip(model.names, weights, strict=True)
+    ]
+    return sorted(named, key=lambda item: -abs(item[1]))[:count]
+
+
+def _shares(command: options.TeamShares) -> None:
+    model = load_team(command.reward)
+    dataset = Dataset.open(command.dataset)
+    robot, control_dt_s = robot_of_teams(dataset)
+    entries = [
+        entry
+        for entry in dataset.entries()
+        if command.round in (None, entry.meta.round) and entry.end_reason != "aborted"
+    ]
+    if not entries:
+        raise GaitprefError(f"{command.dataset} has no episode of that --round")
+    rows, standing = rows_in([dataset]), standing_of(robot)
+    credits: list[Credit] = []
+    with counted("sharing out") as tell:
+        for done, entry in enumerate(entries):
+            tell(done, len(entries))
+            found = torch.from_numpy(rows(entry.sha256))
+            credits.append(credit_of(model, found, standing, control_dt_s=control_dt_s))
+    lazy = [int(entry.meta.extra.get(LAZY, "0")) for entry in entries]
+    tell_shares(command, credits, lazy)

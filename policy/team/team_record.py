@@ -1,0 +1,152 @@
+"""Recording teams: episodes that hold both robots, some with one that is lazy.
+
+A team in which both always do their part says nothing of what one is worth to it. So in
+some episodes one robot holds still for half of the time, on purpose.
+
+Shapes: N robots, T steps of an episode.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from data.episodes.episode_records import ROBOTS, TEAM_TASK, Episode, EpisodeMeta
+from data.features import FEATURE_DIM
+from policy.env.seeding import spawned
+from policy.rollouts.record import LOGGED, episode_of, recorded_commands
+from policy.rollouts.rollout import Actor, first_episodes
+from policy.training.checkpoint import Policy
+
+from .team_env import TeamEnv
+
+LAZY = "lazy_robot"
+"""Name in `EpisodeMeta.extra` of the robot, 1 or 2, that holds still now and then."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TeamRecordCfg:
+    """What is recorded of a team."""
+
+    episodes: int = 40
+    """Episodes in all, each of two robots."""
+    episode_s: float = 6.0
+    """Length of one that does not fall."""
+    noisy_share: float = 0.5
+    """Share with exploration noise, so that clips differ."""
+    lazy_share: float = 0.0
+    """Share in which one robot is lazy, in turn the first and the second."""
+    lazy_robot: int | None = None
+    """The robot that is, always; None takes turns."""
+    lazy_s: float = 1.0
+    """For so long it holds still, then walks as long, and so on: half of the time."""
+
+    def __post_init__(self) -> None:
+        if self.episodes < 1 or not self.episode_s > 0 or not self.lazy_s > 0:
+            raise ValueError(
+                "episodes, episode_s and lazy_s must be above 0, got "
+                f"{self.episodes}, {self.episode_s} and {self.lazy_s}"
+            )
+        if not (0 <= self.noisy_share <= 1 and 0 <= self.lazy_share <= 1):
+            raise ValueError(
+                "shares must lie in [0, 1], got "
+                f"{self.noisy_share} and {self.lazy_share}"
+            )
+        if self.lazy_robot not in (None, 1, 2):
+            raise ValueError(f"the robots are 1 and 2, not {self.lazy_robot}")
+
+
+class Lazy:
+    """An actor of which some robots hold the home pose for half of the time."""
+
+    def __init__(self, actor: Actor, lazy: Tensor, *, steps: int) -> None:
+        """`lazy` [N] bool; every `steps` control steps they stop or go on."""
+        self._actor, self._lazy, self._steps = actor, lazy, steps
+        self._step = 0
+
+    def __call__(self, obs: Tensor, noise: Tensor | None = None) -> Tensor:
+        """Actions [N, 12]."""
+        still = self._lazy & (self._step // self._steps % 2 == 1)
+        self._step += 1
+        return self._actor(obs, noise).masked_fill(still[:, None], 0.0)
+
+
+def record_team(
+    policy: Policy, cfg: TeamRecordCfg, *, seed: int, round: int = 0
+) -> Iterator[Episode]:
+    """Episodes of teams, one after the other.
+
+    Args:
+        policy: Walks both robots of each.
+        cfg: How many, how long, how many of them lazy.
+        seed: Start states and exploration noise.
+        round: Stored with every episode.
+
+    Raises:
+        GaitprefError: the policy walks alone.
+    """
+    info, count = policy.info, cfg.episodes
+    env_cfg = replace(info.env, episode_s=cfg.episode_s)
+    env_seed, actor_seed = spawned(seed, 2)
+    env = TeamEnv(policy.robot(), env_cfg, 2 * count, seed=env_seed, keep_final=True)
+    choices = recorded_commands(env_cfg.commands)
+    told = [choices[team % len(choices)] for team in range(count)]
+    env.fix_commands(torch.tensor(told).repeat_interleave(2, dim=0))
+    noisy = _turns(count, cfg.noisy_share)
+    # Not those with noise alone: what is lazy and what is shaky would be one.
+    lazy_teams = np.roll(_turns(count, cfg.lazy_share), 1)
+    who = np.zeros(count, dtype=int)
+    who[lazy_teams] = cfg.lazy_robot or 1 + np.arange(lazy_teams.sum()) % 2
+    lazy = torch.from_numpy(np.stack([who == 1, who == 2], axis=1)).flatten()
+    still = max(1, int(cfg.lazy_s / env_cfg.control_dt_s + 0.5))
+    steps = list(
+        first_episodes(
+            Lazy(policy, lazy, steps=still),
+            env,
+            noise=torch.from_numpy(noisy).float().repeat_interleave(2),
+            rng=torch.Generator().manual_seed(actor_seed),
+        )
+    )
+    arrays = {
+        name: np.stack([np.asarray(getattr(step, name)) for step in steps], axis=1)
+        for name in LOGGED
+    }
+    arrays["features"] = arrays["features"][..., :FEATURE_DIM]
+    lengths = np.sum([np.asarray(step.alive) for step in steps], axis=0)
+    for team in range(count):
+        extra = {"trained_against": info.reward, ROBOTS: "2"}
+        if who[team]:
+            extra[LAZY] = str(who[team])
+        both: list[Episode] = []
+        for robot in (2 * team, 2 * team + 1):
+            meta = EpisodeMeta(
+                task=TEAM_TASK,
+                seed=seed,
+                env_index=robot,
+                command=told[team],
+                policy_sha256=policy.sha256,
+                policy_step=info.steps,
+                stochastic=bool(noisy[team]),
+                control_dt_s=env_cfg.control_dt_s,
+                physics_dt_s=env_cfg.physics_dt_s,
+                robot=info.robot_name,
+                model_sha256=env.sim.robot.model_sha256,
+                round=round,
+                extra=extra,
+            )
+            num_steps = int(lengths[robot])
+            rows = {name: array[robot, :num_steps] for name, array in arrays.items()}
+            both.append(
+                episode_of(steps[num_steps - 1], rows, robot, meta, env.sim.mjcf)
+            )
+        yield replace(both[0], mate=both[1])
+
+
+def _turns(count: int, share: float) -> np.ndarray:
+    """A share of `count` episodes [N] bool, evenly spread."""
+    turn = np.arange(count)
+    return np.floor((turn + 1) * share) > np.floor(turn * share)

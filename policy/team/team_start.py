@@ -1,0 +1,71 @@
+"""A team out of a policy that walks alone: it walks as before until it learns to look.
+
+The networks get inputs for what is seen of the other, with weights of zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from data.episodes.team_rows import SIGHT_DIM
+from policy.env.env_cfg import RandomiseCfg
+from policy.env.feature_row import OBS_DIM
+from policy.env.team_cfg import TeamCfg
+from policy.training.checkpoint import (
+    PolicyError,
+    payload_bytes,
+    policy_info,
+    read_plain,
+)
+
+_USUAL = 1.0
+"""Deviation of what is seen, as a network that never saw it expects."""
+
+
+def as_team(path: Path, team: TeamCfg) -> bytes:
+    """The contents of a policy file of teams, out of one of a robot alone.
+
+    Raises:
+        PolicyError: the policy sees something else than this project's observation, or
+            is of a team already, or its file cannot be used.
+    """
+    payload = read_plain(path)
+    info = policy_info(path, payload)
+    if info.env.team is not None:
+        raise PolicyError(f"{path} is of a team already: train it further as it is")
+    if info.env.law is not None or info.ppo.recipe is not None:
+        raise PolicyError(
+            f"{path} was brought in from elsewhere, or does not see the velocity of "
+            "its base; a team begins from a policy that sees what `gaitpref train` "
+            "shows by default"
+        )
+    states = {
+        name: {key: _widened(key, value) for key, value in state.items()}
+        for name, state in payload.items()
+        if name in ("actor_state_dict", "critic_state_dict")
+    }
+    critic = states.get("critic_state_dict", {}).get("mlp.0.weight")
+    if critic is None or critic.shape[-1] != OBS_DIM + SIGHT_DIM:
+        # It was shown what only a simulator knows: a new one looks on first.
+        states.pop("critic_state_dict", None)
+    env = replace(info.env, team=team, randomise=RandomiseCfg(), curriculum=None)
+    ppo = replace(info.ppo, privileged_critic=False, mirror=False)
+    return payload_bytes(states, replace(info, env=env, ppo=ppo))
+
+
+def _widened(key: str, value: Any) -> Any:
+    """A part of a network, with room for what is seen of the other."""
+    if not isinstance(value, Tensor) or value.ndim != 2:
+        return value
+    if value.shape[-1] != OBS_DIM:
+        return value
+    fill = 0.0
+    if key.endswith(("_var", "_std")):
+        fill = _USUAL
+    extra = torch.full((len(value), SIGHT_DIM), fill, dtype=value.dtype)
+    return torch.cat([value, extra], dim=-1)

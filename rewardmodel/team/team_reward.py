@@ -1,0 +1,132 @@
+"""The reward of a team: a sum of shares of its robots, and of the pair.
+
+With z the standardised descriptors of each robot and y those of the pair, all clamped,
+
+    reward = (w . z_1 + w . z_2) / 2 + v . y,
+
+so that what is paid to either robot, its own part and half of the pair's, adds up to
+the whole, step by step.
+
+Shapes: T steps, E teams, R = 2 robots, F + V columns of a row, D descriptors of a
+robot, P of the pair, M members, N = R E robots.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from rewardmodel.descriptors.normaliser import Normaliser, fill_missing
+from rewardmodel.descriptors.table import DESCRIPTOR_NAMES, columns_seen, describe
+from rewardmodel.models.fit_report import FitReport
+
+from .pair_habits import PAIR_HABITS, PAIR_NAMES, describe_pair
+from .stood_still import StandingCfg, had_stood
+
+
+@dataclass(frozen=True, eq=False)
+class Shares:
+    """What a reward is the sum of, step by step."""
+
+    own: Tensor
+    """[..., R] of each robot alone."""
+    pair: Tensor
+    """[...] of both together."""
+
+    @property
+    def whole(self) -> Tensor:
+        """[...] the reward of the team."""
+        return self.own.sum(dim=-1) + self.pair
+
+    @property
+    def of_each(self) -> Tensor:
+        """[..., R] what each robot is paid: they add up to the whole."""
+        return self.own + self.pair[..., None] / 2
+
+
+@dataclass(frozen=True, eq=False)
+class TeamReward:
+    """A reward fitted to answers about teams."""
+
+    own: Normaliser
+    """Of descriptors [D] of one robot."""
+    pair: Normaliser
+    """Of descriptors [P] of the pair."""
+    weights: Tensor
+    """[M, D + P] of all members."""
+    scale: float
+    """What raw rewards, in logits, are divided by: their deviation over judged steps.
+    """
+    report: FitReport
+    answers_sha256: str
+    episodes: frozenset[str]
+    """SHA-256 of the episodes in the answers."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """[D + P] of what it sees."""
+        return (*DESCRIPTOR_NAMES, *PAIR_NAMES)
+
+    def described(self, rows: Tensor) -> tuple[Tensor, Tensor]:
+        """Standardised descriptors [..., R, D] and [..., P] of rows [..., R, F + V]."""
+        own = fill_missing(self.own(describe(rows)))
+        return own, fill_missing(self.pair(describe_pair(rows)))
+
+    def shares(self, rows: Tensor) -> Shares:
+        """What is paid of rows [..., R, F + V]: the mean over the members."""
+        own, pair = self.described(rows)
+        w, v = self.agreed
+        return Shares(own @ w / 2, pair @ v)
+
+    @property
+    def agreed(self) -> tuple[Tensor, Tensor]:
+        """Weights [D] of a robot and [P] of the pair that are paid."""
+        mean = self.weights.mean(dim=0) / self.scale
+        return mean[: len(self.own.mean)], mean[len(self.own.mean) :]
+
+    def spread(self, rows: Tensor) -> Tensor:
+        """Deviation [...] of the whole over the members, for rows [..., R, F + V]."""
+        own, pair = self.described(rows)
+        seen = torch.cat([own.mean(dim=-2), pair], dim=-1)
+        return (seen @ self.weights.mT / self.scale).std(dim=-1)
+
+    def difference(
+        self, rows: Tensor, starts: Tensor, cfg: StandingCfg, *, control_dt_s: float
+    ) -> Tensor:
+        """What each robot is worth to the team, [T, E, R]: the whole, less what it
+        would be had this robot stood still for the last moments.
+
+        Args:
+            rows: [T, E, R, F + V].
+            starts: [T, E] bool, first steps of episodes.
+            cfg: How a robot stands.
+            control_dt_s: Control step.
+        """
+        whole = self.shares(rows).whole
+        without = [
+            self.shares(
+                had_stood(rows, starts, robot, cfg, control_dt_s=control_dt_s)
+            ).whole
+            for robot in (0, 1)
+        ]
+        return torch.stack([whole - each for each in without], dim=-1)
+
+    def by_group(self, rows: Tensor) -> dict[str, Tensor]:
+        """What groups of habits add, each [...], of rows [..., R, F + V]; they add up
+        to the whole."""
+        own, pair = self.described(rows)
+        w, v = self.agreed
+        parts = [
+            *zip(
+                columns_seen("habits"), (own.mean(dim=-2) * w).unbind(-1), strict=True
+            ),
+            *zip(PAIR_HABITS, (pair * v).unbind(-1), strict=True),
+        ]
+        found: dict[str, Tensor] = {}
+        for habit, part in parts:
+            found[habit.group] = (
+                found[habit.group] + part if habit.group in found else part
+            )
+        return found

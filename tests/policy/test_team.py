@@ -1,0 +1,360 @@
+"""Two robots in one world: physics, what they see, recording, and who earned what."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+
+from data.datasets.dataset import Dataset
+from data.episodes.episode import decode_episode
+from data.episodes.episode_records import Episode
+from data.episodes.team_rows import (
+    SIGHT_DIM,
+    TEAM_DIM,
+    sight_column,
+    team_rows,
+    team_sight,
+)
+from data.episodes.writer import encode_episode
+from data.errors import CorruptEpisode, GaitprefError
+from data.features import FEATURE_DIM, column
+from gaitpref.cli.main import main
+from gaitpref.team.team_pay import SharedPay
+from labeling_ui.scene.geometry import instance_poses, robot_geometry
+from policy.env.env import QuadrupedEnv
+from policy.env.env_cfg import EnvCfg
+from policy.env.team_cfg import TeamCfg
+from policy.env.terrain import TerrainCfg
+from policy.robots.robot import load_robot
+from policy.robots.shipped import WALK
+from policy.sim.batch_sim import BatchSim
+from policy.sim.chosen import Listed
+from policy.team.pair_sim import PairSim
+from policy.team.team_env import TeamEnv
+from policy.team.team_record import TeamRecordCfg, record_team
+from policy.team.team_start import as_team
+from policy.training.checkpoint import Policy, load_policy
+from rewardmodel.descriptors.normaliser import Normaliser
+from rewardmodel.descriptors.table import DESCRIPTOR_NAMES, describe
+from rewardmodel.models.fit_report import FitReport
+from rewardmodel.team.pair_habits import PAIR_NAMES, describe_pair
+from rewardmodel.team.stood_still import StandingCfg, had_stood
+from rewardmodel.team.team_reward import TeamReward
+
+STANDING = StandingCfg(height_m=0.28)
+
+
+@pytest.fixture(scope="module")
+def walkers(tmp_path_factory: pytest.TempPathFactory) -> Policy:
+    """The walk that ships, as a team that does not look yet."""
+    file = tmp_path_factory.mktemp("team") / "policy.pt"
+    file.write_bytes(as_team(WALK, TeamCfg()))
+    return load_policy(file)
+
+
+@pytest.fixture(scope="module")
+def episodes(walkers: Policy) -> Sequence[Episode]:
+    """Forty teams of 4 s, in every second one of which a robot is lazy."""
+    cfg = TeamRecordCfg(episodes=40, episode_s=4.0, lazy_share=0.5)
+    return tuple(record_team(walkers, cfg, seed=0))
+
+
+@pytest.fixture(scope="module")
+def dataset(
+    episodes: Sequence[Episode], tmp_path_factory: pytest.TempPathFactory
+) -> Dataset:
+    """These episodes on disk, and 120 answers about them."""
+    found = Dataset.create(tmp_path_factory.mktemp("teams") / "set")
+    found.add_episodes(episodes)
+    given = ["--dataset", str(found.root)]
+    assert main(["pairs", *given, "--count", "120"]) == 0
+    assert main(["team", "answer", *given]) == 0
+    return found
+
+
+def any_reward(seed: int = 0) -> TeamReward:
+    """A reward with weights drawn at random."""
+    rng = torch.Generator().manual_seed(seed)
+    count = len(DESCRIPTOR_NAMES) + len(PAIR_NAMES)
+    return TeamReward(
+        own=Normaliser(len(DESCRIPTOR_NAMES)),
+        pair=Normaliser(len(PAIR_NAMES)),
+        weights=torch.randn(4, count, generator=rng),
+        scale=2.0,
+        report=_no_report(),
+        answers_sha256="",
+        episodes=frozenset(),
+    )
+
+
+def _no_report() -> FitReport:
+    nothing = {
+        name: None
+        for name in (
+            *("train_accuracy", "held_out_accuracy", "held_out_interval"),
+            *("at_random_accuracy", "held_out_log_likelihood"),
+            *("held_out_ece", "held_out_brier"),
+        )
+    }
+    return FitReport(
+        answers=0,
+        answers_without_target=0,
+        ties=0,
+        train_log_likelihood=0.0,
+        held_out_pairs=0,
+        at_random_pairs=0,
+        temperature=1.0,
+        seconds=0.0,
+        **nothing,  # type: ignore[arg-type]
+    )
+
+
+def rows_of(episode: Episode) -> torch.Tensor:
+    return torch.from_numpy(team_rows(episode))
+
+
+def test_far_apart_each_moves_as_if_it_were_alone() -> None:
+    """One world with two robots is the same physics as two worlds with one."""
+    robot = load_robot(physics_dt_s=0.005)
+    pair, alone = PairSim(robot, 2, threads=1), BatchSim(robot, 2, threads=1)
+    qpos = torch.tensor(robot.home_qpos).repeat(2, 1)
+    qpos[1, 1] += 3.0
+    targets = torch.tensor(robot.home_joint_pos).float().repeat(2, 1)
+    targets[1] += 0.2
+    for sim in (pair, alone):
+        sim.reset(Listed(torch.arange(2)), qpos, torch.zeros(2, 18).double())
+        sim.set_targets(targets)
+        for _ in range(20):
+            assert not sim.advance(4).any()
+    ours, theirs = pair.read(), alone.read()
+    for name in (
+        "base_pos_w",
+        "joint_pos",
+        "foot_contact",
+        "foot_vel_w",
+        "base_height",
+    ):
+        torch.testing.assert_close(
+            getattr(ours, name), getattr(theirs, name), atol=2e-4, rtol=0
+        )
+    torch.testing.assert_close(
+        pair.raw_state()[0], alone.raw_state()[0], atol=2e-4, rtol=0
+    )
+
+
+def test_they_bump() -> None:
+    """Thrown at each other, neither gets through; and a bump is no fall."""
+    robot = load_robot(physics_dt_s=0.005)
+    sim = PairSim(robot, 2, threads=1)
+    qpos = torch.tensor(robot.home_qpos).repeat(2, 1)
+    qpos[1, 1] -= 0.6
+    qvel = torch.zeros(2, 18).double()
+    qvel[0, 1], qvel[1, 1] = -1.0, 1.0
+    sim.reset(Listed(torch.arange(2)), qpos, qvel)
+    sim.set_targets(torch.tensor(robot.home_joint_pos).float().repeat(2, 1))
+    least = 1.0
+    for _ in range(20):
+        sim.advance(4)
+        places = sim.read().base_pos_w[:, 1]
+        least = min(least, float(places[0] - places[1]))
+    assert 0.05 < least < 0.5
+    assert not sim.read().base_contact.any()
+
+
+def test_what_is_seen_of_the_other_by_hand() -> None:
+    """The first looks north from the origin, the second east, a metre to the east."""
+    half = np.sqrt(0.5)
+    qpos = np.array([[0, 0, 0.3, half, 0, 0, half], [1.0, 0, 0.3, 1, 0, 0, 0]])
+    qvel = np.array([[0, 1.0, 0], [0.5, 0, 0]])
+    first, second = team_sight(qpos, qvel)
+    # The east is to the right of who looks north.
+    np.testing.assert_allclose(first, [0, -1, 0, -1, -1, -0.5], atol=1e-6)
+    np.testing.assert_allclose(second, [-1, 0, 0, 1, -0.5, 1], atol=1e-6)
+
+
+def test_a_team_has_one_command_and_one_end(walkers: Policy) -> None:
+    """Rows and observations tell of the other; who resets, resets both."""
+    env = TeamEnv(walkers.robot(), walkers.info.env, 6, seed=3)
+    obs = env.get_observations()["policy"]
+    assert obs.shape == (6, 48 + SIGHT_DIM)
+    assert torch.equal(env.command[::2], env.command[1::2])
+    env.episode_length_buf = torch.randint(0, 500, (6,))
+    assert torch.equal(env.episode_length_buf[::2], env.episode_length_buf[1::2])
+    env.episode_length_buf = torch.tensor([499, 499, 0, 0, 0, 0])
+    _, _, dones, extras = env.step(torch.zeros(6, 12))
+    assert dones.tolist() == [True, True, False, False, False, False]
+    assert extras["features"].shape == (6, TEAM_DIM)
+    gap = extras["features"][:, sight_column("mate_pos_h")].norm(dim=-1)
+    assert torch.all((gap > 0.4) & (gap < 1.2))
+    saved, action = env.snapshot(), torch.ones(6, 12)
+    once = env.step(action)[0]["policy"]
+    env.restore(saved)
+    torch.testing.assert_close(env.step(action)[0]["policy"], once, atol=1e-5, rtol=0)
+
+
+def test_what_no_team_does_is_said() -> None:
+    robot, cfg = load_robot(physics_dt_s=0.005), EnvCfg()
+    with pytest.raises(GaitprefError, match="in a team of two and is blind"):
+        QuadrupedEnv(robot, replace(cfg, team=TeamCfg()), 2, seed=0)
+    with pytest.raises(GaitprefError, match="this policy walks alone"):
+        TeamEnv(robot, cfg, 2, seed=0)
+    with pytest.raises(GaitprefError, match="an even number of robots: 3"):
+        TeamEnv(robot, replace(cfg, team=TeamCfg()), 3, seed=0)
+    hills = replace(cfg, team=TeamCfg(), terrain=TerrainCfg(kind="steps"))
+    with pytest.raises(GaitprefError, match="other ground than a plane"):
+        TeamEnv(robot, hills, 2, seed=0)
+
+
+def test_a_team_walks_as_its_robots_did_alone(walkers: Policy) -> None:
+    """Until it learns to look, what is seen changes no action."""
+    alone = load_policy(WALK)
+    obs = torch.randn(5, 48, generator=torch.Generator().manual_seed(0))
+    seen = torch.cat([obs, torch.full((5, SIGHT_DIM), 3.0)], dim=-1)
+    torch.testing.assert_close(walkers(seen), alone(obs))
+
+
+def test_an_episode_file_holds_both(episodes: Sequence[Episode]) -> None:
+    """Both are read back, the world draws both, and a damaged one is damaged."""
+    content = encode_episode(episodes[0])
+    again = decode_episode(content, "x")
+    assert again.mate is not None
+    assert encode_episode(again) == content
+    np.testing.assert_array_equal(again.world_qpos[:, 19:], again.mate.qpos)
+    model = mujoco.MjModel.from_xml_string(again.mjcf)
+    assert model.nq == again.world_qpos.shape[1] == 38
+    positions, _ = instance_poses(robot_geometry(again.mjcf), again.world_qpos[:1])
+    across = positions[0, :, 1]
+    assert across.max() - across.min() > 0.8
+    spoilt = content.replace(b"team/mate.mcap", b"team/mate.mcbp")
+    with pytest.raises(CorruptEpisode):
+        decode_episode(spoilt, "x")
+    with pytest.raises(ValueError, match="share steps"):
+        replace(again, mate=replace_length(again.mate))
+
+
+def replace_length(mate: Episode) -> Episode:
+    """The mate without its last step."""
+    cut = {
+        name: getattr(mate, name)[:-1]
+        for name in ("qpos", "qvel", "obs", "action", "ctrl", "features", "reward")
+    }
+    return replace(mate, **cut)
+
+
+def test_rows_read_from_a_file_are_those_of_the_run(
+    episodes: Sequence[Episode],
+) -> None:
+    """What is seen of the other follows from both states."""
+    rows = team_rows(episodes[0])
+    assert rows.shape == (episodes[0].num_steps, 2, TEAM_DIM)
+    np.testing.assert_array_equal(rows[:, 0, :FEATURE_DIM], episodes[0].features)
+    first, second = rows[:, 0], rows[:, 1]
+    place = sight_column("mate_pos_h")
+    np.testing.assert_allclose(
+        np.linalg.norm(first[:, place], axis=-1),
+        np.linalg.norm(second[:, place], axis=-1),
+        atol=1e-5,
+    )
+
+
+def test_shares_add_up_to_the_whole(episodes: Sequence[Episode]) -> None:
+    """What both are paid is what the team got, in every step, however it is parted."""
+    model, rows = any_reward(), rows_of(episodes[0])
+    shares = model.shares(rows)
+    w, v = model.agreed
+    whole = (describe(rows).clamp(-5, 5) @ w).mean(-1) + describe_pair(rows).clamp(
+        -5, 5
+    ) @ v
+    torch.testing.assert_close(shares.of_each.sum(-1), whole, atol=1e-4, rtol=1e-4)
+    groups = torch.stack(tuple(model.by_group(rows).values())).sum(dim=0)
+    torch.testing.assert_close(groups, whole, atol=1e-4, rtol=1e-4)
+    features = rows.unsqueeze(1).repeat(1, 3, 1, 1).flatten(1, 2)  # [T, N, F + V]
+    starts = torch.zeros(features.shape[:2], dtype=torch.bool)
+    for how in ("shares", "same"):
+        paid = SharedPay(model, how, STANDING, 0.02)(features, starts)
+        both = paid.unflatten(1, (3, 2)).sum(dim=-1)
+        torch.testing.assert_close(both[:, 0], whole, atol=1e-4, rtol=1e-4)
+
+
+def test_who_stands_already_is_worth_nothing(episodes: Sequence[Episode]) -> None:
+    """The other world is this one where the robot stood anyway."""
+    model, rows = any_reward(), rows_of(episodes[0])[:, None].clone()
+    starts = torch.zeros(len(rows), 1, dtype=torch.bool)
+    starts[0] = True
+    once = had_stood(rows, starts, 0, STANDING, control_dt_s=0.02)
+    again = had_stood(once, starts, 0, STANDING, control_dt_s=0.02)
+    torch.testing.assert_close(again, once, atol=1e-5, rtol=1e-5)
+    worth = model.difference(once, starts, STANDING, control_dt_s=0.02)
+    assert worth[..., 0].abs().max() < 1e-3
+    assert worth[..., 1].abs().max() > 0.1
+
+
+def test_where_it_stood_is_where_it_was(episodes: Sequence[Episode]) -> None:
+    """The other world, worked out from velocities, agrees with the states."""
+    episode = next(e for e in episodes if e.num_steps > 100)
+    rows = rows_of(episode)[:, None]
+    starts = torch.zeros(len(rows), 1, dtype=torch.bool)
+    starts[0] = True
+    found = had_stood(rows, starts, 0, STANDING, control_dt_s=0.02)[100, 0, 0]
+    assert episode.mate is not None
+    # A state after step t is row t + 1 of the episode's.
+    then, now = episode.qpos[51], episode.mate.qpos[101]
+    still = np.stack([then, now])
+    seen = team_sight(still, np.zeros((2, 3)))[0]
+    place = found[sight_column("mate_pos_h")].numpy()
+    np.testing.assert_allclose(place, seen[:2], atol=0.05)
+    assert float(found[column("base_lin_vel_b")].abs().sum()) == 0.0
+
+
+def test_the_lazy_one_is_named(
+    dataset: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """From answers about teams alone: whoever stands still on purpose earns less."""
+    reward, given = tmp_path / "reward", ["--dataset", str(dataset.root)]
+    assert main(["team", "fit", *given, "--out", str(reward)]) == 0
+    capsys.readouterr()
+    shown = ["team", "shares", "--reward", str(reward), *given, "--json"]
+    assert main(shown) == 0
+    told = json.loads(capsys.readouterr().out)["lazy_on_purpose"]
+    less = 0.0
+    for lazy in ("1", "2"):
+        own, still = told[lazy]["mean"]["share"], told[lazy]["mean"]["still"]
+        behind, ahead = int(lazy) - 1, 2 - int(lazy)
+        less += own[ahead] - own[behind]
+        assert still[behind] > still[ahead] + 0.1
+    assert less > 0.05
+
+
+def test_each_way_to_pay_trains_and_goes_on(
+    dataset: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A few steps of each; a training resumes; what cannot be used is said."""
+    reward = tmp_path / "reward"
+    given = ["--dataset", str(dataset.root)]
+    assert main(["team", "fit", *given, "--out", str(reward)]) == 0
+    small = ["--steps", "192", "--robots", "4", "--checkpoints", "0"]
+    for pay in ("shares", "same", "counterfactual"):
+        out = ["--out", str(tmp_path / pay), "--reward", str(reward), "--pay", pay]
+        assert main(["team", "train", *out, *small]) == 0
+    out = ["--out", str(tmp_path / "shares"), "--reward", str(reward)]
+    assert main(["team", "train", *out, *small]) == 2
+    assert main(["team", "train", *out, *small, "--steps", "288", "--resume"]) == 0
+    policy = str(tmp_path / "shares" / "policy.pt")
+    capsys.readouterr()
+    for args, words in (
+        (["evaluate", "--policy", policy], "in a team of two"),
+        (["export", "--policy", policy, "--out", str(tmp_path / "x")], "a team of two"),
+        (["team", "record", "--policy", str(WALK), *given], "this policy walks alone"),
+        (["team", "shares", "--reward", str(tmp_path), *given], "no reward of a team"),
+        (["team", "answer", *given, "--criterion", "dance"], "is called 'dance'"),
+        (["fit", *given, "--out", str(tmp_path / "y")], "`gaitpref team fit --dataset"),
+    ):
+        assert main(args) == 2, args
+        assert words in capsys.readouterr().err
