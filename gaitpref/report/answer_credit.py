@@ -10,10 +10,12 @@ from typing import Any
 
 from data.answers.answer_records import Answer, Pair
 from data.datasets.dataset import Dataset
+from data.episodes.choices import choices_of
+from data.episodes.clips import Clip
 from data.errors import GaitprefError
 from rewardmodel.answers.clip_batch import read_clips
 from rewardmodel.explain.attribution import Method
-from rewardmodel.explain.credit import Credit, credit
+from rewardmodel.explain.credit import Credit, Side, credit
 from rewardmodel.models.model import RewardModel
 from rewardmodel.models.storage import load_reward
 
@@ -110,10 +112,19 @@ def credited(
 ) -> Credited:
     """What of an answered pair moved the reward, as it was shown."""
     sides = (pair.a, pair.b) if answer.shown_left == "a" else (pair.b, pair.a)
-    left, right = (read_clips([clip], dataset.clip_features) for clip in sides)
-    return Credited(
-        pair=pair,
-        answer=answer,
-        credit=credit(model, left, right, method=method),
-        dt_s=dataset.entry(pair.a.rollout).meta.control_dt_s,
+    left, right = (_side(model, dataset, clip, method) for clip in sides)
+    dt_s = dataset.entry(pair.a.rollout).meta.control_dt_s
+    price = model.provenance.cfg.fall_logit / float(model.reward_std)
+    found = credit(left, right, fall_price=price, control_dt_s=dt_s)
+    return Credited(pair=pair, answer=answer, credit=found, dt_s=dt_s)
+
+
+def _side(model: RewardModel, dataset: Dataset, clip: Clip, method: Method) -> Side:
+    entry = dataset.entry(clip.rollout)
+    chosen = choices_of(entry.meta.extra, entry.num_steps)
+    return Side.of(
+        model,
+        read_clips([clip], dataset.clip_features),
+        method=method,
+        runs=chosen.runs(clip.rows) if chosen else (),
     )

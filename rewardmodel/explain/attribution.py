@@ -11,7 +11,7 @@ Shapes: K steps, D descriptors, G groups.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -51,6 +51,17 @@ class Explanation:
     robots: np.ndarray | None = None
     """[K, R] what each robot of a team earns; they add up to the reward. None of a
     robot alone."""
+
+    def part(self, steps: np.ndarray) -> Explanation:
+        """The steps that are marked in `steps` [K] bool."""
+        return replace(
+            self,
+            reward=self.reward[steps],
+            spread=self.spread[steps],
+            shares=self.shares[steps],
+            descriptors=self.descriptors[steps],
+            robots=None if self.robots is None else self.robots[steps],
+        )
 
 
 def explain(

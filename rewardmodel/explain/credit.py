@@ -18,15 +18,11 @@ from rewardmodel.answers.clip_batch import ClipBatch
 from rewardmodel.models.model import RewardModel
 
 from .attribution import Explanation, Method, explain
+from .four_ways import AVERAGE, Run, four_ways
 
 FALL = "falling"
-TOGETHER = "several at once"
-"""What no habit alone explains, of a reward that is no sum of habits."""
 _EXACT = 1e-3
 """How far a row may be from the whole, as a share of its parts: rewards are float32."""
-
-Labels = tuple[Sequence[str], Sequence[str]]
-"""What each step [K] of the left and of the right clip belongs to."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,79 +57,86 @@ class Credit:
                 )
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Side:
+    """One clip of a pair, as a reward sees it."""
+
+    shown: Explanation
+    """Of all its steps."""
+    scored: np.ndarray
+    """[K] which of them count: one that falls does not."""
+    fell: bool
+    runs: Sequence[Run] = ()
+    """What was chosen when, where there was a choice."""
+
+    @classmethod
+    def of(
+        cls,
+        model: RewardModel,
+        clip: ClipBatch,
+        *,
+        method: Method = "auto",
+        runs: Sequence[Run] = (),
+    ) -> Side:
+        """The side of a clip, a batch of one.
+
+        Raises:
+            RewardError: the model has no shares of that kind.
+        """
+        shown = explain(model, clip, method=method)
+        scored, fell = clip.scored[0].numpy(), bool(clip.fell[0])
+        return cls(shown=shown, scored=scored, fell=fell, runs=runs)
+
+    @property
+    def moments(self) -> np.ndarray:
+        """[K] what each step adds to the mean reward beyond an average step."""
+        above = (self.shown.reward - self.shown.average) * self.scored
+        return above / max(1, int(self.scored.sum()))
+
+    def ways(self, control_dt_s: float) -> dict[str, dict[str, float]]:
+        """Shares of the mean reward of the steps that count."""
+        if not self.scored.any():
+            return {}
+        # The steps that count come first: only a fall follows.
+        count = int(self.scored.sum())
+        runs = [(name, a, min(b, count)) for name, a, b in self.runs if a < count]
+        return four_ways(
+            self.shown.part(self.scored), control_dt_s=control_dt_s, runs=runs
+        ).ways
+
+
 def credit(
-    model: RewardModel,
-    left: ClipBatch,
-    right: ClipBatch,
-    *,
-    method: Method = "auto",
-    labels: Mapping[str, Labels] | None = None,
+    left: Side, right: Side, *, fall_price: float, control_dt_s: float
 ) -> Credit:
-    """Share out the lead of a pair of clips, each a batch of one.
+    """Share out the lead of a pair.
 
     Args:
-        model: The reward.
         left: Shown on the left.
         right: Shown on the right.
-        method: How a step is shared among habits, as of `explain`.
-        labels: More rows: by the name of a row, what each step belongs to, such as the
-            gait that ran.
-
-    Raises:
-        RewardError: the model has no such shares.
+        fall_price: What a fall costs, in units of the reward.
+        control_dt_s: Control step.
     """
-    seen = [explain(model, clip, method=method) for clip in (left, right)]
-    counts = [clip.scored[0].numpy() for clip in (left, right)]
-    ours, theirs = (
-        _moments(shown, scored) for shown, scored in zip(seen, counts, strict=True)
-    )
-    moments = ours, -theirs
-    price = model.provenance.cfg.fall_logit / float(model.reward_std)
-    falls = price * float(right.fell[0].float() - left.fell[0].float())
-    walked = float(moments[0].sum() + moments[1].sum())
-    rows = {"habit": _by_habit(seen, counts, walked)}
-    for name, of_steps in (labels or {}).items():
-        rows[name] = _by_label(moments, of_steps)
-    for row in rows.values():
-        if falls:
-            row[FALL] = falls
-    return Credit(
-        lead=walked + falls,
-        moments=moments,
-        falls=falls,
-        rows={name: _largest_first(row) for name, row in rows.items()},
-    )
+    moments = left.moments, -right.moments
+    falls = fall_price * (float(right.fell) - float(left.fell))
+    ours, theirs = (side.ways(control_dt_s) for side in (left, right))
+    rows = {
+        name: _less(ours.get(name, {}), theirs.get(name, {}), falls)
+        for name in ("habit", "choice", "robot")
+        if name in ours or name in theirs
+    }
+    lead = float(moments[0].sum() + moments[1].sum()) + falls
+    return Credit(lead=lead, moments=moments, falls=falls, rows=rows)
 
 
-def _moments(shown: Explanation, scored: np.ndarray) -> np.ndarray:
-    """[K] what each step adds to the mean reward of its clip beyond an average step."""
-    return (shown.reward - shown.average) * scored / max(1, int(scored.sum()))
-
-
-def _by_habit(
-    seen: Sequence[Explanation], counts: Sequence[np.ndarray], walked: float
+def _less(
+    left: Mapping[str, float], right: Mapping[str, float], falls: float
 ) -> dict[str, float]:
-    left, right = (
-        shown.shares[scored].mean(axis=0) if scored.any() else shown.shares[:1] * 0.0
-        for shown, scored in zip(seen, counts, strict=True)
-    )
-    shares = (left - right).reshape(-1)
-    row = {name: float(v) for name, v in zip(seen[0].groups, shares, strict=True)}
-    rest = walked - math.fsum(row.values())
-    if abs(rest) > _EXACT * (1.0 + abs(walked)):
-        row[TOGETHER] = rest
-    return row
-
-
-def _by_label(
-    moments: tuple[np.ndarray, np.ndarray], labels: Labels
-) -> dict[str, float]:
-    row: dict[str, float] = {}
-    for values, names in zip(moments, labels, strict=True):
-        for value, name in zip(values, names, strict=True):
-            row[name] = row.get(name, 0.0) + float(value)
-    return row
-
-
-def _largest_first(row: Mapping[str, float]) -> dict[str, float]:
+    """Shares of the left clip less those of the right, the largest first."""
+    row = {
+        name: left.get(name, 0.0) - right.get(name, 0.0) for name in {**left, **right}
+    }
+    # Both have as much of an average step, unless one has no step that counts.
+    row = {n: v for n, v in row.items() if n != AVERAGE or abs(v) > _EXACT}
+    if falls:
+        row[FALL] = falls
     return dict(sorted(row.items(), key=lambda item: -abs(item[1])))

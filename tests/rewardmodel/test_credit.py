@@ -10,7 +10,7 @@ import pytest
 from data.features import column
 from rewardmodel import FitCfg, RewardModel, fit_reward
 from rewardmodel.answers.clip_batch import ClipBatch, pad_clips
-from rewardmodel.explain.credit import FALL, TOGETHER, Credit, credit
+from rewardmodel.explain.credit import FALL, Credit, Side, credit
 from tests.rewardmodel.test_fit import answered, gait
 
 STEPS = 20
@@ -27,29 +27,34 @@ def one(seed: int, steps: int = STEPS, *, fell: bool = False) -> ClipBatch:
     return pad_clips([rows])
 
 
+def parted(model: RewardModel, left: Side, right: Side) -> Credit:
+    price = model.provenance.cfg.fall_logit / float(model.reward_std)
+    return credit(left, right, fall_price=price, control_dt_s=0.02)
+
+
 def test_every_row_is_the_lead_that_is_paid(model: RewardModel) -> None:
-    left, right = one(1), one(2, steps=14)
-    paid = [model.clip_rewards(clip)[0].mean().item() for clip in (left, right)]
-    names = (["trot"] * 5 + ["walk"] * 15, ["walk"] * 14)
-    found = credit(model, left, right, labels={"choice": names})
+    clips = one(1), one(2, steps=14)
+    paid = [model.clip_rewards(clip)[0].mean().item() for clip in clips]
+    left = Side.of(model, clips[0], runs=[("trot", 0, 5), ("walk", 5, 20)])
+    right = Side.of(model, clips[1], runs=[("walk", 0, 14)])
+    found = parted(model, left, right)
     assert found.lead == pytest.approx(paid[0] - paid[1], abs=1e-4)
+    assert set(found.rows) == {"habit", "choice"}
     for row in found.rows.values():
         assert math.fsum(row.values()) == pytest.approx(found.lead, abs=1e-4)
     assert set(found.rows["choice"]) == {"trot", "walk"}
-    assert found.rows["choice"]["trot"] == pytest.approx(found.moments[0][:5].sum())
     assert [len(part) for part in found.moments] == [20, 14]
     # Sides exchanged, all of it speaks for the other.
-    other = credit(model, right, left)
-    assert other.lead == pytest.approx(-found.lead, abs=1e-4)
-    assert (TOGETHER in found.rows["habit"]) <= (model.scorer.linear_weights is None)
+    assert parted(model, right, left).lead == pytest.approx(-found.lead, abs=1e-4)
 
 
 def test_a_fall_is_a_share_of_its_own(model: RewardModel) -> None:
-    found = credit(model, one(1), one(2, fell=True))
+    stands, falls = Side.of(model, one(1)), Side.of(model, one(2, fell=True))
+    found = parted(model, stands, falls)
     price = model.provenance.cfg.fall_logit / float(model.reward_std)
     assert found.rows["habit"][FALL] == found.falls == pytest.approx(price)
     assert found.moments[1][-1] == 0.0  # The step that falls is paid nothing.
-    both = credit(model, one(1, fell=True), one(2, fell=True))
+    both = parted(model, Side.of(model, one(1, fell=True)), falls)
     assert FALL not in both.rows["habit"]
 
 
