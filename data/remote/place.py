@@ -77,8 +77,13 @@ class Place:
             store, root = self._store()
             store.invalidate_cache()
             found = store.find(f"{root}/{folder}", detail=True)
-        start = len(root) + 1
-        return {path[start:]: int(facts["size"]) for path, facts in found.items()}
+        # A folder that comes to be while it is listed may be listed itself.
+        inside, start = f"{root}/{folder}/", len(root) + 1
+        return {
+            path[start:]: int(facts["size"])
+            for path, facts in found.items()
+            if path.startswith(inside)
+        }
 
     def read(self, name: str, limit: int) -> bytes:
         """The bytes of a file, `limit` at most.

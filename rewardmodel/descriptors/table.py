@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 
 from .per_leg import CONTACTS, ENDS, SINGLE, TOGETHER
-from .raw import RAW
+from .raw_columns import RAW
 from .row import Descriptor, Row
 
 _LIFT_OFF_S = 0.05

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import pytest
+from fsspec.implementations.local import LocalFileSystem
 
 from data.answers.answer_records import Answer, Pair
 from data.answers.lines import to_lines
@@ -321,3 +322,12 @@ def test_a_password_in_a_url_is_not_told() -> None:
     with pytest.raises(RemoteError) as caught:
         Place("nothing://eve:secret@example.org/path")
     assert "secret" not in str(caught.value)
+
+
+def test_a_folder_that_comes_to_be_while_it_is_listed_is_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """s3fs lists the folder itself where its first file arrives in between."""
+    found = {f"{tmp_path}/manifests": {"size": 0, "type": "directory"}}
+    monkeypatch.setattr(LocalFileSystem, "find", lambda self, path, detail: found)
+    assert Place(f"file://{tmp_path}").sizes("manifests") == {}

@@ -144,7 +144,7 @@ def test_a_round_stops_asking_where_answers_are_enough(
     for name, never_missed in (("SETTLED", -1.0), ("FORESEEN", -1.0)):
         monkeypatch.setattr(f"rewardmodel.fitting.stopping.{name}", never_missed)
     monkeypatch.setattr("rewardmodel.fitting.stopping.MIN_HELD_OUT", 1)
-    cfg = replace(small_cfg(), stop_asking=True)
+    cfg = replace(small_cfg(), stop_asking=True, labels=30)
     cfg = replace(cfg, method=replace(cfg.method, accept=None))
     batch = cfg.method.questions.batch
     first = RoundContext(number=0, rounds=cfg.rounds, labels=cfg.labels)

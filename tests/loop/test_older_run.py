@@ -12,6 +12,7 @@ from gaitpref.cli.main import main
 from gaitpref.loop.loop_cfg import RunError
 from gaitpref.loop.run import run_loop
 from gaitpref.loop.run_config import CONFIG_NAME, read_config
+from gaitpref.method.budget import FrontLoaded
 from rewardmodel.cfg import LinearCfg
 from tests.helpers.older_run import older_run
 
@@ -23,12 +24,14 @@ def run(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def without_what_left(run: Path) -> Path:
-    """As if it had been begun without a decision that there is no more."""
+    """As if it had been begun without decisions that there are no more."""
     path = run / CONFIG_NAME
     told = yaml.safe_load(path.read_text())
     told["method"]["once_it_walks"] = None
     for name in LinearCfg.REMOVED:
         del told["method"]["reward"]["linear"][name]
+    for name in FrontLoaded.REMOVED:
+        del told["method"]["budget"][name]
     path.write_text(yaml.safe_dump(told))
     return run
 
