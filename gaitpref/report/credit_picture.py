@@ -70,7 +70,8 @@ def _bars(axes: Axes, title: str, row: dict[str, float]) -> None:
     for place, value in enumerate(row.values()):
         side = "left" if value >= 0 else "right"
         axes.annotate(
-            f"{value:+.2f}",
+            # Adding 0 takes the sign off what is rounded to nothing.
+            f"{round(value, 2) + 0.0:+.2f}",
             (value, place),
             xytext=(3 if value >= 0 else -3, 0),
             textcoords="offset points",
