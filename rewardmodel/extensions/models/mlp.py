@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from torch.nn.functional import elu
 
 from rewardmodel.cfg import FitCfg
-from rewardmodel.extensions_cfg import MlpCfg, NetworkCfg
+from rewardmodel.extensions_cfg import MlpCfg, NetworkCfg, RawCfg
 from rewardmodel.prepared.described import StandardisedPairs
 from rewardmodel.prepared.prepared import Prepared
 from rewardmodel.scorer import Scorer
@@ -21,11 +21,13 @@ from .network import draw_uniformly, fit_network, glimpses
 
 
 class MlpScorer(Scorer):
-    """Two hidden layers a member, all members evaluated by one batched product."""
+    """Hidden layers of a member, all members evaluated by one batched product."""
 
-    def __init__(self, num_descriptors: int, cfg: NetworkCfg) -> None:
+    def __init__(
+        self, num_descriptors: int, cfg: NetworkCfg | RawCfg, *, hidden_layers: int = 2
+    ) -> None:
         super().__init__()
-        sizes = (num_descriptors, cfg.hidden_size, cfg.hidden_size, 1)
+        sizes = (num_descriptors, *[cfg.hidden_size] * hidden_layers, 1)
         self.weights = nn.ParameterList(
             torch.zeros(cfg.num_members, fan_in, fan_out)
             for fan_in, fan_out in pairwise(sizes)
@@ -33,6 +35,9 @@ class MlpScorer(Scorer):
         self.biases = nn.ParameterList(
             torch.zeros(cfg.num_members, 1, fan_out) for fan_out in sizes[1:]
         )
+
+    bend = staticmethod(elu)
+    """What follows a hidden layer."""
 
     def initialise(self, generator: torch.Generator) -> None:
         """Draw every weight and bias."""
@@ -49,7 +54,7 @@ class MlpScorer(Scorer):
         ):
             hidden = torch.baddbmm(bias, hidden, weight)
             if layer < last:
-                hidden = elu(hidden)
+                hidden = self.bend(hidden)
         return hidden.reshape(-1, *steps.shape[:-1])
 
 

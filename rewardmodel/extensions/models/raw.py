@@ -10,55 +10,33 @@ Shapes: M ensemble members, D columns, B pairs.
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn.functional import leaky_relu
 
 from rewardmodel.cfg import FitCfg
 from rewardmodel.extensions_cfg import RawCfg
 from rewardmodel.prepared.described import StandardisedPairs
 from rewardmodel.prepared.prepared import Prepared
-from rewardmodel.scorer import Scorer
 
-from .network import draw_uniformly, pieces
+from .mlp import MlpScorer
+from .network import pieces
 
 
-class RawScorer(Scorer):
-    """Three hidden layers a member, all members evaluated by one batched product."""
+class RawScorer(MlpScorer):
+    """Three hidden layers a member."""
+
+    bend = staticmethod(leaky_relu)
 
     def __init__(self, num_columns: int, cfg: RawCfg) -> None:
-        super().__init__()
-        sizes = (num_columns, *[cfg.hidden_size] * 3, 1)
+        super().__init__(num_columns, cfg, hidden_layers=3)
         self._summed_steps = cfg.summed_steps
-        self.weights = nn.ParameterList(
-            torch.zeros(cfg.num_members, fan_in, fan_out)
-            for fan_in, fan_out in pairwise(sizes)
-        )
-        self.biases = nn.ParameterList(
-            torch.zeros(cfg.num_members, 1, fan_out) for fan_out in sizes[1:]
-        )
-
-    def initialise(self, generator: torch.Generator) -> None:
-        """Draw every weight and bias, as `torch.nn.Linear` does."""
-        for weight, bias in zip(self.weights, self.biases, strict=True):
-            draw_uniformly(weight, weight.shape[1], generator)
-            draw_uniformly(bias, weight.shape[1], generator)
 
     def forward(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
         """Raw rewards [M, ...] of standardised columns [..., D]: logits, so that the
         mean over a clip is the sum over the steps of a published segment."""
-        hidden = steps.flatten(0, -2).expand(len(self.weights[0]), -1, -1)
-        last = len(self.weights) - 1
-        for layer, (weight, bias) in enumerate(
-            zip(self.weights, self.biases, strict=True)
-        ):
-            hidden = torch.baddbmm(bias, hidden, weight)
-            if layer < last:
-                hidden = leaky_relu(hidden)
-        rewards = hidden.tanh().reshape(-1, *steps.shape[:-1])
-        return self._summed_steps * rewards
+        return self._summed_steps * super().forward(steps, starts).tanh()
 
 
 def fit_raw(prepared: Prepared, cfg: FitCfg, generator: torch.Generator) -> RawScorer:
