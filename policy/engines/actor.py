@@ -14,6 +14,7 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor, nn
 
+from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg
 from policy.env.randomise import make_env
 from policy.robots.robot import Robot, load_robot_xml
@@ -27,20 +28,16 @@ Weights = Mapping[str, Mapping[str, np.ndarray]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ActorPlan:
-    """All an actor has to know before it begins."""
+class EnvPlan:
+    """The environments of an actor."""
 
     actor: int
     robot_name: str
     robot_mjcf: str
     env: EnvCfg
-    ppo: PpoCfg
-    """The learner's; an actor learns nothing itself."""
     num_envs: int
     """Environments of this one."""
     seed: int
-    reward_fn: ScoreFn | None = None
-    """What it scores by where it sends gradients; None is the task's own reward."""
 
     def robot(self) -> Robot:
         """The robot that acts."""
@@ -48,18 +45,36 @@ class ActorPlan:
             self.robot_mjcf, name=self.robot_name, physics_dt_s=self.env.physics_dt_s
         )
 
+    def begin_env(self) -> QuadrupedEnv:
+        """The environments, on one core; sets PyTorch's chance of this process."""
+        torch.set_num_threads(1)
+        seeds = np.random.SeedSequence(self.seed).generate_state(2)
+        torch.manual_seed(int(seeds[0]))
+        return make_env(
+            self.robot(), self.env, self.num_envs, seed=int(seeds[1]), threads=1
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ActorPlan(EnvPlan):
+    """All an actor has to know before it begins."""
+
+    ppo: PpoCfg
+    """The learner's; an actor learns nothing itself."""
+    reward_fn: ScoreFn | None = None
+    """What it scores by where it sends gradients; None is the task's own reward."""
+
+    def begin(self) -> Actor:
+        """The actor."""
+        return Actor(self)
+
 
 class Actor:
     """Collects rollouts with whatever weights it is given."""
 
     def __init__(self, plan: ActorPlan) -> None:
         self._plan = plan
-        torch.set_num_threads(1)
-        seeds = np.random.SeedSequence(plan.seed).generate_state(2)
-        torch.manual_seed(int(seeds[0]))
-        env = make_env(
-            plan.robot(), plan.env, plan.num_envs, seed=int(seeds[1]), threads=1
-        )
+        env = plan.begin_env()
         # What is learned, and from what else, is the learner's affair.
         own = replace(plan.ppo, num_envs=plan.num_envs, bonus=None, kl_penalty=None)
         self._runner = Runner(env, replace(own, mirror=False))
@@ -120,7 +135,7 @@ class Actor:
     def _collect(self, weights: Weights) -> dict[str, float]:
         alg = self._runner.alg
         for name, state in weights.items():
-            _load(getattr(alg, name), state)
+            load_weights(getattr(alg, name), state)
         alg.storage.clear()
         with torch.inference_mode():
             self._obs, scalars = self._runner.collect(self._obs)
@@ -140,7 +155,8 @@ def history_rows(reward_fn: ScoreFn | None) -> int:
     return 0 if reward_fn is None else history_of(reward_fn)
 
 
-def _load(network: nn.Module, state: Mapping[str, np.ndarray]) -> None:
+def load_weights(network: nn.Module, state: Mapping[str, np.ndarray]) -> None:
+    """Let `network` have the weights `state`."""
     # Arrays that other processes share are not to be written to; torch copies them.
     network.load_state_dict({k: torch.tensor(v) for k, v in state.items()})
 

@@ -10,9 +10,11 @@ import socket
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
-from .actor import Actor, Weights
+import numpy as np
+
+from .actor import Weights
 from .actors_cfg import ActorsError
 from .ray_cluster import require_same_versions, versions
 from .trajectory import Sent
@@ -22,17 +24,41 @@ _MOST_DEATHS = 5
 _LOOK_S = 1.0
 _SILENCE_S = 60.0
 
-MakePlan = Callable[[int, int], Any]
-"""The `ActorPlan` of an actor that goes on with a sequence number: both decide its
-seed, or an actor that was replaced would see its first rollouts again."""
+
+class Plan(Protocol):
+    """All an actor has to know before it begins."""
+
+    def begin(self) -> Any:
+        """The actor."""
+        ...
 
 
-class RemoteActor(Actor):
-    """An `Actor` that also says where it is."""
+MakePlan = Callable[[int, int], Plan]
+"""The plan of an actor that goes on with a sequence number: both decide its seed, or an
+actor that was replaced would see its first rollouts again."""
+
+
+def seed_of_actor(seed: int, actor: int, sequence: int) -> int:
+    """That of an actor which goes on with `sequence`, in a training of `seed`."""
+    entropy = np.random.SeedSequence([seed, actor, sequence])
+    return int(entropy.generate_state(1)[0])
+
+
+class RemoteActor:
+    """An actor in a process of its own, which also says where it is."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._actor = plan.begin()
 
     def where(self) -> tuple[str, dict[str, str]]:
         """Its machine, and the versions there."""
         return socket.gethostname(), versions()
+
+    def collect(
+        self, method: str, weights: Weights, version: int, sequence: int
+    ) -> Sent:
+        """What the method of that name collects with `weights`."""
+        return getattr(self._actor, method)(weights, version, sequence)
 
 
 @dataclass
@@ -79,7 +105,7 @@ class ActorPool:
         Args:
             ray: The connected module.
             plan: Makes what an actor has to know.
-            method: Of `Actor`, which collects.
+            method: Of the actor, which collects.
             most_lag: Versions between the newest weights and those of a rollout.
             tell: Gets a line about who died.
         """
@@ -99,6 +125,20 @@ class ActorPool:
         """Number of the last rollout each actor was asked for."""
         return dict(enumerate(self._sequences))
 
+    @property
+    def figures(self) -> dict[str, float]:
+        """What became of rollouts so far, by TensorBoard tag."""
+        counts = self.counts
+        return {
+            "actors/lag_mean": float(np.mean(counts.lags)),
+            "actors/lag_most": float(max(counts.lags)),
+            "actors/used": float(counts.used),
+            "actors/dropped": float(counts.dropped),
+            "actors/replaced": float(counts.replaced),
+            "actors/megabytes": counts.bytes / 1e6,
+            "actors/collect_s": counts.collect_s,
+        }
+
     def hand_out(self, weights: Weights, version: int) -> None:
         """Let rollouts that are asked for from now on be of `weights`."""
         self._weights, self.version = self._ray.put(weights), version
@@ -114,8 +154,9 @@ class ActorPool:
                 continue
             self._sequences[actor] += 1
             sequence = self._sequences[actor]
-            call = getattr(seat.handle, self._method)
-            answer = call.remote(self._weights, self.version, sequence)
+            answer = seat.handle.collect.remote(
+                self._method, self._weights, self.version, sequence
+            )
             self._asked[answer] = actor, sequence
 
     def next(self, most: int) -> Sent:

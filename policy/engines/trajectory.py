@@ -6,6 +6,7 @@ Shapes: T steps of a rollout, N environments of an actor, F feature columns.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Protocol
 
 import numpy as np
 
@@ -84,4 +85,12 @@ class Gradient:
         return sum(part.nbytes for part in [*self.actor, *self.critic])
 
 
-Sent = Trajectory | Gradient
+class Sent(Protocol):
+    """Whatever an actor sends."""
+
+    @property
+    def origin(self) -> Origin: ...
+    @property
+    def bytes(self) -> int: ...
+    @property
+    def collect_s(self) -> float: ...

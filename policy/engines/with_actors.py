@@ -16,7 +16,7 @@ from policy.training.ppo import IterationStats, Runner
 from policy.training.train import TrainCfg
 
 from .actor import ActorPlan, weights_of
-from .actor_pool import ActorPool
+from .actor_pool import ActorPool, seed_of_actor
 from .actors_cfg import ActorsCfg, ActorsError
 from .asynchronous import absorb, apply_gradients
 from .learner import VTracePpo
@@ -51,7 +51,7 @@ class ActorsRunner(Runner):
         seed: int,
         tell: Callable[[str], None],
     ) -> None:
-        _require_possible(cfg, actors)
+        require_for_actors(cfg, actors)
         # One environment, which says what there is to see and scores by the task.
         env = make_env(robot, cfg.env, 1, seed=seed, threads=1)
         super().__init__(env, cfg.ppo, algorithm=VTracePpo)
@@ -130,7 +130,7 @@ class ActorsRunner(Runner):
             scalars = self.figures()
             self.alg.compute_returns(last)
         losses = self.alg.update()
-        scalars |= {"actors/clipped_share": self.alg.clipped_share, **_drawn(pool)}
+        scalars |= {"actors/clipped_share": self.alg.clipped_share, **pool.figures}
         self.current_learning_iteration += 1
         stop_s = time.perf_counter()
         return self._stats(scalars, losses, start_s, collected_s, stop_s)
@@ -158,7 +158,7 @@ class ActorsRunner(Runner):
         self.alg.actor(self.env.get_observations(), stochastic_output=True)
         self.current_learning_iteration += 1
         stop_s = time.perf_counter()
-        return self._stats(scalars | _drawn(pool), {}, start_s, stop_s, stop_s)
+        return self._stats(scalars | pool.figures, {}, start_s, stop_s, stop_s)
 
     def _weights(self) -> Any:
         networks = {"actor": self.alg.actor}
@@ -179,7 +179,6 @@ class ActorsRunner(Runner):
         )
 
     def _plan(self, actor: int, sequence: int) -> ActorPlan:
-        entropy = np.random.SeedSequence([self._seed, actor, sequence])
         gradients = self._actors.update == "gradients"
         return ActorPlan(
             actor=actor,
@@ -188,7 +187,7 @@ class ActorsRunner(Runner):
             env=self._cfg.env,
             ppo=self._cfg.ppo,
             num_envs=self._envs,
-            seed=int(entropy.generate_state(1)[0]),
+            seed=seed_of_actor(self._seed, actor, sequence),
             reward_fn=self.alg.reward_fn if gradients else None,
         )
 
@@ -196,7 +195,7 @@ class ActorsRunner(Runner):
         self._sequences |= pool.sequences
 
 
-def _require_possible(cfg: TrainCfg, actors: ActorsCfg) -> None:
+def require_for_actors(cfg: TrainCfg, actors: ActorsCfg) -> None:
     """Refuse what needs all environments, or all rollouts, in one place.
 
     Raises:
@@ -218,17 +217,3 @@ def _require_possible(cfg: TrainCfg, actors: ActorsCfg) -> None:
             "actors that send gradients know no exploration bonus, no KL penalty and "
             "no mirror: leave these out, or give --update vtrace"
         )
-
-
-def _drawn(pool: ActorPool) -> dict[str, float]:
-    """What became of rollouts so far, by TensorBoard tag."""
-    counts = pool.counts
-    return {
-        "actors/lag_mean": float(np.mean(counts.lags)),
-        "actors/lag_most": float(max(counts.lags)),
-        "actors/used": float(counts.used),
-        "actors/dropped": float(counts.dropped),
-        "actors/replaced": float(counts.replaced),
-        "actors/megabytes": counts.bytes / 1e6,
-        "actors/collect_s": counts.collect_s,
-    }

@@ -23,7 +23,7 @@ def action_distance(actor: TanhActor, ring: Ring) -> float:
     0 is a copy. At 1, a policy is no nearer to what was done in a state than any other
     action in memory is: what its critics say of it is a guess.
     """
-    batch = ring.sample(_ASKED, n_step=1, gamma=0.0)
+    batch = ring.sample(_ASKED, n_step=1, gamma=0.0, evenly=True)
     missed = actor(batch.obs) - batch.action
     spread = 2.0 * batch.action.var(dim=0, unbiased=False).sum()
     return float((missed.square().sum(dim=-1).mean() / spread.clamp(min=1e-12)).sqrt())

@@ -21,6 +21,7 @@ from policy.training.reward_ppo import ScoreFn
 
 from .remembered import chunk_of
 from .ring import Chunk, Ring
+from .sac_cfg import SacCfg
 
 _ALIKE = 1e-7
 """Rewards of a step that differ by less are the same."""
@@ -30,17 +31,28 @@ class Memory:
     """A ring whose steps are scored by the reward of the moment."""
 
     def __init__(
-        self, env: QuadrupedEnv, rows: int, obs_dim: int, tell: Callable[[str], None]
+        self,
+        env: QuadrupedEnv,
+        cfg: SacCfg,
+        columns: int,
+        tell: Callable[[str], None],
     ) -> None:
         """Make an empty one.
 
         Args:
-            env: Whose columns are remembered, and whose own reward is paid by default.
-            rows: Steps of each column.
-            obs_dim: Numbers of an observation.
+            env: What steps are of, and whose own reward is paid by default.
+            cfg: How many are remembered, and which are drawn more often.
+            columns: Environments, whose steps follow one another.
             tell: Gets a line about what was read, and what was scored again.
         """
-        self.ring = Ring(rows, env.num_envs, obs_dim, device=env.device)
+        obs_dim = env.get_observations()["policy"].shape[-1]
+        self.ring = Ring(
+            cfg.rows(columns, obs_dim),
+            columns,
+            obs_dim,
+            device=env.device,
+            priorities=cfg.priorities,
+        )
         self._env, self._tell = env, tell
         self._versions: list[str] = []
         self._last: tuple[ScoreFn | None, int] | None = None
@@ -52,7 +64,8 @@ class Memory:
         Raises:
             GaitprefError: it cannot be replayed here.
         """
-        chunk, ring = chunk_of(path, self._env, self._tell), self.ring
+        ring = self.ring
+        chunk = chunk_of(path, self._env, ring.columns, self._tell)
         if len(chunk.cut) > ring.rows - ring.filled:
             self._tell(
                 f"{path} and what is in memory take "
@@ -79,6 +92,7 @@ class Memory:
         if not self.ring.filled or not self.ring.stale(version):
             return 0
         count = self.ring.score(self._score(paid), version)
+        self.ring.raise_priorities()
         self._tell(f"scored {count:,} remembered steps by the present reward")
         return count
 

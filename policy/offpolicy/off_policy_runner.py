@@ -14,9 +14,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from data.errors import GaitprefError
 from data.features import column
 from data.files.plain import to_plain
+from policy.engines.actors_cfg import ActorsCfg
 from policy.env.randomise import make_env
 from policy.parallel.ranks import ALONE
 from policy.robots.robot import Robot
@@ -26,8 +26,11 @@ from policy.training.reward_ppo import figures_of
 from policy.training.train import TrainCfg
 
 from .as_policy import begin_from, described, policy_states
+from .collecting import Here, Source, Tell
 from .distance import action_distance
+from .from_actors import FromActors
 from .memory import Memory
+from .possible import require_possible
 from .remembered import contents_of
 from .ring import Chunk
 from .sac import Sac
@@ -48,8 +51,10 @@ class OffPolicy:
     """Data sets, or directories of off-policy trainings, that memory begins with."""
     offline: bool = False
     """Take no new step: learn from what is in memory alone."""
-    tell: Callable[[str], None] = lambda line: None
-    """Gets a line about what was read, and what was scored again."""
+    actors: ActorsCfg | None = None
+    """Who takes new steps; None is this process."""
+    tell: Tell = lambda line: None
+    """Gets a line about what was read, what was scored again, and who died."""
 
     def __call__(self, robot: Robot, cfg: TrainCfg, seed: int) -> OffPolicyRunner:
         """The runner of a training.
@@ -57,7 +62,9 @@ class OffPolicy:
         Raises:
             GaitprefError: settings that only PPO has, or that do not go together.
         """
-        _require_possible(cfg, self)
+        require_possible(
+            cfg, replay=self.replay, offline=self.offline, actors=self.actors
+        )
         return OffPolicyRunner(robot, cfg, self, seed=seed)
 
 
@@ -68,7 +75,10 @@ class OffPolicyRunner:
         self, robot: Robot, cfg: TrainCfg, engine: OffPolicy, *, seed: int
     ) -> None:
         self.ranks = ALONE
-        self.env = make_env(robot, cfg.env, cfg.ppo.num_envs, seed=seed, sim=cfg.sim)
+        envs, actors = cfg.ppo.num_envs, engine.actors
+        # Where actors act, one here says what there is to see, and scores.
+        here = envs if actors is None else 1
+        self.env = make_env(robot, cfg.env, here, seed=seed, sim=cfg.sim)
         self.device = str(self.env.device)
         self.sac, self.engine = engine.cfg, engine
         obs_dim = self.env.get_observations()["policy"].shape[-1]
@@ -77,20 +87,28 @@ class OffPolicyRunner:
         self.alg = Sac(self.sac, obs_dim, bound)
         if cfg.ppo.mirror:
             self.alg.mirror = mirror_of(self.env.robot).to(self.env.sim.device)
-        rows = self.sac.rows(self.env.num_envs, obs_dim)
-        self.memory = Memory(self.env, rows, obs_dim, engine.tell)
+        self.memory = Memory(self.env, self.sac, envs, engine.tell)
         self.ring = self.memory.ring
+        self._source: Source = Here(self.env, self.alg.actor, cfg.ppo.steps_per_env)
+        if actors is not None:
+            self._source = FromActors(
+                robot, cfg, actors, self.alg, self.ring, seed=seed, tell=engine.tell
+            )
         self.current_learning_iteration = 0
         self._due = 0.0
 
     @property
     def told(self) -> dict[str, Any]:
         """What beside its settings makes a training what it is."""
-        return {
+        told = {
             "algorithm": {"sac": to_plain(self.sac, whole=True)},
             "replay": [contents_of(path) for path in self.engine.replay],
             "offline": self.engine.offline,
         }
+        actors = self.engine.actors
+        if actors is None:
+            return told
+        return told | {"actors": "sync" if actors.update == "sync" else "meanwhile"}
 
     @property
     def std(self) -> None:
@@ -112,11 +130,8 @@ class OffPolicyRunner:
         begin_from(self.alg, init, payload)
 
     def begin(self) -> None:
-        """Fill memory with what is to be replayed, and spread the time-outs."""
-        env = self.env
-        env.episode_length_buf = torch.randint_like(
-            env.episode_length_buf, high=env.max_episode_length
-        )
+        """Fill memory with what is to be replayed."""
+        self._source.begin()
         for path in self.engine.replay:
             self.alg.actor.normalizer.update(self.memory.replay(path))
 
@@ -125,7 +140,7 @@ class OffPolicyRunner:
         return {
             **self.memory.snapshot(),
             "due": self._due,
-            "env": self.env.snapshot(),
+            **self._source.snapshot(),
             "torch_rng": torch.get_rng_state(),
         }
 
@@ -133,7 +148,7 @@ class OffPolicyRunner:
         """Go on from what `snapshot` gave, among other things."""
         self.memory.restore(snapshot)
         self._due = float(snapshot["due"])
-        self.env.restore(snapshot["env"])
+        self._source.restore(snapshot)
         torch.set_rng_state(snapshot["torch_rng"])
 
     def learn(
@@ -147,46 +162,35 @@ class OffPolicyRunner:
             num_learning_iterations: Total, those before a resume included.
             on_iteration: Called after each; answers whether to go on.
         """
-        while self.current_learning_iteration < num_learning_iterations:
-            start_s = time.perf_counter()
-            count = self.memory.relabel(self.alg.reward_fn)
-            scalars = {"memory/relabelled": float(count)}
-            if self.engine.offline:
-                self.memory.require_told()
-            else:
-                scalars |= self._collect()
-            collected_s = time.perf_counter()
-            scalars |= self._improve()
-            self.current_learning_iteration += 1
-            stop_s = time.perf_counter()
-            stats = self._stats(scalars, start_s, collected_s, stop_s)
-            if not on_iteration(stats):
-                return
+        if self.current_learning_iteration >= num_learning_iterations:
+            return
+        with self._source.running():
+            while self.current_learning_iteration < num_learning_iterations:
+                if not on_iteration(self._iterate()):
+                    return
+
+    def _iterate(self) -> IterationStats:
+        start_s = time.perf_counter()
+        count = self.memory.relabel(self.alg.reward_fn)
+        scalars = {"memory/relabelled": float(count)}
+        if self.engine.offline:
+            self.memory.require_told()
+        else:
+            scalars |= self._collect()
+        collected_s = time.perf_counter()
+        scalars |= self._improve()
+        self.current_learning_iteration += 1
+        return self._stats(scalars, start_s, collected_s, time.perf_counter())
 
     @torch.no_grad()
     def _collect(self) -> dict[str, float]:
-        """Act, remember and score; figures of the rollout."""
-        env, steps = self.env, self.ppo.steps_per_env
-        obs = env.get_observations()["policy"]
-        kept: dict[str, list[Tensor]] = {
-            name: [] for name in ("obs", "features", "starts", "fallen", "cut")
-        }
-        extras: dict[str, Any] = {}
-        for _ in range(steps):
-            actions, _ = self.alg.actor.sample(obs)
-            kept["obs"].append(obs.clone())
-            after, _, _, extras = env.step(actions, score=False)
-            obs = after["policy"]
-            # A diverged simulation tells nothing of what its action led to.
-            kept["cut"].append(extras["time_outs"])
-            for name in ("features", "starts", "fallen"):
-                kept[name].append(extras[name])
-        chunk = Chunk(**{name: torch.stack(each) for name, each in kept.items()})
+        """Remember new steps and score them; figures of them."""
+        chunk, log = self._source.collect()
         self.alg.actor.normalizer.update(chunk.obs.flatten(0, 1))
         paid = self.memory.add(chunk, self.alg.reward_fn)
         scalars = self._figures(chunk)
-        scalars["train/return"] = float(paid.mean()) * env.cfg.episode_steps
-        return scalars | {k: float(v) for k, v in extras["log"].items()}
+        scalars["train/return"] = float(paid.mean()) * self.env.cfg.episode_steps
+        return scalars | log
 
     def _figures(self, chunk: Chunk) -> dict[str, float]:
         """Figures of a rollout by TensorBoard tag."""
@@ -239,28 +243,4 @@ class OffPolicyRunner:
             steps_per_s=steps_per_s,
             mean_return=found.get("train/return", 0.0),
             scalars=found,
-        )
-
-
-def _require_possible(cfg: TrainCfg, engine: OffPolicy) -> None:
-    """Refuse settings of PPO's that would have no effect.
-
-    Raises:
-        GaitprefError: there is such a setting.
-    """
-    ppo = cfg.ppo
-    if ppo.bonus is not None or ppo.kl_penalty is not None:
-        raise GaitprefError(
-            "an exploration bonus and a KL penalty are PPO's: leave --exploration and "
-            "--kl-penalty out, or --algorithm fastsac"
-        )
-    if cfg.sim is not None and cfg.sim.device != "cpu":
-        raise GaitprefError(
-            "off-policy learning is on the processor: leave --device out, or "
-            "--algorithm fastsac"
-        )
-    if engine.offline and not engine.replay:
-        raise GaitprefError(
-            "--offline takes no new step, so it needs what to learn from: give "
-            "--replay DATASET too"
         )

@@ -46,26 +46,31 @@ def contents_of(path: Path) -> str:
     return sha256_bytes("".join(sorted(names)).encode())
 
 
-def chunk_of(path: Path, env: QuadrupedEnv, tell: Callable[[str], None]) -> Chunk:
-    """The steps in `path`, a data set or the directory of an off-policy training.
+def chunk_of(
+    path: Path, env: QuadrupedEnv, columns: int, tell: Callable[[str], None]
+) -> Chunk:
+    """The steps in `path`, a data set or the directory of an off-policy training, side
+    by side in `columns`.
 
     Raises:
         GaitprefError: there is nothing there that can be replayed in `env`.
     """
     if (path / RESUME_NAME).exists():
-        return _of_memory(path, env)
-    return _of_dataset(path, env, tell)
+        return _of_memory(path, env, columns)
+    return _of_dataset(path, env, columns, tell)
 
 
-def _of_dataset(path: Path, env: QuadrupedEnv, tell: Callable[[str], None]) -> Chunk:
+def _of_dataset(
+    path: Path, env: QuadrupedEnv, width: int, tell: Callable[[str], None]
+) -> Chunk:
     if env.cfg.law is not None:
         raise GaitprefError(
             f"--replay {path}: episodes hold what policies of this project see, and "
             "this policy sees something else; leave --replay out, or --observe imu"
         )
     dataset = Dataset.open(path)
-    columns: list[list[Rows]] = [[] for _ in range(env.num_envs)]
-    lengths = np.zeros(env.num_envs, dtype=int)
+    columns: list[list[Rows]] = [[] for _ in range(width)]
+    lengths = np.zeros(width, dtype=int)
     reasons: list[str] = []
     episodes = steps = 0
     for entry in dataset.entries():
@@ -143,7 +148,7 @@ def _side_by_side(columns: list[list[Rows]], rows: int) -> Chunk:
     return Chunk(**{name: torch.from_numpy(made[name]) for name in names})
 
 
-def _of_memory(path: Path, env: QuadrupedEnv) -> Chunk:
+def _of_memory(path: Path, env: QuadrupedEnv, width: int) -> Chunk:
     file = path / RESUME_NAME
     state = read_plain(file)
     if "ring" not in state:
@@ -160,7 +165,7 @@ def _of_memory(path: Path, env: QuadrupedEnv) -> Chunk:
             )
     ring = state["ring"]
     rows, columns = ring["cut"].shape
-    if columns != env.num_envs:
+    if columns != width:
         raise PolicyError(
             f"--replay {path}: its memory has {columns} columns, one an environment; "
             f"give --envs {columns}"

@@ -25,6 +25,9 @@ from policy.training.reward_ppo import (
     require_finite,
 )
 
+from .drawing import Priorities, draw_evenly
+from .sac_cfg import PriorityCfg
+
 UNSCORED = -1
 """Version of a step that no reward has scored yet."""
 SCORED_AT_ONCE = 65_536
@@ -62,13 +65,23 @@ class Batch:
     """[B, D] from where on a critic is asked"""
     discount: Tensor
     """[B] of what it says; 0 after a fall"""
+    place: Tensor
+    """[B] where in the ring, flat"""
+    weight: Tensor | None = None
+    """[B] how much each counts for a critic; None: all alike"""
 
 
 class Ring:
     """The last R steps of N columns."""
 
     def __init__(
-        self, rows: int, columns: int, obs_dim: int, *, device: str | torch.device
+        self,
+        rows: int,
+        columns: int,
+        obs_dim: int,
+        *,
+        device: str | torch.device,
+        priorities: PriorityCfg | None = None,
     ) -> None:
         shape = (rows, columns)
         on: dict[str, Any] = {"device": device}
@@ -79,6 +92,9 @@ class Ring:
         self.cut = torch.zeros(shape, dtype=torch.bool, **on)
         self.reward = torch.zeros(shape, **on)
         self.version = torch.full(shape, UNSCORED, dtype=torch.int32, **on)
+        self.priorities = None
+        if priorities is not None:
+            self.priorities = Priorities(priorities, shape, device)
         self.rows, self.columns = rows, columns
         self.head = 0
         """The row that is written next."""
@@ -108,6 +124,8 @@ class Ring:
         for part in fields(chunk):
             getattr(self, part.name)[into] = getattr(chunk, part.name)[-count:]
         self.version[into] = UNSCORED
+        if self.priorities is not None:
+            self.priorities.raise_rows(into)
         self.head = (self.head + count) % self.rows
         self.filled = min(self.filled + count, self.rows)
 
@@ -148,8 +166,11 @@ class Ring:
             usable[self.head - 1] &= self.fallen[self.head - 1]
         return usable
 
-    def sample(self, count: int, *, n_step: int, gamma: float) -> Batch:
-        """`count` steps at random, from PyTorch's chance.
+    def sample(
+        self, count: int, *, n_step: int, gamma: float, evenly: bool = False
+    ) -> Batch:
+        """`count` steps at random, from PyTorch's chance; by priority, where there are
+        any and it is not to be `evenly`.
 
         A target ends early where the episode is cut, with what a critic says of the
         last state that is known; and after a fall, with nothing.
@@ -158,7 +179,14 @@ class Ring:
             ValueError: no step is usable.
         """
         usable = self.usable()
-        rows, columns = self._drawn(count, usable)
+        if not usable.any():
+            raise ValueError("the memory holds no step whose outcome is known")
+        held, weight = usable[: self.filled], None
+        if self.priorities is None or evenly:
+            place = draw_evenly(count, held)
+        else:
+            place, weight = self.priorities.draw(count, held)
+        rows, columns = place // self.columns, place % self.columns
         gain = torch.zeros(count, device=self.reward.device)
         discount = torch.ones_like(gain)
         later, on = rows.clone(), torch.ones_like(rows, dtype=torch.bool)
@@ -177,7 +205,21 @@ class Ring:
             gain=gain,
             later_obs=self.obs[later, columns],
             discount=discount,
+            place=place,
+            weight=weight,
         )
+
+    def learned(self, batch: Batch, errors: Tensor) -> None:
+        """Draw the steps of `batch` from now on by how far off the critics were,
+        `errors` [B], where that matters."""
+        if self.priorities is not None:
+            self.priorities.learned(batch.place, errors)
+
+    def raise_priorities(self) -> None:
+        """Draw all steps alike until it is known how far off the critics are, where
+        that matters."""
+        if self.priorities is not None:
+            self.priorities.raise_all()
 
     def newest_obs(self, count: int) -> Tensor:
         """About `count` [B, D] of the last observations."""
@@ -191,7 +233,10 @@ class Ring:
     def snapshot(self) -> dict[str, Any]:
         """What is remembered, as plain values; the part that holds nothing left out."""
         held = {name: getattr(self, name)[: self.filled] for name in self._TENSORS}
-        return {**{k: v.clone() for k, v in held.items()}, "head": self.head}
+        found = {**{k: v.clone() for k, v in held.items()}, "head": self.head}
+        if self.priorities is not None:
+            found["mass"] = self.priorities.mass[: self.filled].clone()
+        return found
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
         """Go on from what `snapshot` gave.
@@ -209,22 +254,17 @@ class Ring:
                 )
             own[:held] = given.to(own.device)
         self.filled, self.head = held, int(snapshot["head"]) % self.rows
+        if self.priorities is not None:
+            self.priorities.mass[:held] = snapshot["mass"].to(self.reward.device)
+
+    def part(self, columns: Tensor) -> None:
+        """What comes next in `columns` [K] is not what followed there."""
+        newest = self.head - 1
+        self.cut[newest, columns] |= ~self.fallen[newest, columns]
 
     def _after(self, row: int, count: int) -> Tensor:
         ids = torch.arange(row, row + count, device=self.reward.device)
         return ids % self.rows
-
-    def _drawn(self, count: int, usable: Tensor) -> tuple[Tensor, Tensor]:
-        """Rows [B] and columns [B] of usable steps."""
-        if not usable.any():
-            raise ValueError("the memory holds no step whose outcome is known")
-        device = self.reward.device
-        flat = usable[: self.filled].flatten()
-        drawn = torch.randint(self.steps, (count,), device=device)
-        while not (good := flat[drawn]).all():
-            again = torch.randint(self.steps, (count,), device=device)
-            drawn = torch.where(good, drawn, again)
-        return drawn // self.columns, drawn % self.columns
 
 
 def _scored(reward: ScoreFn, features: Tensor, starts: Tensor, steps: int) -> Tensor:

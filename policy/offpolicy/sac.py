@@ -8,6 +8,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import torch
@@ -18,7 +19,7 @@ from policy.training.reward_ppo import ScoreFn
 
 from .ring import Batch, Ring
 from .sac_cfg import SacCfg
-from .tanh_actor import TanhActor
+from .tanh_actor import new_actor
 from .twin_critic import TwinCritic
 
 
@@ -33,13 +34,7 @@ class Sac:
     def __init__(self, cfg: SacCfg, obs_dim: int, bound: Tensor) -> None:
         device = bound.device
         self.cfg = cfg
-        self.actor = TanhActor(
-            obs_dim,
-            cfg.actor_sizes,
-            bound,
-            first_std=cfg.first_std,
-            std_bounds=cfg.std_bounds,
-        ).to(device)
+        self.actor = new_actor(cfg, obs_dim, bound).to(device)
         self.critic = TwinCritic(obs_dim, cfg.critic_sizes).to(device)
         self.target = copy.deepcopy(self.critic).requires_grad_(False)
         self.log_alpha = torch.tensor(math.log(cfg.first_alpha), device=device)
@@ -67,14 +62,16 @@ class Sac:
             batch = ring.sample(cfg.batch, n_step=cfg.n_step, gamma=cfg.gamma)
             if self.mirror is not None:
                 batch = half_mirrored(batch, self.mirror)
-            figures = self.update(batch)
+            figures, errors = self.update(batch)
+            ring.learned(batch, errors)
             for name, value in figures.items():
                 sums[name] = sums.get(name, torch.zeros_like(value)) + value
                 counts[name] = counts.get(name, 0) + 1
         return {name: float(total) / counts[name] for name, total in sums.items()}
 
-    def update(self, batch: Batch) -> dict[str, Tensor]:
-        """Change the critics by `batch`, and the actor when it is its turn; figures."""
+    def update(self, batch: Batch) -> tuple[dict[str, Tensor], Tensor]:
+        """Change the critics by `batch`, and the actor when it is its turn; figures,
+        and how far off [B] the critics were."""
         cfg, actor = self.cfg, self.actor
         obs = actor.normalizer(batch.obs)
         with torch.no_grad():
@@ -85,7 +82,11 @@ class Sac:
             soft = worth - self.log_alpha.exp() * log_prob
             target = cfg.reward_scale * batch.gain + batch.discount * soft
         values = self.critic(obs, batch.action / actor.bound)
-        critic_loss = (values - target).square().mean(dim=-1).sum()
+        missed = values - target
+        counted = missed.square()
+        if batch.weight is not None:
+            counted = batch.weight * counted
+        critic_loss = counted.mean(dim=-1).sum()
         self._critic_step.zero_grad()
         critic_loss.backward()
         self._critic_step.step()
@@ -99,7 +100,7 @@ class Sac:
         looks_on, self.looking_on = self.looking_on > 0, max(0, self.looking_on - 1)
         if not looks_on and self.updates % cfg.actor_every == 0:
             figures |= self._update_actor(obs, batch)
-        return figures
+        return figures, missed.detach().abs().mean(dim=0)
 
     def _update_actor(self, obs: Tensor, batch: Batch) -> dict[str, Tensor]:
         cfg, actor = self.cfg, self.actor
@@ -168,10 +169,9 @@ def half_mirrored(batch: Batch, mirror: Mirror) -> Batch:
     def turned(values: Tensor, image: Callable[[Tensor], Tensor]) -> Tensor:
         return torch.cat([image(values[:half]), values[half:]])
 
-    return Batch(
+    return replace(
+        batch,
         obs=turned(batch.obs, mirror.obs),
         action=turned(batch.action, mirror.action),
-        gain=batch.gain,
         later_obs=turned(batch.later_obs, mirror.obs),
-        discount=batch.discount,
     )

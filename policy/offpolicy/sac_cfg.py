@@ -2,16 +2,39 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from data.errors import GaitprefError
 from data.features import FEATURE_DIM
 from data.files.limits import POLICY_BYTES
+from data.files.plain import NONE_AS_BEFORE
 
 _OTHER_BYTES = 16
 """Of a step beside observation and feature row: marks, reward, version."""
 OFFLINE_CLONE_WEIGHT = 1.0
 """`clone_weight` where nothing new is tried."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PriorityCfg:
+    """Steps the critics err about are learned from more often (Schaul et al. 2016).
+
+    Values are those of Ape-X (Horgan et al. 2018, arXiv 1803.00933).
+    """
+
+    alpha: float = 0.6
+    """How much an error counts in how often a step is drawn; 0: not at all."""
+    beta: float = 0.4
+    """How far a step that is drawn more often counts less; 1: wholly."""
+    least: float = 1e-3
+    """Added to every error, in the critics' unit, so that no step is forgotten."""
+
+    def __post_init__(self) -> None:
+        for name in ("alpha", "beta"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise ValueError(f"{name} must lie in [0, 1]: {getattr(self, name)}")
+        if self.least <= 0.0:
+            raise ValueError(f"least must be positive: {self.least}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,6 +86,8 @@ class SacCfg:
     clone_weight: float = 0.0
     """Weight of staying with the actions in memory, beside the critics' opinion made
     to be one on average (Fujimoto & Gu 2021, arXiv 2106.06860)."""
+    priorities: PriorityCfg | None = field(default=None, metadata=NONE_AS_BEFORE)
+    """Which steps are drawn more often; None: all alike."""
 
     def __post_init__(self) -> None:
         for name in ("memory", "batch", "actor_every", "n_step"):

@@ -19,6 +19,8 @@ from torch import Tensor, nn
 
 from policy.env.env import QuadrupedEnv
 
+from .sac_cfg import SacCfg
+
 _EPS = 1e-2
 """What keeps a number that never changes from being blown up."""
 
@@ -111,3 +113,14 @@ def action_bound(env: QuadrupedEnv, most_action: float) -> Tensor:
     """
     most = min(env.cfg.action_limit, most_action)
     return env.reach().clamp(max=most)
+
+
+def new_actor(cfg: SacCfg, obs_dim: int, bound: Tensor) -> TanhActor:
+    """One that has learned nothing."""
+    return TanhActor(
+        obs_dim,
+        cfg.actor_sizes,
+        bound,
+        first_std=cfg.first_std,
+        std_bounds=cfg.std_bounds,
+    )
