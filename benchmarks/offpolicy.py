@@ -1,9 +1,11 @@
 """What learning off-policy saves in environment steps, and what it costs in time.
 
-    python -m benchmarks.offpolicy [--parts walk offline] [--quick] [--json FILE]
+    python -m benchmarks.offpolicy [--parts walk priorities offline] [--quick]
 
 *walk*: from nothing to a robot that walks, by the rule and the command of
-`benchmarks.walk`, with PPO and off-policy, the same seeds. *offline*: a style out of a
+`benchmarks.walk`, with PPO and off-policy, the same seeds. *priorities*: off-policy
+once more, as long and with the same seeds, learning more often from steps the critics
+err about. *offline*: a style out of a
 data set of the walk that ships in many postures, without one new step; its share of
 what PPO gains on the style in `online_steps` of its own, and how far its actions are
 from those in the data.
@@ -15,7 +17,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -29,7 +31,7 @@ from policy.robots.shipped import WALK
 from . import walk
 from .harness import Figure, gaitpref, median, publish
 
-Part = Literal["walk", "offline"]
+Part = Literal["walk", "priorities", "offline"]
 FAST = ("--algorithm", "fastsac")
 GOALS = {
     "steps_share_median": "<= 0.33 of PPO's",
@@ -45,7 +47,7 @@ class Options:
 
     work: Path = Path("runs/benchmark-offpolicy")
     """Directory of the runs; finished ones are not repeated."""
-    parts: tuple[Part, ...] = ("walk", "offline")
+    parts: tuple[Part, ...] = ("walk", "priorities", "offline")
     """What is measured."""
     seeds: tuple[int, ...] = (0, 1, 2)
     """Where chance comes from, one training each."""
@@ -79,19 +81,7 @@ def to_walk(options: Options) -> dict[str, Figure]:
         ("ppo", options.ppo_steps, ()),
         ("fastsac", options.fast_steps, (*FAST, *options.more)),
     ):
-        how = walk.Options(
-            work=options.work / name,
-            steps=most,
-            every=options.every,
-            episodes=8 if options.quick else 64,
-            more=more,
-        )
-        found = [walk.trained(how, seed) for seed in options.seeds]
-        figures[f"walked_{name}"] = sum(o.wall_s is not None for o in found)
-        for seed, outcome in zip(options.seeds, found, strict=True):
-            figures[f"steps_{name}_{seed}"] = outcome.steps
-            figures[f"wall_s_{name}_{seed}"] = outcome.wall_s
-        steps[name] = [math.inf if o.wall_s is None else o.steps for o in found]
+        steps[name] = _walks(options, name, most, more, figures)
     shares = [
         fast / slow if math.isfinite(fast) and math.isfinite(slow) else math.inf
         for fast, slow in zip(steps["fastsac"], steps["ppo"], strict=True)
@@ -101,24 +91,75 @@ def to_walk(options: Options) -> dict[str, Figure]:
     return figures
 
 
+def _walks(
+    options: Options,
+    name: str,
+    most: int,
+    more: Sequence[str],
+    figures: dict[str, Figure],
+) -> list[float]:
+    """Steps to a walk, seed by seed, infinite where it never walked; tells `figures` of
+    them."""
+    how = walk.Options(
+        work=options.work / name,
+        steps=most,
+        every=options.every,
+        episodes=_episodes(options),
+        more=tuple(more),
+    )
+    found = [walk.trained(how, seed) for seed in options.seeds]
+    figures[f"walked_{name}"] = sum(o.wall_s is not None for o in found)
+    for seed, outcome in zip(options.seeds, found, strict=True):
+        figures[f"steps_{name}_{seed}"] = outcome.steps
+        figures[f"wall_s_{name}_{seed}"] = outcome.wall_s
+    return [math.inf if o.wall_s is None else o.steps for o in found]
+
+
+def priorities(options: Options) -> dict[str, Figure]:
+    """Steps to a walk, and the return in the end, drawn evenly and by priority."""
+    figures: dict[str, Figure] = {}
+    returns: dict[str, list[float]] = {}
+    # Those drawn evenly are the walks off-policy of the other part.
+    for name, more in (("fastsac", ()), ("prioritised", ("--prioritised",))):
+        more = (*FAST, *options.more, *more)
+        _walks(options, name, options.fast_steps, more, figures)
+        returns[name] = [
+            _earned(options, "task", options.work / name / f"seed-{seed}/policy.pt")
+            for seed in options.seeds
+        ]
+        figures[f"return_{name}_median"] = median(returns[name])
+        for seed, earned in zip(options.seeds, returns[name], strict=True):
+            figures[f"return_{name}_{seed}"] = earned
+    gains = [p - e for e, p in zip(*returns.values(), strict=True)]
+    return {**figures, "return_gain_by_priority_median": median(gains)}
+
+
+def _episodes(options: Options) -> int:
+    return 8 if options.quick else 64
+
+
+def _earned(options: Options, reward: str, policy: Path) -> float:
+    """Mean return of `policy` under `reward`."""
+    told = gaitpref(
+        *("evaluate", "--policy", policy, "--reward", reward),
+        *("--episodes", str(_episodes(options)), "--json"),
+    )
+    return json.loads(told.stdout)["return_mean"]
+
+
 def offline(options: Options) -> dict[str, Figure]:
     """The share of a style that comes out of a data set alone, seed by seed."""
-    episodes = "8" if options.quick else "64"
 
-    def earned(policy: Path) -> dict[str, float]:
-        told = gaitpref(
-            *("evaluate", "--policy", policy, "--reward", options.style),
-            *("--episodes", episodes, "--json"),
-        )
-        return json.loads(told.stdout)
+    def earned(policy: Path) -> float:
+        return _earned(options, options.style, policy)
 
-    base = earned(WALK)["return_mean"]
+    base = earned(WALK)
     figures: dict[str, Figure] = {"offline_base_return": base}
     shares = []
     for seed in options.seeds:
         row = _offline_row(options, seed)
         gains = {
-            name: earned(row / name / "policy.pt")["return_mean"] - base
+            name: earned(row / name / "policy.pt") - base
             for name in ("offline", "online")
         }
         share = gains["offline"] / gains["online"] if gains["online"] > 0 else 0.0
@@ -154,7 +195,7 @@ def _offline_row(options: Options, seed: int) -> Path:
     return row
 
 
-_PARTS = {"walk": to_walk, "offline": offline}
+_PARTS = {"walk": to_walk, "priorities": priorities, "offline": offline}
 
 
 def measured(options: Options) -> Mapping[str, Figure]:

@@ -12,6 +12,7 @@ from gaitpref.method.method import Method
 from gaitpref.programs.program_cfg import ProgramCfg
 from gaitpref.raters.rater_cfg import RaterCfg
 from policy.env.env_cfg import EnvCfg
+from policy.env.feature_row import OBS_DIM
 from policy.robots.shipped import WALK
 from policy.rollouts.record import RecordCfg
 from policy.sim.making import SimCfg
@@ -100,6 +101,13 @@ class LoopCfg:
                 f"first needs {MIN_ANSWERS} answers and each other {each}, so "
                 f"give at least {least}, or fewer --rounds"
             )
+        if (learner := self.method.learner) is not None:
+            learner.rows(self.ppo.num_envs, OBS_DIM)
+            if self.steps.sim is not None and self.steps.sim.device != "cpu":
+                raise RunError(
+                    "off-policy learning is on the processor: leave --device out, or "
+                    "--algorithm fastsac"
+                )
 
     @property
     def base_file(self) -> Path | None:

@@ -15,12 +15,15 @@ from data.files.limits import POLICY_BYTES
 from gaitpref.console.progress import console, training_bar
 from gaitpref.method.context import RoundContext
 from gaitpref.training.by_method import Retraining, rows_of
+from gaitpref.training.off_policy_training import off_policy_cfg
 from gaitpref.training.symmetry import in_mirror
+from policy.offpolicy.off_policy_runner import OffPolicy
+from policy.offpolicy.sac_cfg import SacCfg
 from policy.parallel.ranks import ALONE, Ranks, others_alive
 from policy.robots.robot import Robot
 from policy.training.checkpoint import holding_home, load_policy
 from policy.training.ppo import IterationStats, ScoreFn
-from policy.training.train import POLICY_NAME, SUMMARY_NAME, TrainCfg, train
+from policy.training.train import POLICY_NAME, SUMMARY_NAME, Engine, TrainCfg, train
 from rewardmodel.models.storage import load_reward
 
 from .drift import deserves_training, why_not_trained
@@ -34,6 +37,7 @@ from .run_dir import (
     context_of,
     place_of,
     seed_of,
+    trained_before,
 )
 from .show_stage import labels_kept
 from .standstill import Standstill, standstill_before
@@ -137,6 +141,7 @@ def _train(
             resume=True,
             on_iteration=after,
             ranks=ranks,
+            engine=plan.engine,
         )
     if not result.finished:
         raise Interrupted
@@ -178,6 +183,8 @@ class _Plan:
     init: Path | None = None
     standstill: Standstill | None = None
     """The standing still that the training is to leave."""
+    engine: Engine | None = None
+    """What learns; None is PPO."""
 
 
 def _plan(
@@ -194,7 +201,7 @@ def _plan(
     if context.is_first:
         if method.mirror:
             train_cfg = replace(train_cfg, ppo=in_mirror(cfg.ppo, robot))
-        return _Plan(cfg=train_cfg)
+        return _learned_by(method.learner, round, _Plan(cfg=train_cfg))
     model = load_reward(round.before.reward)
     init = began_from(round)
     retraining = Retraining(
@@ -211,13 +218,24 @@ def _plan(
         learned = standstill.reward(model, method.unstick)
     else:
         learned = method.paid.of(model, context)
-    return _Plan(
+    plan = _Plan(
         cfg=retraining.trained(train_cfg),
         reward_fn=retraining.reward(learned, train_cfg),
         reward_name=f"the reward learned in round {round.number - 1}",
         init=init,
         standstill=standstill,
     )
+    return _learned_by(method.learner, round, plan)
+
+
+def _learned_by(learner: SacCfg | None, round: Round, plan: _Plan) -> _Plan:
+    """`plan` as `learner` does it, whose memory begins with that of the training
+    before; None is PPO."""
+    if learner is None:
+        return plan
+    engine = OffPolicy(cfg=learner, replay=trained_before(round), tell=console.print)
+    cfg, engine = off_policy_cfg(plan.cfg, engine)
+    return replace(plan, cfg=cfg, engine=engine)
 
 
 def planned_steps(cfg: LoopCfg, round: Round) -> int:

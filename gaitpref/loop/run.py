@@ -19,7 +19,7 @@ from policy.parallel.ranks import ALONE, Ranks
 
 from .between_rounds import meanwhile
 from .fit_stage import fit_stage
-from .loop_cfg import LoopCfg
+from .loop_cfg import LoopCfg, RunError
 from .people import People
 from .policy_stage import policy_stage, train_along
 from .questions_stage import questions_stage
@@ -64,7 +64,15 @@ def run_loop(
         ranks: Processes that train together, each of which calls this with the same
             arguments; the first one does all the rest alone.
         command: What was typed, for the run's journal.
+
+    Raises:
+        GaitprefError: what it is begun with cannot be used, or not together.
     """
+    if cfg.method.learner is not None and ranks.size > 1:
+        raise RunError(
+            "--algorithm fastsac learns in one process: start the loop without "
+            "torchrun, or leave it out"
+        )
     if ranks.is_first:
         with only_writer(run, console.print):
             reached = reach or ReachCfg()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from data.files.files import read_json
 from gaitpref.method.context import RoundContext
-from policy.training.train import POLICY_NAME
+from policy.training.train import POLICY_NAME, SUMMARY_NAME
 
 from .loop_cfg import LoopCfg
 
@@ -120,6 +121,14 @@ def approved(round: Round) -> Path:
 def began_from(round: Round) -> Path:
     """The policy that the training of `round` began from."""
     return approved(round.before)
+
+
+def trained_before(round: Round) -> tuple[Path, ...]:
+    """The directory of the newest training before `round` that took steps; empty where
+    there was none."""
+    earlier = (Round(round.run, n).policy.parent for n in reversed(range(round.number)))
+    took = (folder for folder in earlier if (folder / SUMMARY_NAME).exists())
+    return tuple(islice(took, 1))
 
 
 def seed_of(cfg: LoopCfg, *purpose: int) -> int:

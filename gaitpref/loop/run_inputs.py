@@ -10,7 +10,9 @@ from data.files.files import sha256_file
 from gaitpref.programs.function_rater import Look, function_of
 from gaitpref.raters.criteria import Criterion, load_criterion
 from gaitpref.raters.criterion_scores import criterion_context
+from policy.offpolicy.as_policy import require_networks
 from policy.robots.robot import Robot
+from policy.training.checkpoint import read_plain
 from policy.training.identity import content_of
 from policy.training.setup import setting_of
 
@@ -47,6 +49,8 @@ def inputs_of(cfg: LoopCfg) -> RunInputs:
         GaitprefError: one of them cannot be used.
     """
     base = cfg.base_file
+    if base is not None and cfg.method.learner is not None:
+        require_networks(base, read_plain(base))
     robot = setting_of(base, None if cfg.robot is None else Path(cfg.robot)).robot
     criterion = load_criterion(cfg.criterion, criterion_context(robot, cfg.env))
     sha256 = None if base is None else sha256_file(base)

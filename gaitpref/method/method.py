@@ -10,6 +10,7 @@ from typing import ClassVar
 
 from data.files.plain import NONE_AS_BEFORE, ONE_OF
 from policy.env.known_terms import KnownTermsCfg
+from policy.offpolicy.sac_cfg import SacCfg
 from rewardmodel.cfg import FitCfg, LinearCfg, PosteriorCfg
 
 from .acceptance import Compared
@@ -57,6 +58,9 @@ class Method:
     base."""
     meanwhile: Meanwhile | None = field(default=None, metadata=NONE_AS_BEFORE)
     """What people are asked while a policy is trained; None: nothing."""
+    learner: SacCfg | None = field(default=None, metadata=NONE_AS_BEFORE)
+    """What trains, off-policy from all that the run's trainings remember; None: PPO. It
+    finds its own noise, whatever `exploration` says, and has the policy's sizes."""
 
     REMOVED: ClassVar = ("start", "once_it_walks")
 

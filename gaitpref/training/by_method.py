@@ -76,7 +76,7 @@ class Retraining:
         if self.method.mirror:
             ppo = in_mirror(cfg.ppo, self.robot, self.model, self.seen)
             cfg = replace(cfg, ppo=ppo)
-        if self.method.exploration is None:
+        if self.method.exploration is None or self.method.learner is not None:
             return cfg
         noise = self.method.exploration.noise(
             self.context,

@@ -113,6 +113,20 @@ def policy_states(learner: Sac, ppo: PpoCfg, std: Tensor) -> dict[str, Any]:
     return {"actor_state_dict": model.state_dict(), OWN_STATE: own}
 
 
+def require_networks(init: Path, payload: Mapping[str, Any]) -> None:
+    """Refuse a policy file that `begin_from` could not take, whatever its sizes.
+
+    Raises:
+        PolicyError: its networks are neither of this learner nor of PPO.
+    """
+    of_ppo = "mlp.0.weight" in payload.get("actor_state_dict", {})
+    if OWN_STATE not in payload and not of_ppo:
+        raise PolicyError(
+            f"{init} cannot be trained further off-policy: its network came from "
+            "elsewhere, or chooses among others; leave --algorithm fastsac out"
+        )
+
+
 def begin_from(learner: Sac, init: Path, payload: Mapping[str, Any]) -> None:
     """Take over the networks of a policy file: all of one of this learner, the mean
     action of one of PPO.
@@ -120,6 +134,7 @@ def begin_from(learner: Sac, init: Path, payload: Mapping[str, Any]) -> None:
     Raises:
         PolicyError: its networks are others.
     """
+    require_networks(init, payload)
     if OWN_STATE in payload:
         own = payload[OWN_STATE]
         for name in ("actor", "critic"):

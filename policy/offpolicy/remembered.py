@@ -170,7 +170,11 @@ def _of_memory(path: Path, env: QuadrupedEnv, width: int) -> Chunk:
             f"--replay {path}: its memory has {columns} columns, one an environment; "
             f"give --envs {columns}"
         )
-    order = (torch.arange(rows) + (int(ring["head"]) if rows else 0)) % max(rows, 1)
+    if not rows:
+        raise PolicyError(
+            f"--replay {path}: that training took no step yet, and remembers none"
+        )
+    order = (torch.arange(rows) + int(ring["head"])) % rows
     parts = {
         name: ring[name][order].to(env.device)
         for name in ("obs", "features", "starts", "fallen", "cut")

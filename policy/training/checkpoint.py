@@ -134,8 +134,14 @@ def holding_home(path: Path) -> bytes:
     """
     payload = read_plain(path)
     actor = payload["actor_state_dict"]
-    for name in [name for name in actor if name.startswith("mlp.")][-2:]:
+    # Constants of a recipe, as a normaliser's, stay.
+    weights = [n for n in actor if n.startswith("mlp.") and not n.startswith("mlp.c")]
+    for name in weights[-2:]:
         actor[name].zero_()
+    # Off-policy, what is trained on stands beside what acts.
+    for name, value in payload.get("offpolicy_state_dict", {}).items():
+        if name.startswith("actor.mean."):
+            value.zero_()
     return saved_bytes(payload)
 
 

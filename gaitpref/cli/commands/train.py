@@ -13,6 +13,7 @@ from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from data.files.lock import only_writer
 from gaitpref.cli.options import options
+from gaitpref.cli.shared.actor_arguments import actors_of
 from gaitpref.cli.shared.by_hand import (
     Stage,
     refuse_beside_method,
@@ -20,19 +21,14 @@ from gaitpref.cli.shared.by_hand import (
     told_without_method,
 )
 from gaitpref.cli.shared.launched import ranks_of_launch
-from gaitpref.cli.shared.off_policy import (
-    off_policy_cfg,
-    off_policy_of,
-    told_of_distance,
-)
+from gaitpref.cli.shared.off_policy import off_policy_of, told_of_distance
 from gaitpref.cli.shared.simulator import sim_of
-from gaitpref.console.extras import require
 from gaitpref.console.progress import console, training_bar
 from gaitpref.console.terminal import EXIT_INTERRUPTED
 from gaitpref.raters.criterion_scores import criterion_context
 from gaitpref.training.by_method import Retraining, rows_of
+from gaitpref.training.off_policy_training import off_policy_cfg
 from gaitpref.training.total_reward import load_score, total_reward
-from policy.engines.actors_cfg import ActorsCfg
 from policy.engines.with_actors import WithActors
 from policy.env.curriculum import CurriculumCfg
 from policy.env.env_cfg import RANDOMISE, EnvCfg, getup_env
@@ -89,9 +85,7 @@ def _train(command: options.Train, ranks: Ranks) -> int:
         paid = stage.method.paid.of(retraining.model, stage.context)
         reward_fn = retraining.reward(paid, cfg)
         cfg = retraining.trained(cfg)
-    engine = off_policy_of(command, ranks, console.print)
-    if engine is not None:
-        cfg, engine = off_policy_cfg(cfg, engine)
+    cfg, engine = _engine(command, cfg, ranks)
     with training_bar("training", command.steps) as bar:
         result = train(
             command.out,
@@ -103,7 +97,7 @@ def _train(command: options.Train, ranks: Ranks) -> int:
             resume=command.resume,
             on_iteration=bar,
             ranks=ranks,
-            engine=engine or _engine(command, ranks),
+            engine=engine,
         )
     if not result.finished:
         if ranks.is_first:
@@ -142,34 +136,22 @@ def _tell_standing(file: Path) -> None:
         )
 
 
-def _engine(command: options.Train, ranks: Ranks) -> Engine | None:
-    """Who collects; None where this process does.
+def _engine(
+    command: options.Train, cfg: TrainCfg, ranks: Ranks
+) -> tuple[TrainCfg, Engine | None]:
+    """`cfg` as it suits who collects and learns, and who that is; None is PPO in this
+    process.
 
     Raises:
-        GaitprefError: two ways to use many cores at once, or Ray is not installed.
+        GaitprefError: options that do not go together, or Ray is not installed.
     """
-    if command.actors is None:
-        own = options.Train(out=command.out, reward=command.reward)
-        for name in ("ray", "update", "most_lag"):
-            if getattr(command, name) != getattr(own, name):
-                option = name.replace("_", "-")
-                raise GaitprefError(
-                    f"--{option} is about actors: give --actors N too, or leave it out"
-                )
-        return None
-    if ranks.size > 1:
-        raise GaitprefError(
-            "--actors has one process that learns: start it without torchrun, or "
-            "leave --actors out"
-        )
-    require("ray", "scale")
-    cfg = ActorsCfg(
-        actors=command.actors,
-        update=command.update,
-        address=command.ray,
-        most_lag=command.most_lag,
-    )
-    return WithActors(cfg=cfg, tell=console.print)
+    actors = actors_of(command, ranks)
+    engine = off_policy_of(command, actors, ranks, console.print)
+    if engine is not None:
+        return off_policy_cfg(cfg, engine)
+    if actors is None:
+        return cfg, None
+    return cfg, WithActors(cfg=actors, tell=console.print)
 
 
 def _plain_cfg(command: options.Train, setting: Setting) -> TrainCfg:

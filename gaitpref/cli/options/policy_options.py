@@ -96,8 +96,8 @@ class Train:
     `auto`; by default one on this machine for this command alone."""
     update: Literal["sync", "vtrace", "gradients"] = "vtrace"
     """With --actors: they wait for new weights, as in PPO; or go on while this process
-    learns, and what they collect with older weights is corrected by V-trace; or send
-    gradients, each taken as it comes (A3C)."""
+    learns, and what they collect with older weights is corrected by V-trace, as
+    fastsac need not; or send gradients, each taken as it comes (A3C)."""
     most_lag: CountOrZero = 2
     """With --actors: updates since the weights of a rollout; older ones are dropped."""
     algorithm: Literal["ppo", "fastsac"] = "ppo"
@@ -114,6 +114,9 @@ class Train:
     resume.pt too."""
     updates_per_step: float = 0.1
     """With --algorithm fastsac: updates for each environment step."""
+    prioritised: bool = False
+    """With --algorithm fastsac: learn more often from steps the critics err about; with
+    --actors this is Ape-X."""
     robot: Path | None = None
     """MJCF of the robot; the Go1 that ships by default."""
     seed: Seed = 0

@@ -40,6 +40,10 @@ class Looping:
     preset: Literal["quick", "standard"] = "standard"
     """Sets what is not given: quick takes a style
     in about three minutes on two cores, a walk from nothing in seven."""
+    algorithm: Literal["ppo", "fastsac"] = "ppo"
+    """What trains: PPO, or soft actor-critic, which goes on with the memory of the
+    round before, scored by the new reward, finds its own noise, and takes some eight
+    times as long a step."""
     robot: Path | None = None
     """MJCF of the robot; the Go1 that ships by default."""
     erring: Erring = field(default_factory=Erring)

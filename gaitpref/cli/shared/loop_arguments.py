@@ -8,6 +8,7 @@ from gaitpref.cli.options.options import Erring, Loop
 from gaitpref.loop.loop_cfg import NEW_BASES, RATERS, LoopCfg, RunError
 from gaitpref.loop.presets import loop_cfg
 from policy.env.env_cfg import EnvCfg, getup_env
+from policy.offpolicy.sac_cfg import SacCfg
 
 from .rater_arguments import erring_rater, program_of
 from .simulator import sim_of
@@ -41,6 +42,9 @@ def resolve(options: Loop) -> LoopCfg:
         stop_asking=options.stop_asking,
         seed=options.seed,
     )
+    if options.algorithm == "fastsac":
+        method = replace(cfg.method, learner=SacCfg(), exploration=None)
+        cfg = replace(cfg, method=method)
     cfg = replace(cfg, steps=replace(cfg.steps, sim=sim_of(options)))
     return replace(cfg, env=_lying(cfg.env, cfg.base)) if options.getup else cfg
 

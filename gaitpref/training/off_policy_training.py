@@ -1,0 +1,31 @@
+"""A training as the off-policy learner does it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from policy.offpolicy.off_policy_runner import OffPolicy
+from policy.training.ppo import PpoCfg
+from policy.training.train import TrainCfg
+
+_STEPS_PER_ITERATION = 512
+"""Environment steps after which figures are written, about."""
+_SAVE_EVERY = 100
+"""Iterations between two states; each holds all of memory."""
+
+
+def off_policy_cfg(cfg: TrainCfg, engine: OffPolicy) -> tuple[TrainCfg, OffPolicy]:
+    """`cfg` in short iterations with rare states, and networks as those it begins with.
+
+    Of PPO's settings only the number of environments and the mirror are kept.
+    """
+    ppo = PpoCfg(
+        num_envs=cfg.ppo.num_envs,
+        steps_per_env=max(1, _STEPS_PER_ITERATION // cfg.ppo.num_envs),
+        hidden_sizes=cfg.ppo.hidden_sizes,
+        mirror=cfg.ppo.mirror,
+        bonus=cfg.ppo.bonus,
+        kl_penalty=cfg.ppo.kl_penalty,
+    )
+    sac = replace(engine.cfg, actor_sizes=ppo.hidden_sizes)
+    return replace(cfg, ppo=ppo, save_every=_SAVE_EVERY), replace(engine, cfg=sac)
