@@ -30,6 +30,8 @@ RECORDS = (
     "gaitpref.method.unstick.Optimism",
     "gaitpref.method.acceptance.Compared",
     "gaitpref.method.tracking.TrackingPrice",
+    "policy.offpolicy.sac_cfg.SacCfg",
+    "policy.offpolicy.sac_cfg.PriorityCfg",
     "gaitpref.raters.rater_cfg.RaterCfg",
     "rewardmodel.cfg.FitCfg",
     "rewardmodel.cfg.LinearCfg",

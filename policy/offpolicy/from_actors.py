@@ -115,15 +115,20 @@ class FromActors:
             # They go on while this process learns.
             pool.ask(count)
         self._sequences |= pool.sequences
-        seated = in_seats(sent)
+        names = sent[0].log
+        log = {n: float(np.mean([each.log[n] for each in sent])) for n in names}
+        return self.joined(sent), log | pool.figures
+
+    def joined(self, sent: Sequence[SentSteps]) -> Chunk:
+        """`sent` side by side, parted from what is in memory where it does not follow
+        that."""
+        seated = _in_seats(sent)
         chunk = _side_by_side(seated)
         new = self._new_in(seated)
         self._ring.part(new)
         # A reward that looks back must not see what others did before.
         chunk.starts[0, new] = True
-        names = sent[0].log
-        log = {n: float(np.mean([each.log[n] for each in sent])) for n in names}
-        return chunk, log | pool.figures
+        return chunk
 
     def _new_in(self, seated: Sequence[SentSteps]) -> Tensor:
         """[K] columns whose steps do not follow what came before in them: after an
@@ -154,7 +159,7 @@ class FromActors:
         )
 
 
-def in_seats(sent: Sequence[SentSteps]) -> list[SentSteps]:
+def _in_seats(sent: Sequence[SentSteps]) -> list[SentSteps]:
     """`sent` by seat, each actor's first in its own; others fill what is left."""
     ordered = sorted(sent, key=lambda each: (each.origin.actor, each.origin.sequence))
     seats: dict[int, SentSteps] = {}
