@@ -24,7 +24,7 @@ from policy.offpolicy.ring import Chunk, Ring
 from policy.offpolicy.sac_cfg import SacCfg
 from policy.robots.robot import Robot, load_robot
 from policy.rollouts.record import RecordCfg, record
-from policy.training.checkpoint import load_policy, read_plain
+from policy.training.checkpoint import holding_home, load_policy, read_plain
 from policy.training.ppo import IterationStats, PpoCfg
 from policy.training.setup import setting_of
 from policy.training.train import TrainCfg, TrainResult, train
@@ -222,6 +222,23 @@ def test_no_joint_is_asked_for_more_than_its_range(robot: Robot) -> None:
     farther = abs(ends - home[:, None]).max(axis=1) / 0.9
     assert env.reach().tolist() == pytest.approx(farther.tolist(), rel=1e-5)
     assert env.reach().min() < ENV.action_limit
+
+
+def test_one_that_learned_nothing_can_be_made_to_stand(
+    robot: Robot, tmp_path: Path
+) -> None:
+    """And is trained on from there; it remembers nothing."""
+    first = _trained(tmp_path / "first", robot, 0, OffPolicy(cfg=SAC)).policy
+    standing = tmp_path / "standing.pt"
+    standing.write_bytes(holding_home(first))
+    on = _trained(tmp_path / "on", robot, 0, OffPolicy(cfg=SAC), init=standing).policy
+    obs = torch.randn(8, 48)
+    assert load_policy(first)(obs).abs().max() > 0.0
+    for path in (standing, on):
+        assert load_policy(path)(obs).abs().max() == 0.0
+    engine = OffPolicy(cfg=SAC, replay=(tmp_path / "first",))
+    with pytest.raises(GaitprefError, match="took no step yet, and remembers none"):
+        _trained(tmp_path / "replayed", robot, 1, engine)
 
 
 def test_ppo_goes_on_from_it_and_it_from_ppo(
