@@ -214,8 +214,9 @@ def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> None:
             options,
             seeds=options.seeds[:1],
             ppo_steps=6_144,
-            fast_steps=2_048,
-            every=1_024,
+            # Longer than it only collects.
+            fast_steps=5_120,
+            every=2_560,
             recorded=8,
             offline_steps=1_024,
             online_steps=3_072,
