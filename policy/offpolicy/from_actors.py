@@ -34,8 +34,11 @@ _NEVER_TOO_OLD = 2**31
 
 
 class FromActors:
-    """Steps of environments in other processes, each of which fills columns of its
-    own."""
+    """Steps of environments in other processes, each of which fills columns of its own.
+
+    Every actor sends once an iteration, so that who is faster makes no difference; only
+    where one dies, or after a resume, another training comes of it.
+    """
 
     def __init__(
         self,
@@ -84,6 +87,7 @@ class FromActors:
             ActorsError: it has fewer cores than there are actors.
             RayError: nothing answers at its address, or its versions differ.
         """
+        self._last = {}
         with ray_for(self._actors) as ray:
             numbers = range(self._actors.actors)
             self._pool = ActorPool(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +19,7 @@ from policy.offpolicy.sac import Sac
 from policy.offpolicy.sac_cfg import PriorityCfg, SacCfg
 from policy.robots.robot import load_robot
 from policy.training.checkpoint import read_plain
-from policy.training.ppo import PpoCfg
+from policy.training.ppo import IterationStats, PpoCfg
 from policy.training.train import TrainCfg, train
 
 ENV = EnvCfg(episode_s=0.4)
@@ -140,7 +142,12 @@ def test_it_goes_on_bit_for_bit_and_begins_anew_under_another_reward(
         return read_plain(out / "resume.pt")
 
     whole = trained(tmp_path / "whole", 4)
-    trained(tmp_path / "cut", 2)
+
+    def interrupt(stats: IterationStats) -> None:
+        if stats.iteration == 2:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    trained(tmp_path / "cut", 4, on_iteration=interrupt)
     trained(tmp_path / "cut", 4, resume=True)
     for name in ("policy.pt", "resume.pt"):
         parts = [(tmp_path / each / name).read_bytes() for each in ("whole", "cut")]

@@ -42,8 +42,8 @@ class Looping:
     in about three minutes on two cores, a walk from nothing in seven."""
     algorithm: Literal["ppo", "fastsac"] = "ppo"
     """What trains: PPO, or soft actor-critic, which goes on with the memory of the
-    round before, scored by the new reward, finds its own noise, and takes some eight
-    times as long a step."""
+    round before, scored by the new reward, finds its own noise, and takes many times as
+    long a step: give fewer --steps."""
     robot: Path | None = None
     """MJCF of the robot; the Go1 that ships by default."""
     erring: Erring = field(default_factory=Erring)
