@@ -180,7 +180,7 @@ class EnvCfg:
     """Begin episodes lying, and end none by a fall."""
     curriculum: CurriculumCfg | None = field(default=None, metadata=ADDED_LATER)
     """Ask for more as commands are followed better; None asks for all at once."""
-    team: TeamCfg | None = field(default=None, metadata=ADDED_LATER)
+    team: TeamCfg | None = field(default=None, metadata=NONE_AS_BEFORE)
     """Two robots in every world, which see each other; None leaves each alone."""
     law: Law | None = field(default=None, metadata=NONE_AS_BEFORE)
     """What the policy sees and what its actions ask for, where that is not this
