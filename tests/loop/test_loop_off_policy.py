@@ -31,8 +31,8 @@ LEARNER = SacCfg(
 
 
 def _cfg(**more: object) -> LoopCfg:
-    """One round, eight answers, a base of its own."""
-    asked = Loop(run=Path(), rounds=1, labels=8, base="task", algorithm="fastsac")
+    """One round, a dozen answers, a base of its own."""
+    asked = Loop(run=Path(), rounds=1, labels=12, base="task", algorithm="fastsac")
     cfg = resolve(replace(asked, **more))
     return replace(
         cfg,
