@@ -32,7 +32,14 @@ LEARNER = SacCfg(
 
 def _cfg(**more: object) -> LoopCfg:
     """One round, a dozen answers, a base of its own."""
-    asked = Loop(run=Path(), rounds=1, labels=12, base="task", algorithm="fastsac")
+    asked = Loop(
+        run=Path(),
+        criterion="task",
+        rounds=1,
+        labels=12,
+        base="task",
+        algorithm="fastsac",
+    )
     cfg = resolve(replace(asked, **more))
     return replace(
         cfg,
