@@ -5,7 +5,7 @@
 Each seed makes a team of the walk that ships, records it with a lazy robot in half of
 the episodes, has a simulated rater answer for the formation, and trains on the reward
 in three ways of paying, with a policy for each robot, and on what the rater looks for
-itself. A row is written when it is done; started again, what is there is not done again.
+itself. A row is written when it is done; started again, nothing is done again.
 """
 
 from __future__ import annotations
