@@ -8,6 +8,7 @@ from pathlib import Path
 from data.datasets.dataset import Dataset
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.dataset_argument import open_dataset
+from gaitpref.cli.shared.next_of_answers import next_fit
 from gaitpref.cli.shared.serving import require_port, stoppable, wait_until_stopped
 from gaitpref.console.browser import open_page
 from gaitpref.console.extras import require
@@ -29,10 +30,7 @@ def run(command: options.Label) -> int:
         if command.open:
             open_page(page.url)
         wait_until_stopped(stopped)
-    console.next(
-        f"`gaitpref fit --dataset {command.dataset} --out REWARD` fits a reward to the "
-        f"answers"
-    )
+    console.next(next_fit(dataset))
     return 0
 
 

@@ -13,6 +13,7 @@ from data.answers.answer_records import Pair
 from data.datasets.gone import pairs_gone
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.dataset_argument import open_dataset
+from gaitpref.cli.shared.next_of_answers import next_answers
 from gaitpref.console.progress import console, working
 from gaitpref.method.questions import Questions
 from rewardmodel.asking.clip_questions import ClipCfg, ask, with_known_answer
@@ -55,12 +56,7 @@ def run(command: options.Pairs) -> int:
         console.print(_MORE)
     if gone := pairs_gone(dataset):
         console.print(gone)
-    where = "" if command.answers is None else f" --answers {command.answers}"
-    at = f"--dataset {command.dataset}{where}"
-    console.next(
-        f"`gaitpref label {at} --no-auth --open` asks you, "
-        f"`gaitpref answer {at} --criterion high_step` a program"
-    )
+    console.next(next_answers(dataset, command.answers))
     return 0
 
 

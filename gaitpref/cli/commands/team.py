@@ -15,6 +15,7 @@ from data.errors import GaitprefError
 from data.files.files import write_atomically
 from data.files.lock import only_writer
 from gaitpref.cli.options import team_options as options
+from gaitpref.cli.shared.next_of_answers import next_fit, next_pairs
 from gaitpref.cli.shared.shares_told import tell_shares
 from gaitpref.console.progress import (
     console,
@@ -201,9 +202,7 @@ def _record(command: options.TeamRecord) -> None:
         f"{len(entries)} episodes of teams are in {command.dataset}; {falls} of them "
         "end in a fall"
     )
-    console.next(
-        f"`gaitpref pairs --dataset {command.dataset} --count 60` chooses what to ask"
-    )
+    console.next(next_pairs(dataset, 60))
 
 
 def _answer(command: options.TeamAnswer) -> None:
@@ -225,9 +224,7 @@ def _answer(command: options.TeamAnswer) -> None:
     console.print(
         f"{count} pairs of {command.dataset} were answered by {command.criterion}"
     )
-    console.next(
-        f"`gaitpref team fit --dataset {command.dataset} --out REWARD` fits a reward"
-    )
+    console.next(next_fit(dataset))
 
 
 def _fit(command: options.TeamFit) -> None:
