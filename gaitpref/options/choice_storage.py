@@ -16,7 +16,8 @@ REWARD_NAME = "reward.json"
 
 
 def save_choices(reward: ChoiceReward, directory: Path) -> None:
-    """Write `reward` into `directory`."""
+    """Write `reward` into `directory`, which is made if it is not there."""
+    directory.mkdir(parents=True, exist_ok=True)
     text = json.dumps(to_plain(reward), indent=1)
     write_atomically(directory / REWARD_NAME, text.encode())
 

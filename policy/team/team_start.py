@@ -10,14 +10,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import torch
-from torch import Tensor
-
 from data.episodes.team_rows import SIGHT_DIM
 from policy.env.env_cfg import RandomiseCfg
 from policy.env.feature_row import OBS_DIM
 from policy.env.team_cfg import TeamCfg
 from policy.networks.two_model import of_both
+from policy.networks.widened import widened
 from policy.training.checkpoint import (
     PolicyError,
     PolicyInfo,
@@ -25,10 +23,6 @@ from policy.training.checkpoint import (
     policy_info,
     read_plain,
 )
-
-_USUAL = 1.0
-"""Deviation of what is seen, as a network that never saw it expects."""
-
 
 _NETWORKS = ("actor_state_dict", "critic_state_dict")
 
@@ -74,8 +68,7 @@ def _widened_states(
             "shows by default"
         )
     states = {
-        name: {key: _widened(key, value) for key, value in state.items()}
-        for name, state in states.items()
+        name: widened(state, OBS_DIM, SIGHT_DIM) for name, state in states.items()
     }
     critic = states.get("critic_state_dict", {}).get("mlp.0.weight")
     if critic is None or critic.shape[-1] != OBS_DIM + SIGHT_DIM:
@@ -84,16 +77,3 @@ def _widened_states(
     env = replace(info.env, team=team, randomise=RandomiseCfg(), curriculum=None)
     ppo = replace(info.ppo, privileged_critic=False, mirror=False)
     return states, replace(info, env=env, ppo=ppo)
-
-
-def _widened(key: str, value: Any) -> Any:
-    """A part of a network, with room for what is seen of the other."""
-    if not isinstance(value, Tensor) or value.ndim != 2:
-        return value
-    if value.shape[-1] != OBS_DIM:
-        return value
-    fill = 0.0
-    if key.endswith(("_var", "_std")):
-        fill = _USUAL
-    extra = torch.full((len(value), SIGHT_DIM), fill, dtype=value.dtype)
-    return torch.cat([value, extra], dim=-1)
