@@ -84,6 +84,8 @@ class Options:
     """Trainings of every way."""
     episodes: int = 32
     """Episodes that measure."""
+    episode_s: float = 14.0
+    """Time after which an episode is cut."""
     ways: tuple[str, ...] = tuple(WAYS)
     """Which of them."""
     answers: tuple[int, ...] = (20, 60)
@@ -139,7 +141,7 @@ def rows_without_learning(
     gaits: Gaits, options: Options, reward: ChoiceReward
 ) -> list[Measured]:
     """Each gait alone, and the rule."""
-    cfg = OptionsCfg(course=options.course)
+    cfg = OptionsCfg(course=options.course, episode_s=options.episode_s)
     env = course_env(
         gaits, options.course, speed_m_s=cfg.speed_m_s, episode_s=cfg.episode_s
     )
@@ -168,6 +170,7 @@ def row_of_learning(
     """Train, or go on, and measure."""
     cfg = OptionsCfg(
         course=options.course,
+        episode_s=options.episode_s,
         choosing=WAYS[way],
         envs=options.envs,
         steps=options.steps,
@@ -245,7 +248,12 @@ def gain_per_answer(
     if not options.answers:
         return {}
     wish = written_reward(WISH, gaits.names, "wish")
-    cfg = OptionsCfg(course=options.course, envs=options.envs, steps=options.steps)
+    cfg = OptionsCfg(
+        course=options.course,
+        episode_s=options.episode_s,
+        envs=options.envs,
+        steps=options.steps,
+    )
     env = course_env(
         gaits, cfg.course, speed_m_s=cfg.speed_m_s, episode_s=cfg.episode_s
     )

@@ -36,7 +36,10 @@ def explain_others(
     else:
         clips = [find_clip(dataset, command.clip)]
     if not clips:
-        raise GaitprefError(f"{dataset.root} gives no clip")
+        raise GaitprefError(
+            f"{dataset.root} gives no clip of {ClipCfg().clip_s:g} s: --clip EPISODE "
+            "explains a whole episode"
+        )
     with working("looking for the best and the worst clips"):
         found = sorted(
             (_ranked(reward, dataset, clip) for clip in clips),
