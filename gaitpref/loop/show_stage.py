@@ -22,6 +22,7 @@ from policy.rollouts.record import record
 from policy.training.checkpoint import Policy, load_policy
 from policy.training.train import POLICY_NAME
 from rewardmodel.acquisition import asked_for, in_step
+from rewardmodel.answers.program_agreement import PROGRAM
 from rewardmodel.asking.clip_questions import clips_of
 
 from .loop_cfg import LoopCfg
@@ -161,10 +162,12 @@ def _nearest(clip: Clip, others: Sequence[Clip]) -> Clip | None:
 
 def duel_of(round: Round, dataset: Dataset, new: str, old: str) -> Duel:
     """What the round's answers say of two policies, by their SHA-256: for each pair
-    once, where those who answered it agree."""
+    once, where those who answered it agree. Beside people, programs say nothing."""
     played = {e.sha256: e.meta.policy_sha256 for e in dataset.entries()}
     with dataset.answers() as store:
-        answers = store.current_answers(round=round.number)
+        answers, kinds = store.current_answers(round=round.number), store.raters()
+    if any(kinds[answer.rater_id] == "human" for _, answer in answers):
+        answers = [row for row in answers if kinds[row[1].rater_id] != PROGRAM]
     said: dict[str, set[str | None]] = {}
     for pair, answer in answers:
         both = {played.get(pair.a.rollout), played.get(pair.b.rollout)}

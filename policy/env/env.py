@@ -33,7 +33,7 @@ from .task_reward import task_reward_for, weighted
 from .terrain import Starts, near_edge
 from .world import in_world
 
-_ONE_OR_TWO = (
+ONE_OR_TWO = (
     "this policy walks in a team of two and is blind without the other robot: "
     "`gaitpref team record --policy POLICY --dataset DIR` shows what it does, and "
     "`gaitpref film --dataset DIR --clip CLIP` films it",
@@ -82,7 +82,7 @@ class QuadrupedEnv(VecEnv):
             ranks: Who has further environments of the same training.
         """
         if (cfg.team is not None) != self.OF_TEAMS:
-            raise GaitprefError(_ONE_OR_TWO[self.OF_TEAMS])
+            raise GaitprefError(ONE_OR_TWO[self.OF_TEAMS])
         self.robot = robot = in_world(robot, cfg)
         self.cfg: EnvCfg = cfg  # pyright: ignore[reportIncompatibleVariableOverride]
         self.task = task_reward_for(robot, cfg.task)

@@ -13,8 +13,10 @@ class TeamCfg:
 
     gap_m: float = 0.8
     """Distance between both, side by side, that a formation keeps."""
-    start_m: float = 0.15
-    """Noise of where each begins, along and across; uniform, plus or minus."""
+    start_across_m: float = 0.15
+    """Noise of where each begins, across the way; uniform, plus or minus."""
+    start_along_m: float = 0.3
+    """The same along the way."""
     start_rad: float = 0.2
     """Noise of the heading that each begins with."""
     formation: float = 1.0
@@ -26,8 +28,9 @@ class TeamCfg:
     """The last number each sees is 0 for the first robot and 1 for the second."""
 
     def __post_init__(self) -> None:
-        if not self.gap_m - 2 * self.start_m > 0.4:
+        if not self.gap_m - 2 * self.start_across_m > 0.4:
             raise ValueError(
-                f"robots that begin {self.gap_m} m apart, give or take {self.start_m} "
-                "m each, might begin inside each other: leave more than 0.4 m"
+                f"robots that begin {self.gap_m} m apart, give or take "
+                f"{self.start_across_m} m each, might begin inside each other: leave "
+                "more than 0.4 m"
             )

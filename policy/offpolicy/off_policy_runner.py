@@ -82,6 +82,7 @@ class OffPolicyRunner:
         self.ring = self.memory.ring
         self.current_learning_iteration = 0
         self._due = 0.0
+        self._steps = cfg.steps
 
     @property
     def told(self) -> dict[str, Any]:
@@ -205,6 +206,8 @@ class OffPolicyRunner:
         self._due += self.ppo.steps_per_iteration * self.sac.updates_per_step
         updates = int(self._due)
         self._due -= updates
+        done = self.current_learning_iteration * self.ppo.steps_per_iteration
+        self.alg.joint_entropy = self.sac.joint_entropy_at(done / self._steps)
         losses = self.alg.learn(self.ring, updates)
         return {f"loss/{name}": value for name, value in losses.items()}
 

@@ -53,6 +53,8 @@ class Sac:
         self._alpha_step = torch.optim.Adam(
             [self.log_alpha], lr=cfg.alpha_rate, fused=True
         )
+        self.joint_entropy = cfg.joint_entropy
+        """What a joint is to keep now."""
         self.updates = 0
         """Done so far."""
         self.looking_on = 0
@@ -116,7 +118,7 @@ class Sac:
         loss.backward()
         self._actor_step.step()
         entropy = -log_prob.detach().mean()
-        wanted = 12 * cfg.joint_entropy
+        wanted = 12 * self.joint_entropy
         self._alpha_step.zero_grad()
         (self.log_alpha * (entropy - wanted)).backward()
         self._alpha_step.step()

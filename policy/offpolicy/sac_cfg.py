@@ -32,7 +32,7 @@ class SacCfg:
     """Steps that are remembered; the oldest make room."""
     learn_from: int = 4_000
     """Steps in memory before the first update."""
-    updates_per_step: float = 0.1
+    updates_per_step: float = 0.5
     """Updates for each environment step."""
     batch: int = 256
     """Steps an update learns from."""
@@ -50,11 +50,15 @@ class SacCfg:
     """Step size of the temperature."""
     first_alpha: float = 0.01
     """Temperature at the start, in the scaled reward's unit a nat."""
-    joint_entropy: float = -0.8
-    """Entropy a joint is to keep, nats; an action's share of its bound is 1."""
+    joint_entropy: float = -0.1
+    """Entropy a joint is to keep at the start, nats; an action's share of its bound is
+    1. With less noise robots stand still and learn no better."""
+    last_joint_entropy: float = -1.6
+    """The same at the end, in between in proportion to the steps. What walks with much
+    noise stands without: the noise is part of how it walks."""
     reward_scale: float = 10.0
     """What rewards of a step are multiplied by before a critic learns them."""
-    first_std: float = 0.5
+    first_std: float = 0.7
     """Exploration noise at the start, in units of the action."""
     std_bounds: tuple[float, float] = (0.02, 1.5)
     """Least and most noise a state can have, in units of the action."""
@@ -75,6 +79,11 @@ class SacCfg:
                 f"first_std {self.first_std} must lie within std_bounds "
                 f"{self.std_bounds}, both positive"
             )
+
+    def joint_entropy_at(self, done: float) -> float:
+        """What a joint is to keep when a share `done` of the training is over."""
+        first, last = self.joint_entropy, self.last_joint_entropy
+        return first + min(done, 1.0) * (last - first)
 
     def rows(self, envs: int, obs_dim: int) -> int:
         """Rows of a memory of `envs` columns.

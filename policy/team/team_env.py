@@ -121,7 +121,8 @@ class TeamEnv(QuadrupedEnv):
         qpos, qvel = super()._start_states(count)
         cfg = self.cfg.team
         assert cfg is not None
-        qpos[:, 0:2] += self._noise(count, 2, cfg.start_m)
+        qpos[:, 0:1] += self._noise(count, 1, cfg.start_along_m)
+        qpos[:, 1:2] += self._noise(count, 1, cfg.start_across_m)
         qpos[0::2, 1] += cfg.gap_m / 2
         qpos[1::2, 1] -= cfg.gap_m / 2
         half = self._noise(count, 1, cfg.start_rad)[:, 0].double() / 2

@@ -16,7 +16,9 @@ import torch
 from torch import Tensor
 
 from data.episodes.episode_records import ROBOTS, TEAM_TASK, Episode, EpisodeMeta
+from data.errors import GaitprefError
 from data.features import FEATURE_DIM
+from policy.env.env import ONE_OR_TWO
 from policy.env.seeding import spawned
 from policy.rollouts.record import LOGGED, episode_of, recorded_commands
 from policy.rollouts.rollout import Actor, first_episodes
@@ -44,6 +46,11 @@ class TeamRecordCfg:
     """The robot that is, always; None takes turns."""
     lazy_s: float = 1.0
     """For so long it holds still, then walks as long, and so on: half of the time."""
+    start_along_m: float = 0.6
+    """Noise of where each begins along the way. Teams that all begin in formation and
+    drift apart are in it while they set off, and setting off looks like the reason."""
+    start_rad: float = 0.5
+    """Noise of the heading that each begins with, for the same reason."""
 
     def __post_init__(self) -> None:
         if self.episodes < 1 or not self.episode_s > 0 or not self.lazy_s > 0:
@@ -90,7 +97,12 @@ def record_team(
         GaitprefError: the policy walks alone.
     """
     info, count = policy.info, cfg.episodes
-    env_cfg = replace(info.env, episode_s=cfg.episode_s)
+    if info.env.team is None:
+        raise GaitprefError(ONE_OR_TWO[1])
+    team_cfg = replace(
+        info.env.team, start_along_m=cfg.start_along_m, start_rad=cfg.start_rad
+    )
+    env_cfg = replace(info.env, episode_s=cfg.episode_s, team=team_cfg)
     env_seed, actor_seed = spawned(seed, 2)
     env = TeamEnv(policy.robot(), env_cfg, 2 * count, seed=env_seed, keep_final=True)
     choices = recorded_commands(env_cfg.commands)

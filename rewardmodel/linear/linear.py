@@ -25,7 +25,7 @@ from .laplace import posterior_modes
 _USUAL_SPREAD = 0.25
 _STRENGTHS = ((TOLD, 2.0), (EFFORT, 1 / 2), (FEET, 1 / 3))
 """How strong opinions about some habits are expected to be beside others."""
-_ALIKE = 0.8
+ALIKE = 0.8
 """Correlation, before any answer, of opinions about the ways not to do what is told."""
 _FEWEST_MEMBERS = 5
 _MOST_DRAWN = 20_000
@@ -76,7 +76,9 @@ def fit_linear(
     pairs, scaled = prepared.described, prepared.clips.differences
     inputs, spread = scaled.inputs, scaled.spread
     mean = expected_weights(pairs, spread, cfg.linear)
-    factor = prior_factor(cfg.linear, len(spread))
+    factor = prepared.opinions
+    if factor is None:
+        factor = prior_factor(cfg.linear, len(spread))
     counts = bootstrap_counts(cfg.linear.num_members, len(pairs), generator=generator)
     whitened = posterior_modes(
         inputs @ factor,
@@ -120,10 +122,15 @@ def prior_factor(cfg: LinearCfg, count: int) -> Tensor:
     strength = torch.ones(len(DESCRIPTOR_NAMES), dtype=torch.float64)
     for names, times in _STRENGTHS:
         strength[named(names)] = times
-    told = named(TOLD).double()
-    alike = _ALIKE * torch.outer(told, told)
+    return of_one_piece(strength, named(TOLD))
+
+
+def of_one_piece(strength: Tensor, told: Tensor) -> Tensor:
+    """L [D, D] of opinions as strong as `strength` [D], of which those in `told` [D]
+    (bool) go together."""
+    alike = ALIKE * torch.outer(told.double(), told.double())
     own = torch.diag(1 - alike.diagonal())
-    return strength[:, None] * torch.linalg.cholesky(alike + own)
+    return strength.double()[:, None] * torch.linalg.cholesky(alike + own)
 
 
 def whitened_weights(weights: Tensor, factor: Tensor) -> Tensor:

@@ -88,6 +88,12 @@ class Prepared:
     def __len__(self) -> int:
         return len(self.described)
 
+    @property
+    def opinions(self) -> Tensor | None:
+        """[D, D] how strong opinions about columns are expected to be that are not a
+        robot's habits, as `prior_factor` gives it for those; None of those."""
+        return None
+
     def seen_by(self, sight: Sight) -> Prepared:
         """The columns of `sight`, standardised by themselves."""
         return Prepared(self.described.seen_by(sight), self.clips.seen_by(sight))

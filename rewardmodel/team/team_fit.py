@@ -23,19 +23,23 @@ from data.episodes.team_rows import team_rows
 from rewardmodel.answers.answered_pairs import AnsweredPairs
 from rewardmodel.answers.likelihood import Errors
 from rewardmodel.cfg import FitCfg
+from rewardmodel.descriptors.habits import TOLD, named
 from rewardmodel.descriptors.normaliser import Normaliser, fill_missing
-from rewardmodel.descriptors.table import describe
+from rewardmodel.descriptors.table import DESCRIPTOR_NAMES, describe
 from rewardmodel.errors import RewardError
 from rewardmodel.fitting.tables import fit_measured
+from rewardmodel.linear.linear import of_one_piece
 from rewardmodel.prepared.described import DescribedPairs
 from rewardmodel.prepared.prepared import Prepared, PreparedClips
 
-from .pair_habits import describe_pair
+from .pair_habits import PAIR_NAMES, describe_pair
 from .team_reward import TeamReward, either_fell
 
 _MIN_STD = 1e-4
 """Raw rewards, in logits, that vary less than this are no opinion."""
 
+_OWN_STRENGTH = 0.1
+"""How strong opinions about how a robot moves are expected to be beside others."""
 TeamRows = Callable[[str], np.ndarray]
 """Gives the rows [T, R, F + V] of a whole episode, by its hash."""
 
@@ -50,6 +54,16 @@ class _AsTheyAre(PreparedClips):
 
 class PreparedTeams(Prepared):
     """Means of both robots, beside the pair; every model sees all of it."""
+
+    @property
+    def opinions(self) -> Tensor:
+        """A team is judged by what is between its robots, and by whether either does
+        what it is told; that one which walks also rocks and slips, and one which stands
+        does not, must not become the reason."""
+        told = torch.cat([named(TOLD), torch.zeros(len(PAIR_NAMES), dtype=torch.bool)])
+        strength = torch.ones(len(told))
+        strength[: len(DESCRIPTOR_NAMES)][~named(TOLD)] = _OWN_STRENGTH
+        return of_one_piece(strength, told)
 
     @classmethod
     def of(cls, described: DescribedPairs, pool: None = None) -> PreparedTeams:  # pyright: ignore[reportIncompatibleMethodOverride]

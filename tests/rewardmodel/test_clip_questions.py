@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from benchmarks.walks import walk, walking_dataset
-from data.answers.answer_records import Pair
+from data.answers.answer_records import Answer, Choice, Pair
 from data.datasets.dataset import Dataset
 from data.episodes.clips import Clip
 from data.episodes.episode import Episode
@@ -21,7 +21,8 @@ from gaitpref.cli.main import main
 from gaitpref.cli.options.options import Loop
 from gaitpref.cli.shared.loop_arguments import resolve
 from gaitpref.loop.run_dir import Round
-from gaitpref.loop.show_stage import pairs_of_both
+from gaitpref.loop.show_stage import STRATEGY, duel_of, pairs_of_both
+from gaitpref.method.acceptance import Duel
 from labeling_ui.page.panel_html import command_words
 from labeling_ui.scene.clip_motion import MotionCache
 from policy.env.env_cfg import EnvCfg
@@ -138,6 +139,39 @@ def test_of_a_manoeuvre_policies_are_compared_where_they_were_told_the_same(
     pairs = pairs_of_both(cfg, round, dataset, new.sha256, old.sha256)
     assert pairs
     assert {pair.a.start - pair.b.start for pair in pairs} == {0}
+
+
+def test_beside_people_a_program_has_no_say_about_policies(tmp_path: Path) -> None:
+    """It is never counted as a person; where nobody else answered, it is heard."""
+    dataset = Dataset.create(tmp_path / "set")
+    first, second = dataset.add_episodes(
+        told_every_second(index, steps=200, policy=name * 64)
+        for index, name in enumerate("ef")
+    )
+    sides = Clip(first.sha256, 0, 100), Clip(second.sha256, 0, 100)
+    later = Clip(first.sha256, 50, 100), Clip(second.sha256, 50, 100)
+    round = Round(tmp_path / "run", 1)
+    pairs = [Pair.make(*both, strategy=STRATEGY, round=1) for both in (sides, later)]
+    with dataset.answers() as store:
+        store.add_pairs(pairs)
+        store.add_rater("program:x", "model")
+        for pair in pairs:
+            store.add_answer(answer(pair, "program:x", "b"))
+        assert duel_of(round, dataset, "f" * 64, "e" * 64) == Duel(for_new=2, for_old=0)
+        store.add_rater("ann", "human")
+        store.add_answer(answer(pairs[0], "ann", "a"))
+    assert duel_of(round, dataset, "f" * 64, "e" * 64) == Duel(for_new=0, for_old=1)
+
+
+def answer(pair: Pair, rater: str, choice: Choice) -> Answer:
+    return Answer(
+        answer_id=f"{rater} {pair.pair_id}",
+        pair_id=pair.pair_id,
+        rater_id=rater,
+        choice=choice,
+        shown_left="a",
+        created_utc="2030-01-31T12:00:00Z",
+    )
 
 
 def two_policies(dataset: Dataset, folder: Path) -> tuple[Path, Path]:
