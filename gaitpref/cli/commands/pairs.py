@@ -29,6 +29,11 @@ _MORE = (
     "(`gaitpref record --method style`, or `--varied 0.5`), or more policies"
 )
 
+_MORE_OF_TEAMS = (
+    "the others are hard to tell apart: record teams with a robot that is lazy now and "
+    "then (`gaitpref team record --lazy 0.5`), or of more policies"
+)
+
 
 def run(command: options.Pairs) -> int:
     """Run the command; gives the exit code."""
@@ -53,7 +58,8 @@ def run(command: options.Pairs) -> int:
     console.print(f"{added} pairs were added to {command.dataset}{of_these}")
     console.print(visible.told_of(chosen))
     if visible.share(chosen) < FEW:
-        console.print(_MORE)
+        teams = any(entry.meta.is_team for entry in dataset.entries())
+        console.print(_MORE_OF_TEAMS if teams else _MORE)
     if gone := pairs_gone(dataset):
         console.print(gone)
     console.next(next_answers(dataset, command.answers))
