@@ -21,8 +21,8 @@ _STILL = 0.25
 """Share of the speed that is asked for, below which a robot counts as standing."""
 _SURE = 2.0
 """Standard errors by which one robot must earn less to be named."""
-
-
+_LAZY = 0.1
+"""Share of the time by which one stands more than the other that is lazy."""
 _LEAST = 0.05
 """Reward per second, in deviations of what was judged, that matters at all."""
 
@@ -94,13 +94,19 @@ class Verdict:
         """The verdict in words."""
         first, second = (f"{share:.0%}" for share in self.still)
         if self.behind is None:
+            more = 1 if self.still[0] > self.still[1] else 2
+            lazy = (
+                f": robot {more} is lazy, and no answer tells what that costs"
+                if abs(self.still[0] - self.still[1]) > _LAZY
+                else ""
+            )
             return (
                 f"both robots earn alike: the difference is {self.less:.2f} +- "
                 f"{self.error:.2f} a second; they stand still {first} and {second} of "
-                "the time"
+                f"the time{lazy}"
             )
         own, other = self.still[self.behind - 1], self.still[2 - self.behind]
-        lazy = "it is lazy" if own > other + 0.1 else "not by standing still"
+        lazy = "it is lazy" if own > other + _LAZY else "not by standing still"
         return (
             f"robot {self.behind} earns {self.less:.2f} +- {self.error:.2f} a second "
             f"less than the other: {lazy}; it stands still {own:.0%} of the time, the "

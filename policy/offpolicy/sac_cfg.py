@@ -10,6 +10,9 @@ from data.files.limits import POLICY_BYTES
 
 _OTHER_BYTES = 16
 """Of a step beside observation and feature row: marks, reward, version."""
+_HIGH_UNTIL, _LOW_FROM = 0.5, 0.9
+"""Shares of a training until which entropy is as at the start, and from which on as at
+the end."""
 OFFLINE_CLONE_WEIGHT = 1.0
 """`clone_weight` where nothing new is tried."""
 
@@ -48,14 +51,14 @@ class SacCfg:
     """Step size of actor and critics."""
     alpha_rate: float = 1e-3
     """Step size of the temperature."""
-    first_alpha: float = 0.01
+    first_alpha: float = 0.05
     """Temperature at the start, in the scaled reward's unit a nat."""
     joint_entropy: float = -0.1
-    """Entropy a joint is to keep at the start, nats; an action's share of its bound is
-    1. With less noise robots stand still and learn no better."""
+    """Entropy a joint is to keep in the first half of the steps, nats; an action's
+    share of its bound is 1. With less noise robots stand still and learn no better."""
     last_joint_entropy: float = -1.6
-    """The same at the end, in between in proportion to the steps. What walks with much
-    noise stands without: the noise is part of how it walks."""
+    """The same at the end; it comes down over most of the other half. What walks with
+    much noise stands without: the noise is part of how it walks."""
     reward_scale: float = 10.0
     """What rewards of a step are multiplied by before a critic learns them."""
     first_std: float = 0.7
@@ -83,7 +86,8 @@ class SacCfg:
     def joint_entropy_at(self, done: float) -> float:
         """What a joint is to keep when a share `done` of the training is over."""
         first, last = self.joint_entropy, self.last_joint_entropy
-        return first + min(done, 1.0) * (last - first)
+        down = (done - _HIGH_UNTIL) / (_LOW_FROM - _HIGH_UNTIL)
+        return first + min(max(down, 0.0), 1.0) * (last - first)
 
     def rows(self, envs: int, obs_dim: int) -> int:
         """Rows of a memory of `envs` columns.

@@ -1,5 +1,8 @@
 """Habits of two robots beside each other, each as both see it.
 
+How fast one moves away from the other is none of them: it is what a robot that stops
+misses of its command, which is its own.
+
 Shapes: R = 2 robots, F + V columns of a row with what is seen of the other,
 D descriptors of a robot, P of the pair.
 """
@@ -44,10 +47,6 @@ def _turned(rows: Tensor) -> Tensor:
     return 1 - rows[..., sight_column("mate_turned")][..., 0]
 
 
-def _speed_apart(rows: Tensor) -> Tensor:
-    return torch.linalg.vector_norm(rows[..., sight_column("mate_vel_h")], dim=-1)
-
-
 def _turning_apart(rows: Tensor) -> Tensor:
     rates = rows[..., column("base_ang_vel_b")][..., 2]
     return (rates - rates.flip(-1)).abs()
@@ -82,13 +81,6 @@ PAIR_HABITS = (
         "difference of their turning rates",
         _turning_apart,
         group="turn",
-    ),
-    PairHabit(
-        "speed_apart",
-        "m/s",
-        "velocity of one less that of the other",
-        _speed_apart,
-        group="abreast",
     ),
 )
 PAIR_NAMES = tuple(habit.name for habit in PAIR_HABITS)
