@@ -7,13 +7,18 @@ One row, a file each, for every way to end a gait and every seed; what is there 
 done again. All are measured from the line, on the same starts, under the same reward:
 metres, less energy and changes. A crouch is made of the first gait where none is given:
 its knees are bent, which no training is needed for.
+
+Then the same answers of a rater with another wish teach both which gait to run and how
+the best of them moves (`options_answers.py`): what each answer wins at either level.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from itertools import product
 from pathlib import Path
 from statistics import mean
 from typing import Annotated
@@ -24,14 +29,30 @@ from torch import Tensor
 
 from data.files.files import write_atomically
 from gaitpref.options.gait_files import Gaits, course_env, load_gaits, named_files
-from gaitpref.options.measure import Measured, alone, by_rule, chosen_by, measure
+from gaitpref.options.measure import (
+    Chosen,
+    Measured,
+    alone,
+    by_rule,
+    chosen_by,
+    measure,
+)
 from gaitpref.options.train_options import OptionsCfg, train_options
 from policy.env.course import KINDS, CourseCfg
 from policy.options.choice_row import NEAR_M, TASK, ChoiceReward, written_reward
 from policy.options.choosing import ChoosingCfg
+from policy.rollouts.record import RecordCfg
 from policy.training.checkpoint import read_plain, saved_bytes
 
 from .harness import Figure, publish
+from .options_answers import (
+    LEVELS,
+    WISH,
+    Asked,
+    answer_and_fit,
+    trained_at_joints,
+    trained_on_choices,
+)
 
 WAYS = {
     "learned": ChoosingCfg(),
@@ -63,8 +84,19 @@ class Options:
     """Trainings of every way."""
     episodes: int = 32
     """Episodes that measure."""
+    episode_s: float = 14.0
+    """Time after which an episode is cut."""
     ways: tuple[str, ...] = tuple(WAYS)
     """Which of them."""
+    answers: tuple[int, ...] = (20, 60)
+    """Of so many the gain per answer is measured; they must rise."""
+    joint_steps: int = 600_000
+    """Environment steps of a training at the level of joints, which has more to
+    learn."""
+    clips: RecordCfg = field(
+        default_factory=lambda: RecordCfg(episodes=32, episode_s=8.0, noisy_share=1.0)
+    )
+    """What is judged: gaits that change at random."""
     course: CourseCfg = field(default_factory=CourseCfg)
     """What is walked along."""
     results: Path = Path("docs/results/options")
@@ -109,7 +141,7 @@ def rows_without_learning(
     gaits: Gaits, options: Options, reward: ChoiceReward
 ) -> list[Measured]:
     """Each gait alone, and the rule."""
-    cfg = OptionsCfg(course=options.course)
+    cfg = OptionsCfg(course=options.course, episode_s=options.episode_s)
     env = course_env(
         gaits, options.course, speed_m_s=cfg.speed_m_s, episode_s=cfg.episode_s
     )
@@ -138,6 +170,7 @@ def row_of_learning(
     """Train, or go on, and measure."""
     cfg = OptionsCfg(
         course=options.course,
+        episode_s=options.episode_s,
         choosing=WAYS[way],
         envs=options.envs,
         steps=options.steps,
@@ -179,7 +212,8 @@ def _once(path: Path, row: Callable[[], Measured]) -> Measured:
 def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> None:
     """Measure everything and publish it."""
     torch.set_num_threads(1)
-    gaits = load_gaits(_files(options))
+    files = _files(options)
+    gaits = load_gaits(files)
     reward = written_reward(TASK, gaits.names, "metres, energy and changes")
     plain = rows_without_learning(gaits, options, reward)
     rule, best = plain[-1], max(plain[:-1], key=lambda row: row.reward)
@@ -202,7 +236,74 @@ def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> None:
             f"{way}_over_best_alone": mean(rewards) - best.reward,
             f"{way}_over_rule": mean(rewards) - rule.reward,
         }
+    figures |= gain_per_answer(gaits, files, options)
     publish("options", figures, GOALS, options.json)
+
+
+def gain_per_answer(
+    gaits: Gaits, files: dict[str, Path], options: Options
+) -> dict[str, Figure]:
+    """What an answer wins over the best gait alone, at the level of choices and at that
+    of joints, by the wish itself."""
+    if not options.answers:
+        return {}
+    wish = written_reward(WISH, gaits.names, "wish")
+    cfg = OptionsCfg(
+        course=options.course,
+        episode_s=options.episode_s,
+        envs=options.envs,
+        steps=options.steps,
+    )
+    env = course_env(
+        gaits, cfg.course, speed_m_s=cfg.speed_m_s, episode_s=cfg.episode_s
+    )
+
+    def row(name: str, way: Callable[[], Chosen]) -> Measured:
+        return _once(
+            options.results / f"wish-{name}.json",
+            lambda: measure(
+                name,
+                way(),
+                gaits,
+                env,
+                wish,
+                episodes=options.episodes,
+                seed=_STARTS_SEED,
+            ),
+        )
+
+    plain = [
+        row(f"{name}-alone", partial(alone, gaits, index)).reward
+        for index, name in enumerate(gaits.names)
+    ]
+    best = max(range(len(plain)), key=plain.__getitem__)
+    figures: dict[str, Figure] = {
+        "wish_best_alone": gaits.names[best],
+        "wish_best_alone_reward": plain[best],
+    }
+    found: dict[tuple[str, int], list[float]] = {}
+    for seed, count in product(range(options.seeds), options.answers):
+        asked = Asked(
+            work=options.work / f"wish-{seed}",
+            gaits=gaits,
+            files=tuple(files.values()),
+            cfg=replace(cfg, seed=seed),
+            clips=options.clips,
+            joint_steps=options.joint_steps,
+        )
+        answer_and_fit(asked, count)
+        ways = (
+            partial(trained_on_choices, asked, count),
+            partial(trained_at_joints, asked, count, best),
+        )
+        for level, way in zip(LEVELS, ways, strict=True):
+            done = row(f"{level}-{count}-seed{seed}", way)
+            found.setdefault((level, count), []).append(done.reward - plain[best])
+    for (level, count), gains in found.items():
+        figures[f"{level}_{count}_gain"] = mean(gains)
+        figures[f"{level}_{count}_gain_worst"] = min(gains)
+        figures[f"{level}_{count}_gain_per_answer"] = mean(gains) / count
+    return figures
 
 
 def _files(options: Options) -> dict[str, Path]:

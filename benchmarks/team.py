@@ -4,8 +4,8 @@
 
 Each seed makes a team of the walk that ships, records it with a lazy robot in half of
 the episodes, has a simulated rater answer for the formation, and trains on the reward
-in three ways of paying, and on what the rater looks for itself. A row is written when
-it is done; started again, what is there is not done again.
+in three ways of paying, with a policy for each robot, and on what the rater looks for
+itself. A row is written when it is done; started again, nothing is done again.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ from rewardmodel.team.team_fit import fit_team, rows_in
 
 from .harness import Figure, gaitpref, publish
 
-PAYS = ("shares", "same", "counterfactual", "truth")
+PAYS = ("shares", "same", "counterfactual", "truth", "two")
+"""Ways to train; `two` has a policy for each robot, each paid its share."""
 GOALS = {
     "lazy_named": "all",
     "shares_gain": "> 0",
@@ -126,7 +127,7 @@ def _seed(options: Options, seed: int, rows: Rows) -> None:
         if rows.has(seed=seed, kind=pay):
             continue
         out = work / pay
-        paid = ["--reward", "formation"] if pay == "truth" else _paid(reward, pay)
+        paid = _paid(reward, pay)
         gaitpref(
             *("team", "train", "--out", out, "--init", base, *paid, "--resume"),
             *("--steps", str(options.steps), "--robots", str(options.robots)),
@@ -136,6 +137,10 @@ def _seed(options: Options, seed: int, rows: Rows) -> None:
 
 
 def _paid(reward: Path, pay: str) -> list[str]:
+    if pay == "truth":
+        return ["--reward", "formation"]
+    if pay == "two":
+        return ["--reward", str(reward), "--pay", "shares", "--policies", "2"]
     return ["--reward", str(reward), "--pay", pay]
 
 

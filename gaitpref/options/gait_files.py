@@ -115,6 +115,11 @@ def _require_own(name: str, path: Path, policy: Policy) -> None:
             f"{name}: {path} chooses among gaits itself; give the policies that it "
             "chooses among"
         )
+    if info.env.team is not None:
+        raise GaitprefError(
+            f"{name}: {path} walks in a team of two and sees the other robot; give "
+            "policies of a robot alone"
+        )
     if info.env.law is not None or info.ppo.recipe is not None:
         raise GaitprefError(
             f"{name}: {path} sees and acts under a law of its own, and gaits that "

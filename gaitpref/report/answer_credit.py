@@ -10,16 +10,11 @@ from typing import Any
 
 from data.answers.answer_records import Answer, Pair
 from data.datasets.dataset import Dataset
-from data.episodes.choices import choices_of
-from data.episodes.clips import Clip
 from data.errors import GaitprefError
-from rewardmodel.answers.clip_batch import read_clips
-from rewardmodel.explain.attribution import Method
-from rewardmodel.explain.credit import Credit, Side, credit
-from rewardmodel.models.model import RewardModel
-from rewardmodel.models.storage import load_reward
+from rewardmodel.explain.credit import Credit, credit
 
 from .credit_picture import credit_picture
+from .crediting import Crediting, load_crediting
 from .pictures import svg_of
 
 COUNT = 2
@@ -57,12 +52,10 @@ class Credited:
 
 
 def newest_credited(
-    model: RewardModel,
+    reward: Crediting,
     dataset: Dataset,
     answered: Sequence[tuple[Pair, Answer]],
     count: int,
-    *,
-    method: Method = "auto",
 ) -> list[Credited]:
     """The newest `count` answers that say something about a pair, the newest first."""
     told = [
@@ -72,7 +65,7 @@ def newest_credited(
         and all(dataset.holds(clip.rollout) for clip in (pair.a, pair.b))
     ]
     told.sort(key=lambda row: (row[1].created_utc, row[1].answer_id), reverse=True)
-    return [credited(model, dataset, *row, method=method) for row in told[:count]]
+    return [credited(reward, dataset, *row) for row in told[:count]]
 
 
 def answers_section(run: Path, rounds: list[dict[str, Any]]) -> str:
@@ -81,11 +74,11 @@ def answers_section(run: Path, rounds: list[dict[str, Any]]) -> str:
     if not numbers:
         return ""
     try:
-        model = load_reward(run / "rounds" / f"{max(numbers):02d}" / "reward")
+        reward = load_crediting(run / "rounds" / f"{max(numbers):02d}" / "reward")
         dataset = Dataset.open(run / "dataset")
         with dataset.answers_copy() as store:
             answered = store.current_answers()
-        found = newest_credited(model, dataset, answered, COUNT)
+        found = newest_credited(reward, dataset, answered, COUNT)
     except GaitprefError as error:
         return f"<p>No answers are explained: {html.escape(str(error))}</p>"
     figures = "".join(
@@ -97,34 +90,18 @@ def answers_section(run: Path, rounds: list[dict[str, Any]]) -> str:
     return (
         f"<h2>What moved the reward of round {max(numbers)} in the newest answers</h2>"
         "<p>What the left clip, A, is paid more than the right one, shared out by the "
-        "steps of both, and by habits; each row adds up to the whole.</p>"
+        "steps of both, by habits, and by gaits or robots where there are several; "
+        "each row adds up to the whole.</p>"
         f'<div class="curves">{figures}</div>'
     )
 
 
 def credited(
-    model: RewardModel,
-    dataset: Dataset,
-    pair: Pair,
-    answer: Answer,
-    *,
-    method: Method = "auto",
+    reward: Crediting, dataset: Dataset, pair: Pair, answer: Answer
 ) -> Credited:
     """What of an answered pair moved the reward, as it was shown."""
     sides = (pair.a, pair.b) if answer.shown_left == "a" else (pair.b, pair.a)
-    left, right = (_side(model, dataset, clip, method) for clip in sides)
+    left, right = (reward.side(dataset, clip) for clip in sides)
     dt_s = dataset.entry(pair.a.rollout).meta.control_dt_s
-    price = model.provenance.cfg.fall_logit / float(model.reward_std)
-    found = credit(left, right, fall_price=price, control_dt_s=dt_s)
+    found = credit(left, right, fall_price=reward.fall_price, control_dt_s=dt_s)
     return Credited(pair=pair, answer=answer, credit=found, dt_s=dt_s)
-
-
-def _side(model: RewardModel, dataset: Dataset, clip: Clip, method: Method) -> Side:
-    entry = dataset.entry(clip.rollout)
-    chosen = choices_of(entry.meta.extra, entry.num_steps)
-    return Side.of(
-        model,
-        read_clips([clip], dataset.clip_features),
-        method=method,
-        runs=chosen.runs(clip.rows) if chosen else (),
-    )

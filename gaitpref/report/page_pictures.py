@@ -12,11 +12,10 @@ from pathlib import Path
 from data.answers.answer_records import Answer, Pair
 from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
-from rewardmodel.models.model import RewardModel
-from rewardmodel.models.storage import load_reward
 
 from .answer_credit import credited
 from .credit_picture import credit_picture
+from .crediting import Crediting, load_crediting
 from .pictures import svg_of
 
 logger = logging.getLogger(__name__)
@@ -41,5 +40,5 @@ def newest_picture(run: Path, pair: Pair, answer: Answer) -> str:
 
 
 @lru_cache(maxsize=1)
-def _model(reward: Path) -> RewardModel:
-    return load_reward(reward)
+def _model(reward: Path) -> Crediting:
+    return load_crediting(reward)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from data.files.plain import ADDED_LATER
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,6 +24,8 @@ class TeamCfg:
     m how far the other is from beside it at that distance."""
     heading: float = 0.5
     """Weight of going the same way: the cosine of the angle between both."""
+    told_apart: bool = field(default=False, metadata=ADDED_LATER)
+    """The last number each sees is 0 for the first robot and 1 for the second."""
 
     def __post_init__(self) -> None:
         if not self.gap_m - 2 * self.start_across_m > 0.4:

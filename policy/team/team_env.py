@@ -10,6 +10,7 @@ Shapes: N robots, K robots that begin, F columns of the feature row, V of the si
 from __future__ import annotations
 
 import torch
+from tensordict import TensorDict
 from torch import Tensor
 
 from data.episodes.team_rows import sight_column, team_sight
@@ -20,14 +21,15 @@ from policy.env.feature_row import BaseState
 from policy.parallel.ranks import ALONE, Ranks
 from policy.robots.robot import Robot
 from policy.sim.sim import SimState
-from policy.training.ppo import Runner
+from policy.training.ppo import RewardPpo, Runner
 from policy.training.train import TrainCfg
 
 from .pair_sim import PairSim
 
 
 class TeamEnv(QuadrupedEnv):
-    """N robots in N / 2 teams; observations [N, 48 + V], feature rows [N, F + V]."""
+    """N robots in N / 2 teams; observations [N, 48 + V], and one number more where they
+    are told apart; feature rows [N, F + V]."""
 
     OF_TEAMS = True
     sim: PairSim
@@ -104,8 +106,11 @@ class TeamEnv(QuadrupedEnv):
         )
 
     def _observe(self, state: SimState, base: BaseState | None = None) -> Tensor:
-        own = super()._observe(state, base)
-        return torch.cat([own, seen_of_mate(state)], dim=-1)
+        parts = [super()._observe(state, base), seen_of_mate(state)]
+        assert self.cfg.team is not None
+        if self.cfg.team.told_apart:
+            parts.append((torch.arange(len(parts[0])) % 2)[:, None].float())
+        return torch.cat(parts, dim=-1)
 
     def _draw_commands(self, count: int) -> Tensor:
         """Commands [K, 3]; a team is told the same."""
@@ -139,7 +144,22 @@ def team_runner(robot: Robot, cfg: TrainCfg, seed: int) -> Runner:
     """An engine of `train` whose robots walk in teams."""
     if cfg.sim is not None:
         raise GaitprefError("teams walk on the processor alone: leave --device out")
-    return Runner(TeamEnv(robot, cfg.env, cfg.ppo.num_envs, seed=seed), cfg.ppo)
+    env = TeamEnv(robot, cfg.env, cfg.ppo.num_envs, seed=seed)
+    algorithm = RewardPpo if cfg.ppo.policies is None else TwoPpo
+    return Runner(env, cfg.ppo, algorithm=algorithm)
+
+
+class TwoPpo(RewardPpo):
+    """PPO of two policies, each of which learns from its own robot's share alone."""
+
+    def compute_returns(self, obs: TensorDict) -> None:
+        """As the parent; advantages are measured against those of the same robot."""
+        super().compute_returns(obs)
+        advantages = self.storage.returns - self.storage.values
+        for robot in (0, 1):
+            own = advantages[:, robot::2]
+            advantages[:, robot::2] = (own - own.mean()) / (own.std() + 1e-8)
+        self.storage.advantages = advantages
 
 
 def _require_plain(cfg: EnvCfg) -> None:

@@ -25,6 +25,7 @@ from policy.env.course import AHEAD_DIM
 from policy.env.env_cfg import EnvCfg
 from policy.env.feature_row import OBS_DIM
 from policy.law.origin import Origin
+from policy.networks.two_model import TwoModel
 from policy.options.gaits_model import GaitsModel
 from policy.robots.robot import Robot, load_robot_xml
 
@@ -62,7 +63,7 @@ class Policy:
     """A trained actor; observations in, actions out."""
 
     def __init__(
-        self, actor: MLPModel | GaitsModel, info: PolicyInfo, sha256: str
+        self, actor: MLPModel | GaitsModel | TwoModel, info: PolicyInfo, sha256: str
     ) -> None:
         self.info = info
         self.sha256 = sha256
@@ -80,6 +81,8 @@ class Policy:
         mean = self._actor(TensorDict({"policy": obs}, batch_size=[len(obs)]))
         if noise is None:
             return mean
+        if isinstance(self._actor, TwoModel):
+            return mean + noise * self._actor.std_of(obs)
         return mean + noise * self.std
 
     @property
@@ -89,7 +92,7 @@ class Policy:
 
     @property
     def std(self) -> Tensor:
-        """Exploration noise [12], units of the action."""
+        """Exploration noise [12], or [2, 12] of two policies, units of the action."""
         return self._actor.distribution.std_param.detach()  # type: ignore[union-attr]
 
     @property
@@ -187,13 +190,19 @@ def load_policy(path: Path) -> Policy:
             f"{path} has a course without gaits to choose among, or gaits without a "
             "course: make it anew with `gaitpref options`"
         )
+    team = info.env.team
+    if (info.ppo.policies is not None) and not (team and team.told_apart):
+        raise PolicyError(
+            f"{path} has a network for each of two robots, which nothing tells apart: "
+            "make it anew with `gaitpref team train --policies 2`"
+        )
     cfg = to_rsl_rl(info.ppo)
     actor_class, actor_cfg = resolve_class(cfg["actor"])
     dim = OBS_DIM if info.env.law is None else info.env.law.obs_dim
     if info.ppo.gaits is not None:
         dim += AHEAD_DIM
-    if info.env.team is not None:
-        dim += SIGHT_DIM
+    if team is not None:
+        dim += SIGHT_DIM + team.told_apart
     obs = TensorDict({"policy": torch.zeros(1, dim)}, batch_size=[1])
     actor = actor_class(obs, cfg["obs_groups"], "actor", 12, **actor_cfg)
     weights = payload["actor_state_dict"]

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import torch
 from rsl_rl.runners import OnPolicyRunner
@@ -23,6 +23,7 @@ from policy.extensions.bonus import ExplorationBonusCfg
 from policy.extensions.kl_penalty import KlPenaltyCfg
 from policy.networks.brought_model import BroughtModel
 from policy.networks.recipe import Recipe
+from policy.networks.two_model import TwoModel
 from policy.options.gaits_model import GaitsCfg, GaitsModel
 from policy.parallel.ranks import ALONE, Ranks
 from policy.robots.hints import RobotError
@@ -83,6 +84,8 @@ class PpoCfg:
     """The network of a policy from elsewhere; None is an MLP of `hidden_sizes`."""
     gaits: GaitsCfg | None = field(default=None, metadata=NONE_AS_BEFORE)
     """The gaits that a policy chooses among; None is one policy alone."""
+    policies: Literal[2] | None = field(default=None, metadata=NONE_AS_BEFORE)
+    """Two networks, one for each robot of a team; None is one for all."""
 
     def __post_init__(self) -> None:
         if self.mirror and (self.privileged_critic or self.kl_penalty is not None):
@@ -99,7 +102,7 @@ class PpoCfg:
 
 def to_rsl_rl(cfg: PpoCfg) -> dict[str, Any]:
     """Spell `cfg` the way RSL-RL reads it; a new dictionary on every call."""
-    network = {
+    network: dict[str, Any] = {
         "class_name": "MLPModel",
         "hidden_dims": list(cfg.hidden_sizes),
         "activation": "elu",
@@ -110,6 +113,8 @@ def to_rsl_rl(cfg: PpoCfg) -> dict[str, Any]:
         "init_std": cfg.init_std,
         "std_type": "scalar",
     }
+    if cfg.policies is not None:
+        network["class_name"] = TwoModel
     actor: dict[str, Any] = dict(network)
     if cfg.recipe is not None:
         actor = {"class_name": BroughtModel, "recipe": cfg.recipe}
@@ -202,7 +207,8 @@ class Runner(OnPolicyRunner):
 
     @property
     def std(self) -> Tensor:
-        """Exploration noise [12], which may be changed in place."""
+        """Exploration noise [12], or [2, 12] of two policies, which may be changed in
+        place."""
         return self.alg.get_policy().distribution.std_param.data  # type: ignore[union-attr]
 
     def networks(self) -> dict[str, dict[str, Any]]:

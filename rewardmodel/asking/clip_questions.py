@@ -125,7 +125,7 @@ def ask(
         raise RewardError(
             f"{len(entries)} episodes give {len(chosen)} new pairs of equal command, "
             f"{count} are wanted: ask for fewer, or about shorter clips with --clip-s, "
-            "or record more with `gaitpref record --policy POLICY --dataset "
+            f"or record more with `{_recorder(entries)} --policy POLICY --dataset "
             f"{dataset.root}`"
         )
     return [shown(pair) for pair in chosen]
@@ -188,6 +188,12 @@ def _as_many(
     return found
 
 
+def _recorder(entries: Sequence[EpisodeEntry]) -> str:
+    """The command that records such episodes."""
+    of_teams = any(entry.meta.is_team for entry in entries)
+    return "gaitpref team record" if of_teams else "gaitpref record"
+
+
 def _require_long_enough(entries: Sequence[EpisodeEntry], cfg: ClipCfg) -> None:
     longest = max(entries, key=lambda entry: entry.num_steps, default=None)
     # Clips are whole control steps long.
@@ -199,7 +205,7 @@ def _require_long_enough(entries: Sequence[EpisodeEntry], cfg: ClipCfg) -> None:
         f"none of {len(entries)} episodes holds a clip of {cfg.clip_s:g} s, the "
         f"longest lasts {longest.num_steps * longest.meta.control_dt_s:g} s: ask about "
         "shorter clips with --clip-s, or record longer ones with "
-        "`gaitpref record --episode-s`"
+        f"`{_recorder(entries)} --episode-s`"
     )
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,11 +18,13 @@ from rewardmodel.answers.clip_batch import ClipBatch
 from rewardmodel.models.model import RewardModel
 
 from .attribution import Explanation, Method, explain
-from .four_ways import AVERAGE, Run, four_ways
+from .four_ways import AVERAGE, REST, Run, four_ways
 
 FALL = "falling"
 _EXACT = 1e-3
 """How far a row may be from the whole, as a share of its parts: rewards are float32."""
+_ALIKE = (AVERAGE, REST)
+"""Shares that mostly are no more of one clip than of the other."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,16 +95,27 @@ class Side:
         above = (self.shown.reward - self.shown.average) * self.scored
         return above / max(1, int(self.scored.sum()))
 
-    def ways(self, control_dt_s: float) -> dict[str, dict[str, float]]:
-        """Shares of the mean reward of the steps that count."""
+    @property
+    def mean(self) -> float:
+        """Mean reward of the steps that count; that of an average one without any."""
+        if not self.scored.any():
+            return self.shown.average
+        return float(self.shown.reward[self.scored].astype(float).mean())
+
+    def ways(self, control_dt_s: float, level: float) -> dict[str, dict[str, float]]:
+        """Shares of the mean reward of the steps that count, and of what was chosen
+        those of what it is beyond `level`."""
         if not self.scored.any():
             return {}
         # The steps that count come first: only a fall follows.
-        count = int(self.scored.sum())
+        shown, count = self.shown.part(self.scored), int(self.scored.sum())
         runs = [(name, a, min(b, count)) for name, a, b in self.runs if a < count]
-        return four_ways(
-            self.shown.part(self.scored), control_dt_s=control_dt_s, runs=runs
-        ).ways
+        found = four_ways(shown, control_dt_s=control_dt_s, runs=runs).ways
+        if runs:
+            beyond = replace(shown, reward=shown.reward.astype(float) - level)
+            parted = four_ways(beyond, control_dt_s=control_dt_s, runs=runs)
+            found["choice"] = parted.choices
+        return found
 
 
 def credit(
@@ -118,7 +131,11 @@ def credit(
     """
     moments = left.moments, -right.moments
     falls = fall_price * (float(right.fell) - float(left.fell))
-    ours, theirs = (side.ways(control_dt_s) for side in (left, right))
+    # What ran for longer has not earned more for that.
+    level = (left.mean + right.mean) / 2
+    if not (left.scored.any() and right.scored.any()):
+        level = left.shown.average
+    ours, theirs = (side.ways(control_dt_s, level) for side in (left, right))
     rows = {
         name: _less(ours.get(name, {}), theirs.get(name, {}), falls)
         for name in ("habit", "choice", "robot")
@@ -136,7 +153,7 @@ def _less(
         name: left.get(name, 0.0) - right.get(name, 0.0) for name in {**left, **right}
     }
     # Both have as much of an average step, unless one has no step that counts.
-    row = {n: v for n, v in row.items() if n != AVERAGE or abs(v) > _EXACT}
+    row = {n: v for n, v in row.items() if n not in _ALIKE or abs(v) > _EXACT}
     if falls:
         row[FALL] = falls
     return dict(sorted(row.items(), key=lambda item: -abs(item[1])))

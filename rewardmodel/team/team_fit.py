@@ -33,7 +33,7 @@ from rewardmodel.prepared.described import DescribedPairs
 from rewardmodel.prepared.prepared import Prepared, PreparedClips
 
 from .pair_habits import PAIR_NAMES, describe_pair
-from .team_reward import TeamReward
+from .team_reward import TeamReward, either_fell
 
 _MIN_STD = 1e-4
 """Raw rewards, in logits, that vary less than this are no opinion."""
@@ -90,16 +90,13 @@ def rows_in(datasets: Sequence[Dataset]) -> TeamRows:
     return rows
 
 
-def fit_team(
-    pairs: AnsweredPairs, rows: TeamRows, *, seed: int, cfg: FitCfg | None = None
-) -> TeamReward:
-    """Fit a reward to answers about teams.
+def fit_team(pairs: AnsweredPairs, rows: TeamRows, *, seed: int) -> TeamReward:
+    """Fit a linear reward to answers about teams.
 
     Args:
         pairs: What was answered; its clips name episodes of teams.
         rows: Reads them.
         seed: Bootstrap draws.
-        cfg: How it is fitted, linear.
 
     Raises:
         RewardError: too few answers prefer a team, or one clip shows no steps.
@@ -107,7 +104,7 @@ def fit_team(
     """
     if pairs.too_little:
         raise RewardError(pairs.too_little)
-    cfg = cfg or FitCfg()
+    cfg = FitCfg()
     # What robots do is expected to be good or bad of nobody before any answer.
     cfg = replace(cfg, linear=replace(cfg.linear, unsteady_logit=0.0))
     left, right = (
@@ -118,7 +115,8 @@ def fit_team(
     scored = [clip[:, :, :].isfinite().all(dim=-1).all(dim=-1) for clip in clips]
     own, pair = _normalisers(clips, scored)
     steps = [_seen(clip, own, pair) for clip in clips]
-    prepared = PreparedTeams.of(_described(steps, pairs, cfg))
+    stands = [~either_fell(clip) for clip in clips]
+    prepared = PreparedTeams.of(_described(steps, stands, pairs, cfg))
     fitted = fit_measured(
         prepared, pairs.episodes, cfg, seed=seed, at_random=pairs.at_random
     )
@@ -164,17 +162,25 @@ def _seen(clip: Tensor, own: Normaliser, pair: Normaliser) -> Tensor:
 
 
 def _described(
-    steps: Sequence[Tensor], pairs: AnsweredPairs, cfg: FitCfg
+    steps: Sequence[Tensor],
+    stands: Sequence[Tensor],
+    pairs: AnsweredPairs,
+    cfg: FitCfg,
 ) -> DescribedPairs:
-    """The answers, clips padded to one length."""
+    """The answers, clips padded to one length; `stands` [T] of each clip are the steps
+    at which neither robot fell."""
     count = len(pairs)
-    padded = torch.nn.utils.rnn.pad_sequence(list(steps), batch_first=True)
-    sides = padded.unflatten(0, (2, count))
-    scored = torch.stack([pairs.left.scored, pairs.right.scored])
-    fell = torch.stack([pairs.left.fell, pairs.right.fell]).float()
+    sides, scored = (
+        torch.nn.utils.rnn.pad_sequence(list(each), batch_first=True).unflatten(
+            0, (2, count)
+        )
+        for each in (steps, stands)
+    )
+    fell = torch.tensor([not bool(each.all()) for each in stands]).view(2, count)
+    fell = fell.float()
     return DescribedPairs(
         steps=sides,
-        scored=scored[:, :, : sides.shape[2]],
+        scored=scored,
         fall_lead=cfg.fall_logit * (fell[1] - fell[0]),
         target=pairs.target,
         errors=Errors.alike(cfg.error_share, count, tie_threshold=cfg.tie_threshold),

@@ -18,12 +18,19 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from data.features import column
+from rewardmodel.cfg import FitCfg
 from rewardmodel.descriptors.normaliser import Normaliser, fill_missing
 from rewardmodel.descriptors.table import DESCRIPTOR_NAMES, columns_seen, describe
 from rewardmodel.models.fit_report import FitReport
 
 from .pair_habits import PAIR_HABITS, PAIR_NAMES, describe_pair
 from .stood_still import StandingCfg, had_stood
+
+
+def either_fell(rows: Tensor) -> Tensor:
+    """[...] bool, the steps of rows [..., R, F + V] at which a robot fell."""
+    return (rows[..., column("fallen")][..., 0] > 0.5).any(dim=-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +75,11 @@ class TeamReward:
     def names(self) -> tuple[str, ...]:
         """[D + P] of what it sees."""
         return (*DESCRIPTOR_NAMES, *PAIR_NAMES)
+
+    @property
+    def fall_price(self) -> float:
+        """What a fall costs the team, in units of the reward."""
+        return FitCfg().fall_logit / self.scale
 
     def described(self, rows: Tensor) -> tuple[Tensor, Tensor]:
         """Standardised descriptors [..., R, D] and [..., P] of rows [..., R, F + V]."""

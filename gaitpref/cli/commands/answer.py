@@ -8,6 +8,7 @@ from data.errors import GaitprefError
 from gaitpref.cli.options import options
 from gaitpref.cli.options.program_options import Teaching
 from gaitpref.cli.shared.dataset_argument import open_dataset
+from gaitpref.cli.shared.next_of_answers import next_fit
 from gaitpref.cli.shared.rater_arguments import program_of, rater_cfg, reach_of
 from gaitpref.console.progress import console, counted
 from gaitpref.programs.program_answers import answer_by_program, program_rater
@@ -29,9 +30,7 @@ def run(command: options.Answer) -> int:
         _by_program(command, program, dataset)
     if gone := pairs_gone(dataset):
         console.print(gone)
-    console.next(
-        f"`gaitpref fit --dataset {command.dataset} --out REWARD` fits a reward to them"
-    )
+    console.next(next_fit(dataset))
     return 0
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
-from pathlib import Path
 
 from rich.table import Table
 
+from data.datasets.dataset import Dataset
 from data.datasets.overview import Overview, overview
 from gaitpref.cli.options import data_options as options
 from gaitpref.cli.shared.dataset_argument import open_dataset
+from gaitpref.cli.shared.next_of_answers import next_answers, next_fit, next_pairs
 from gaitpref.cli.shared.policy_names import policy_names
 from gaitpref.console.progress import console
 from gaitpref.console.terminal import PlainConsole
@@ -27,7 +28,7 @@ def info(action: options.Info) -> None:
     out = PlainConsole()
     out.print(_totals(seen))
     out.print(*_tables(seen, names), sep="\n")
-    console.next(_next_of(seen, action.dataset))
+    console.next(_next_of(seen, dataset))
 
 
 def _totals(seen: Overview) -> Table:
@@ -64,11 +65,11 @@ def _counts(title: str, counts: Mapping[str, int]) -> Table:
     return table
 
 
-def _next_of(seen: Overview, dataset: Path) -> str:
+def _next_of(seen: Overview, dataset: Dataset) -> str:
     if not seen.episodes:
-        return f"`gaitpref record --dataset {dataset}` adds episodes"
+        return f"`gaitpref record --dataset {dataset.root}` adds episodes"
     if not seen.pairs:
-        return f"`gaitpref pairs --dataset {dataset} --count 40` chooses what to ask"
+        return next_pairs(dataset)
     if not seen.answers:
-        return f"`gaitpref label --dataset {dataset} --no-auth --open` asks people"
-    return f"`gaitpref fit --dataset {dataset} --out REWARD` fits a reward to them"
+        return next_answers(dataset)
+    return next_fit(dataset)

@@ -5,8 +5,10 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
+from data.datasets.dataset import Dataset
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.dataset_argument import open_dataset
+from gaitpref.cli.shared.next_of_answers import next_fit
 from gaitpref.cli.shared.serving import require_port, stoppable, wait_until_stopped
 from gaitpref.console.browser import open_page
 from gaitpref.console.extras import require
@@ -21,34 +23,31 @@ def run(command: options.Label) -> int:
     """Serve the page until it is stopped; gives the exit code."""
     cfg = label_cfg(command)
     dataset = open_dataset(command)
-    picture = _pictures(command)
+    picture = _pictures(command, dataset)
     with stoppable() as stopped, LabelServer(dataset, cfg, picture=picture) as page:
         for line in greeting(page.notices, dataset.root, cfg):
             print(line, flush=True)
         if command.open:
             open_page(page.url)
         wait_until_stopped(stopped)
-    console.next(
-        f"`gaitpref fit --dataset {command.dataset} --out REWARD` fits a reward to the "
-        f"answers"
-    )
+    console.next(next_fit(dataset))
     return 0
 
 
-def _pictures(command: options.Label) -> Picture | None:
+def _pictures(command: options.Label, dataset: Dataset) -> Picture | None:
     """What draws the reward that was given; nothing without one.
 
     Raises:
         MissingExtra: torch is not installed, which a page without a reward needs not.
-        RewardError: it is none.
+        GaitprefError: it is none, or looks at something that the data set lacks.
     """
     if command.reward is None:
         return None
     require("torch", "fit")
+    from gaitpref.report.crediting import load_crediting, require_fitting
     from gaitpref.report.page_pictures import answer_picture
-    from rewardmodel.models.storage import load_reward
 
-    load_reward(command.reward)
+    require_fitting(load_crediting(command.reward), dataset)
     return partial(answer_picture, command.dataset, command.reward)
 
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from data.files.files import write_atomically
-from data.files.plain import to_plain
 from gaitpref.cli.options import options
 from gaitpref.console.progress import console, counted, counting_bar, working
 from gaitpref.console.terminal import EXIT_INTERRUPTED, complain
 from gaitpref.options.choice_fit import fit_choices
 from gaitpref.options.choice_rater import answer_choices, parse_wish
+from gaitpref.options.choice_storage import save_choices
 from gaitpref.options.gait_files import Gaits, load_gaits, named_files
 from gaitpref.options.measure import measured, table
 from gaitpref.options.train_options import (
@@ -29,7 +28,7 @@ from policy.rollouts.record import RecordCfg, record
 from policy.training.checkpoint import load_policy
 from policy.training.train import POLICY_NAME
 
-REWARD_NAME, UNTAUGHT_NAME, DATASET_NAME = "reward.json", "untaught.pt", "dataset"
+UNTAUGHT_NAME, DATASET_NAME = "untaught.pt", "dataset"
 _LENGTHS_M = {"steps": 2.0, "bar": 0.4, "slope": 1.2}
 _OPEN_M = 1.2
 """Open ground before every obstacle, and behind the last."""
@@ -55,8 +54,7 @@ def run(command: options.Options) -> int:
         complain("stopped; the same command goes on")
         return EXIT_INTERRUPTED
     policy_file = command.out / POLICY_NAME
-    text = json.dumps(to_plain(reward), indent=1)
-    write_atomically(command.out / REWARD_NAME, text.encode())
+    save_choices(reward, command.out)
     with working("comparing it with each gait alone"):
         rows = measured(policy_file, gaits, reward)
     console.print(table(rows, gaits.names))

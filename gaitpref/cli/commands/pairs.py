@@ -13,6 +13,7 @@ from data.answers.answer_records import Pair
 from data.datasets.gone import pairs_gone
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.dataset_argument import open_dataset
+from gaitpref.cli.shared.next_of_answers import next_answers
 from gaitpref.console.progress import console, working
 from gaitpref.method.questions import Questions
 from rewardmodel.asking.clip_questions import ClipCfg, ask, with_known_answer
@@ -26,6 +27,11 @@ FEW = 0.8
 _MORE = (
     "the others are hard to tell apart: record other postures and rhythms as well "
     "(`gaitpref record --method style`, or `--varied 0.5`), or more policies"
+)
+
+_MORE_OF_TEAMS = (
+    "the others are hard to tell apart: record teams with a robot that is lazy now and "
+    "then (`gaitpref team record --lazy 0.5`), or of more policies"
 )
 
 
@@ -52,15 +58,11 @@ def run(command: options.Pairs) -> int:
     console.print(f"{added} pairs were added to {command.dataset}{of_these}")
     console.print(visible.told_of(chosen))
     if visible.share(chosen) < FEW:
-        console.print(_MORE)
+        teams = any(entry.meta.is_team for entry in dataset.entries())
+        console.print(_MORE_OF_TEAMS if teams else _MORE)
     if gone := pairs_gone(dataset):
         console.print(gone)
-    where = "" if command.answers is None else f" --answers {command.answers}"
-    at = f"--dataset {command.dataset}{where}"
-    console.next(
-        f"`gaitpref label {at} --no-auth --open` asks you, "
-        f"`gaitpref answer {at} --criterion high_step` a program"
-    )
+    console.next(next_answers(dataset, command.answers))
     return 0
 
 

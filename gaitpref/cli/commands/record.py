@@ -7,6 +7,7 @@ from data.episodes.chunks import Compression
 from data.errors import GaitprefError
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.by_hand import METHODS, told_without_method
+from gaitpref.cli.shared.next_of_answers import next_pairs
 from gaitpref.console.progress import console, counting_bar
 from gaitpref.training.by_method import recorded_by
 from policy.robots.shipped import WALK
@@ -68,7 +69,5 @@ def run(command: options.Record) -> int:
     )
     if command.method is None:
         console.print(told_without_method("records other postures and rhythms too"))
-    console.next(
-        f"`gaitpref pairs --dataset {command.dataset} --count 40` chooses what to ask"
-    )
+    console.next(next_pairs(dataset))
     return 0

@@ -15,6 +15,7 @@ from data.errors import GaitprefError
 from data.files.files import write_atomically
 from data.files.lock import only_writer
 from gaitpref.cli.options import team_options as options
+from gaitpref.cli.shared.next_of_answers import next_fit, next_pairs
 from gaitpref.cli.shared.shares_told import tell_shares
 from gaitpref.console.progress import (
     console,
@@ -82,13 +83,17 @@ def _train(command: options.TeamTrain) -> int:
             f"{command.out} holds a training run: --resume goes on with it, or give "
             "another --out"
         )
-    start = _start(command.init or WALK, command.out)
+    start = _start(command)
     policy = load_policy(start)
     info, robot = policy.info, policy.robot()
     cfg = TrainCfg(
         steps=command.steps,
         env=info.env,
-        ppo=PpoCfg(hidden_sizes=info.ppo.hidden_sizes, num_envs=command.robots),
+        ppo=PpoCfg(
+            hidden_sizes=info.ppo.hidden_sizes,
+            num_envs=command.robots,
+            policies=info.ppo.policies,
+        ),
         seed=command.seed,
         checkpoints=command.checkpoints,
         exploration_std=_START_STD,
@@ -122,12 +127,24 @@ def _train(command: options.TeamTrain) -> int:
     return 0
 
 
-def _start(init: Path, out: Path) -> Path:
-    """The policy of a team that a training begins from."""
-    if load_policy(init).info.env.team is not None:
+def _start(command: options.TeamTrain) -> Path:
+    """The policy of a team that a training begins from.
+
+    Raises:
+        PolicyError: it cannot be used, or holds two where one is asked for.
+    """
+    init, out = command.init or WALK, command.out
+    info = load_policy(init).info
+    has_two = info.ppo.policies is not None
+    if has_two and command.policies == 1:
+        raise PolicyError(
+            f"{init} holds a policy for each robot, and nobody can tell which of them "
+            "both should share: give --policies 2, or an --init that is shared"
+        )
+    if info.env.team is not None and has_two == (command.policies == 2):
         return init
     start = out / _START_NAME
-    content = as_team(init, TeamCfg())
+    content = as_team(init, TeamCfg(), policies=command.policies)
     with writable(out):
         out.mkdir(parents=True, exist_ok=True)
         write_atomically(start, content)
@@ -185,9 +202,7 @@ def _record(command: options.TeamRecord) -> None:
         f"{len(entries)} episodes of teams are in {command.dataset}; {falls} of them "
         "end in a fall"
     )
-    console.next(
-        f"`gaitpref pairs --dataset {command.dataset} --count 60` chooses what to ask"
-    )
+    console.next(next_pairs(dataset, 60))
 
 
 def _answer(command: options.TeamAnswer) -> None:
@@ -209,9 +224,7 @@ def _answer(command: options.TeamAnswer) -> None:
     console.print(
         f"{count} pairs of {command.dataset} were answered by {command.criterion}"
     )
-    console.next(
-        f"`gaitpref team fit --dataset {command.dataset} --out REWARD` fits a reward"
-    )
+    console.next(next_fit(dataset))
 
 
 def _fit(command: options.TeamFit) -> None:

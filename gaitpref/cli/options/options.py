@@ -187,8 +187,9 @@ class Label(Serving):
     dataset: Path
     """Data set directory with pairs."""
     reward: Path | None = None
-    """A learned reward: after an answer, key 6 also draws what of the pair moved it.
-    A loop shows its newest. Leave it out where people are to judge by themselves."""
+    """A reward of `fit`, `team fit` or `options`: after an answer, key 6 also draws
+    what of the pair moved it. A loop shows its newest. Leave it out where people are to
+    judge by themselves."""
     answers: str | None = None
     """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
     file by default."""

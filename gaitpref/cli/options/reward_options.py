@@ -197,7 +197,7 @@ class Trust:
 
 @dataclass(frozen=True, kw_only=True)
 class Explain:
-    """Show which moments and which habits a learned reward likes.
+    """Show which moments and which habits, gaits or robots a learned reward likes.
 
     Writes pictures of the best and the worst clips and the figures behind them."""
 

@@ -13,7 +13,7 @@ from .bounds import AtLeast, Count, CountOrZero, Seed
 
 @dataclass(frozen=True, kw_only=True)
 class TeamTrain:
-    """Train one policy that walks both robots of a team.
+    """Train one policy that walks both robots of a team, or one for each.
 
     It begins as two robots that walk as before and do not look at each other.
     """
@@ -30,6 +30,9 @@ class TeamTrain:
     last second."""
     weight: float = 3.0
     """Weight of a reward or a criterion, beside walking and safety."""
+    policies: Literal[1, 2] = 1
+    """1: both robots share one policy. 2: each has its own in the same file, and learns
+    from its own pay alone; where --init is of one, both begin as that."""
     init: Path | None = None
     """Policy to begin from, of a team or of a robot alone; by default the walk that
     ships."""

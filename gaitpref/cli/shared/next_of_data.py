@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from data.datasets.dataset import Dataset
 from gaitpref.cli.options import data_options as options
+
+from .next_of_answers import next_fit
 
 
 def next_of_data(action: options.Action, *, damaged: bool) -> str:
@@ -19,10 +22,7 @@ def next_of_data(action: options.Action, *, damaged: bool) -> str:
                 f"`gaitpref data info --dataset {action.dataset}` counts what it holds"
             )
         case options.Split():
-            return (
-                f"`gaitpref fit --dataset {action.out}/{_first(action)} --out REWARD` "
-                f"fits a reward to one part"
-            )
+            return next_fit(Dataset.open(action.out / _first(action)))
         case options.Subset():
             return f"`gaitpref data info --dataset {action.out}` counts what it holds"
         case options.Pack():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
-from gaitpref.cli.commands.looking.explain import find_clip
+from gaitpref.cli.commands.looking.explained import find_clip
 from gaitpref.cli.options import options
 from gaitpref.console.progress import counting_bar
 from gaitpref.console.terminal import say

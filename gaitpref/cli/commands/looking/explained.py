@@ -1,0 +1,136 @@
+"""What `gaitpref explain` tells of clips and answers: pictures, and figures of JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from data.answers.answer_records import Answer, Pair
+from data.datasets.dataset import Dataset, EpisodeEntry
+from data.episodes.clips import Clip
+from data.errors import GaitprefError
+from gaitpref.console.terminal import say
+from gaitpref.report.answer_credit import newest_credited
+from gaitpref.report.credit_picture import credit_picture
+from gaitpref.report.crediting import Crediting
+from gaitpref.report.pictures import save_picture
+from gaitpref.report.ranked_clips import Ranked
+from rewardmodel.explain.attribution import Explanation
+from rewardmodel.explain.four_ways import Run, four_ways
+from rewardmodel.explain.learned_curves import Curve
+
+DATA_NAME = "explanation.json"
+
+
+def find_clip(dataset: Dataset, name: str) -> Clip:
+    """The clip called EPISODE:START+STEPS, or a whole episode by its hash's beginning.
+
+    Raises:
+        GaitprefError: there is no such clip, or more than one episode.
+    """
+    sha256, colon, place = name.partition(":")
+    entries = [e for e in dataset.entries() if e.sha256.startswith(sha256)]
+    if len(entries) != 1:
+        raise GaitprefError(
+            f"{dataset.root} holds {len(entries)} episodes whose hash begins with "
+            f"{sha256!r}; `--clip` takes EPISODE:START+STEPS, or an episode"
+        )
+    entry = entries[0]
+    if not colon:
+        return Clip(entry.sha256, 0, entry.num_steps)
+    try:
+        start, steps = (int(number) for number in place.split("+"))
+        clip = Clip(entry.sha256, start, steps)
+    except ValueError:
+        raise GaitprefError(f"--clip {name!r} is not EPISODE:START+STEPS") from None
+    dataset.clip_features(clip)
+    return clip
+
+
+def answers_told(
+    reward: Crediting,
+    dataset: Dataset,
+    answered: Sequence[tuple[Pair, Answer]],
+    out: Path,
+    count: int,
+) -> list[dict[str, Any]]:
+    """The figures of the newest answers, whose pictures are written to `out`."""
+    told = []
+    found = newest_credited(reward, dataset, answered, count)
+    for number, each in enumerate(found, start=1):
+        picture = out / f"answer-{number}.svg"
+        save_picture(
+            credit_picture(each.credit, dt_s=each.dt_s, title=each.title), picture
+        )
+        say(f"{picture}  {each.title}: A leads by {each.credit.lead:+.2f}")
+        told.append(
+            {
+                "pair_id": each.pair.pair_id,
+                "rater": each.answer.rater_id,
+                "left": each.answer.shown_left,
+                "choice": each.answer.choice,
+                "lead": round(each.credit.lead, 4),
+                "moments": [_rounded(part) for part in each.credit.moments],
+                **{
+                    f"by_{name}": rounded_values(row)
+                    for name, row in each.credit.rows.items()
+                },
+            }
+        )
+    return told
+
+
+def clip_json(
+    name: str,
+    found: Ranked,
+    entry: EpisodeEntry,
+    shown: Explanation,
+    runs: Sequence[Run] = (),
+) -> dict[str, Any]:
+    """A clip's figures as plain values, rounded to what can be seen."""
+    return {
+        "name": name,
+        "clip": found.clip.key,
+        "reward_of_clip": round(found.reward, 4),
+        "command": list(entry.meta.command),
+        "control_dt_s": entry.meta.control_dt_s,
+        "method": shown.method,
+        "reward": _rounded(shown.reward),
+        "spread": _rounded(shown.spread),
+        "average": round(shown.average, 4),
+        "groups": list(shown.groups),
+        "shares": _rounded(shown.shares),
+        "by_descriptor": (
+            _rounded(shown.descriptors)
+            if np.isfinite(shown.descriptors).all()
+            else None
+        ),
+        "ways": {
+            way: rounded_values(shares)
+            for way, shares in four_ways(
+                shown, control_dt_s=entry.meta.control_dt_s, runs=runs
+            ).ways.items()
+        },
+    }
+
+
+def curve_json(curve: Curve) -> dict[str, Any]:
+    """A habit's curve as plain values."""
+    return {
+        "name": curve.habit.name,
+        "unit": curve.habit.unit,
+        "values": _rounded(curve.values),
+        "reward": _rounded(curve.reward),
+        "spread": _rounded(curve.spread),
+    }
+
+
+def _rounded(values: np.ndarray) -> list[Any]:
+    return np.round(values.astype(float), 4).tolist()
+
+
+def rounded_values(values: Mapping[str, float]) -> dict[str, float]:
+    return {name: round(value, 4) for name, value in values.items()}
