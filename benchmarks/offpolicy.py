@@ -53,7 +53,7 @@ class Options:
     """Where chance comes from, one training each."""
     ppo_steps: int = 1_500_000
     """Environment steps after which PPO has failed to walk."""
-    fast_steps: int = 500_000
+    fast_steps: int = 300_000
     """The same of the off-policy learner."""
     every: int = 25_000
     """Environment steps between two policies that are looked at."""

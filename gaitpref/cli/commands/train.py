@@ -86,7 +86,7 @@ def _train(command: options.Train, ranks: Ranks) -> int:
         reward_fn = retraining.reward(paid, cfg)
         cfg = retraining.trained(cfg)
     cfg, engine = _engine(command, cfg, ranks)
-    with training_bar("training", command.steps) as bar:
+    with training_bar("training", command.total_steps) as bar:
         result = train(
             command.out,
             setting.robot,
@@ -166,7 +166,7 @@ def _plain_cfg(command: options.Train, setting: Setting) -> TrainCfg:
         env = getup_env(env)
     env = _observed(command, setting, env)
     return TrainCfg(
-        steps=command.steps,
+        steps=command.total_steps,
         env=env,
         ppo=replace(
             setting.ppo,

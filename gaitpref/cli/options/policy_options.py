@@ -25,8 +25,9 @@ class Train:
     reward: str
     """`task`, a criterion (built-in name or package.module:function), or the directory
     of a learned reward. Others than `task` are added to the known safety terms."""
-    steps: CountOrZero = 1_500_000
-    """Environment steps, counted over all environments."""
+    steps: CountOrZero | None = None
+    """Environment steps, counted over all environments; by default 1,500,000, with
+    --algorithm fastsac 300,000."""
     envs: Count = 128
     """Environments side by side; with torchrun those of all processes together, so that
     the number must be divisible by theirs."""
@@ -112,7 +113,7 @@ class Train:
     memory: Count = 200_000
     """With --algorithm fastsac: steps that are remembered, 570 bytes each, in
     resume.pt too."""
-    updates_per_step: float = 0.1
+    updates_per_step: float = 0.5
     """With --algorithm fastsac: updates for each environment step."""
     prioritised: bool = False
     """With --algorithm fastsac: learn more often from steps the critics err about; with
@@ -121,6 +122,13 @@ class Train:
     """MJCF of the robot; the Go1 that ships by default."""
     seed: Seed = 0
     """Where all chance comes from."""
+
+    @property
+    def total_steps(self) -> int:
+        """Environment steps, those of the algorithm where none are said."""
+        if self.steps is not None:
+            return self.steps
+        return 1_500_000 if self.algorithm == "ppo" else 300_000
 
 
 @dataclass(frozen=True, kw_only=True)
