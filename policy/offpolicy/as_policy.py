@@ -29,6 +29,8 @@ from .tanh_actor import TanhActor
 OWN_STATE = "offpolicy_state_dict"
 """In a policy file, what beside the actor's mean training goes on from."""
 
+_WALKING_STD = 0.15
+"""Noise, in units of the action, of an actor that can walk."""
 LOOKING_ON = 500
 """Updates of new critics before the actor they judge is changed."""
 
@@ -151,6 +153,7 @@ def begin_from(learner: Sac, init: Path, payload: Mapping[str, Any]) -> None:
             learner.log_alpha.copy_(own["log_alpha"])
         return
     _begin_from_ppo(learner.actor, init, payload.get("actor_state_dict", {}))
+    learner.actor.begin_with_std(_WALKING_STD)
     learner.looking_on = LOOKING_ON
 
 

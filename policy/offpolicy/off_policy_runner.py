@@ -97,6 +97,9 @@ class OffPolicyRunner:
         self.current_learning_iteration = 0
         self._due = 0.0
         self._steps = cfg.steps
+        self._searches = not engine.offline
+        """What begins with a policy changes it, and needs no more noise than at the
+        end."""
 
     @property
     def told(self) -> dict[str, Any]:
@@ -129,6 +132,7 @@ class OffPolicyRunner:
     def start_from(self, init: Path, payload: dict[str, Any]) -> None:
         """Take over the networks of the policy file `init`."""
         begin_from(self.alg, init, payload)
+        self._searches = False
 
     def begin(self) -> None:
         """Fill memory with what is to be replayed."""
@@ -211,7 +215,8 @@ class OffPolicyRunner:
         updates = int(self._due)
         self._due -= updates
         done = self.current_learning_iteration * self.ppo.steps_per_iteration
-        self.alg.joint_entropy = self.sac.joint_entropy_at(done / self._steps)
+        share = done / self._steps if self._searches else 1.0
+        self.alg.joint_entropy = self.sac.joint_entropy_at(share)
         losses = self.alg.learn(self.ring, updates)
         return {f"loss/{name}": value for name, value in losses.items()}
 

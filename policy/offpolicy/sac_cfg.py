@@ -81,7 +81,8 @@ class SacCfg:
     share of its bound is 1. With less noise robots stand still and learn no better."""
     last_joint_entropy: float = -1.6
     """The same at the end; it comes down over most of the other half. What walks with
-    much noise stands without: the noise is part of how it walks."""
+    much noise stands without: the noise is part of how it walks. So it is all along
+    where a training begins with a policy, or takes no step."""
     reward_scale: float = 10.0
     """What rewards of a step are multiplied by before a critic learns them."""
     first_std: float = 0.7

@@ -59,10 +59,16 @@ class TanhActor(nn.Module):
             self.mean.weight.mul_(0.1)
             self.mean.bias.zero_()
             self.log_std.weight.mul_(0.1)
-            low, high = self._log_bounds
-            share = (math.log(first_std) - low) / (high - low)
-            share = min(max(share, 1e-3), 1.0 - 1e-3)
-            self.log_std.bias.fill_(math.log(share / (1.0 - share)))
+        self.begin_with_std(first_std)
+
+    @torch.no_grad()
+    def begin_with_std(self, std: float) -> None:
+        """Set the noise of a network that has not learned it, in units of the
+        action."""
+        low, high = self._log_bounds
+        share = (math.log(std) - low) / (high - low)
+        share = min(max(share, 1e-3), 1.0 - 1e-3)
+        self.log_std.bias.fill_(math.log(share / (1.0 - share)))
 
     @property
     def obs_mean(self) -> Tensor:

@@ -116,6 +116,10 @@ TABLE = (
     Typed("answer --dataset {dataset} --criterion task", writes_set=True),
     Typed("fit --dataset {dataset} --out {out} --model linear"),
     Typed("relabel --reward {reward} --dataset {dataset} --out {out}"),
+    Typed(
+        "options --out {out} --policy walk={shipped} --policy other={policy} "
+        "--steps 64 --envs 4 --course bar"
+    ),
     Typed("team train --out {out} --init {team} --steps 96 --robots 4"),
     Typed("team record --policy {team} --dataset {out} --episodes 2 --episode-s 1"),
     Typed("team answer --dataset {teams}", writes_set=True),
