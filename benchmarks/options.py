@@ -97,7 +97,7 @@ class Options:
         default_factory=lambda: RecordCfg(episodes=32, episode_s=8.0, noisy_share=1.0)
     )
     """What is judged: gaits that change at random."""
-    course: CourseCfg = field(default_factory=CourseCfg)
+    course: tyro.conf.Fixed[CourseCfg] = field(default_factory=CourseCfg)
     """What is walked along."""
     results: Path = Path("docs/results/options")
     """Directory of the finished rows."""
