@@ -93,11 +93,11 @@ class Options:
     joint_steps: int = 600_000
     """Environment steps of a training at the level of joints, which has more to
     learn."""
-    clips: tyro.conf.Fixed[RecordCfg] = field(
+    clips: tyro.conf.Suppress[RecordCfg] = field(
         default_factory=lambda: RecordCfg(episodes=32, episode_s=8.0, noisy_share=1.0)
     )
     """What is judged: gaits that change at random."""
-    course: CourseCfg = field(default_factory=CourseCfg)
+    course: tyro.conf.Suppress[CourseCfg] = field(default_factory=CourseCfg)
     """What is walked along."""
     results: Path = Path("docs/results/options")
     """Directory of the finished rows."""
