@@ -84,7 +84,7 @@ class Options:
     """Trainings of every way."""
     episodes: int = 32
     """Episodes that measure."""
-    episode_s: float = 14.0
+    episode_s: float = 20.0
     """Time after which an episode is cut."""
     ways: tuple[str, ...] = tuple(WAYS)
     """Which of them."""

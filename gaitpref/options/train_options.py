@@ -203,6 +203,7 @@ def train_options(
     Raises:
         GaitprefError: what lies in `out` is of another training.
     """
+    out.mkdir(parents=True, exist_ok=True)
     policy, resume = out / POLICY_NAME, out / RESUME_NAME
     training = OptionsTraining(gaits, cfg, reward)
     if resume.exists():
