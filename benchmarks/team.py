@@ -180,7 +180,12 @@ def lazy_named(reward: Path, dataset: Path) -> Row:
         if who in told:
             share = told[who]["mean"]["share"]
             found[f"less_{who}"] = share[2 - int(who)] - share[int(who) - 1]
-            found[f"named_{who}"] = f"robot {who} earns" in told[who]["verdict"]
+            verdict = told[who]["verdict"]
+            earns_less = f"robot {who} earns" in verdict
+            found[f"earns_less_{who}"] = earns_less
+            found[f"named_{who}"] = f"robot {who} is lazy" in verdict or (
+                earns_less and "it is lazy" in verdict
+            )
     return found
 
 
@@ -238,13 +243,14 @@ def summary(rows: Sequence[Row]) -> dict[str, Figure]:
         alike = [r for r in by_kind["answers"] if r["answers"] == row["answers"]]
         known = [r["accuracy"] for r in alike if isinstance(r["accuracy"], float)]
         figures[name] = statistics.mean(known) if known else None
-    named = [
-        value
-        for row in by_kind.get("lazy", [])
-        for key, value in row.items()
-        if key.startswith("named")
-    ]
-    figures["lazy_named"] = f"{sum(map(bool, named))} of {len(named)}"
+    for name in ("named", "earns_less"):
+        found = [
+            value
+            for row in by_kind.get("lazy", [])
+            for key, value in row.items()
+            if key.startswith(name)
+        ]
+        figures[f"lazy_{name}"] = f"{sum(map(bool, found))} of {len(found)}"
     return figures
 
 
