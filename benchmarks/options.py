@@ -55,7 +55,7 @@ from .options_answers import (
 )
 
 WAYS = {
-    "learned": ChoosingCfg(),
+    "learned": ChoosingCfg(termination="learned"),
     "fixed_0.4s": ChoosingCfg(termination="fixed", length_s=0.4),
     "fixed_1s": ChoosingCfg(termination="fixed", length_s=1.0),
     "fixed_2s": ChoosingCfg(termination="fixed", length_s=2.0),

@@ -22,7 +22,7 @@ _WANDERS = 0.15
 class ChoosingCfg:
     """When a gait may end, and who follows."""
 
-    termination: Termination = "learned"
+    termination: Termination = "fixed"
     """A gait ends with a probability learned for each state, or after `length_s`."""
     length_s: float = 1.0
     """With `fixed`: how long a gait runs."""

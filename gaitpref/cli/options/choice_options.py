@@ -32,9 +32,9 @@ class Options:
     """Environment steps, counted over all robots."""
     envs: Count = 64
     """Robots side by side."""
-    termination: Literal["learned", "fixed"] = "learned"
-    """A gait ends where it was learned that another is worth more, or always after
-    --length-s."""
+    termination: Literal["fixed", "learned"] = "fixed"
+    """A gait ends after --length-s, or where it was learned that another is worth
+    more."""
     length_s: float = 1.0
     """With --termination fixed: how long a gait runs."""
     interrupt: float | None = None
