@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Iterator, Mapping
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +46,11 @@ def claim(run: Path, cfg: LoopCfg, inputs: Mapping[str, Any]) -> None:
         write_atomically(run / INPUTS_NAME, json.dumps(inputs, indent=1).encode())
         write_atomically(path, text.encode())
         return
-    differing = list(_differing(_load(path), yaml.safe_load(text)))
+    unwritten = set(_unwritten_nones(cfg))
+    differing = [
+        (name, None if old is _UNTOLD and name in unwritten else old, new)
+        for name, old, new in _differing(_load(path), yaml.safe_load(text))
+    ]
     _require_whole(run, [name for name, old, _ in differing if old is _UNTOLD])
     changed = [f"{name} {_told(old)} -> {_told(new)}" for name, old, new in differing]
     changed += differences(_inputs(run), json.loads(json.dumps(inputs)))
@@ -115,6 +120,17 @@ def _load(path: Path) -> dict[str, object]:
 
 
 _UNTOLD = object()
+
+
+def _unwritten_nones(record: Any, name: str = "") -> Iterator[str]:
+    """Names of the settings below `record` of which a file tells nothing where they
+    are None."""
+    for each in fields(record):
+        within = f"{name}.{each.name}" if name else each.name
+        if each.metadata.get("none_as_before"):
+            yield within
+        if is_dataclass(value := getattr(record, each.name)):
+            yield from _unwritten_nones(value, within)
 
 
 def _differing(

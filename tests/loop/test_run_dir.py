@@ -31,6 +31,7 @@ from gaitpref.method.exploration import Descending, PutBack
 from gaitpref.method.method import FROM_SCRATCH, STYLE, Method
 from gaitpref.method.paid import AsFitted
 from gaitpref.method.unstick import Optimism
+from policy.offpolicy.sac_cfg import SacCfg
 from tests.data.test_lock import HOLDER
 
 INPUTS = {"base": None, "robot": "sha256 of a model", "criterion": {"source": "s"}}
@@ -139,6 +140,7 @@ METHODS = {
     "as fitted": replace(STYLE, paid=AsFitted()),
     "noise back": replace(FROM_SCRATCH, exploration=PutBack()),
     "noise descends": replace(STYLE, exploration=Descending()),
+    "off-policy": replace(STYLE, learner=SacCfg(), exploration=None),
 }
 """Both that ship, each with every decision it may lack left out, and every union with
 each of its classes."""
@@ -151,7 +153,8 @@ def test_every_decision_that_may_be_left_out_is() -> None:
         for name, hint in get_type_hints(Method).items()
         if type(None) in get_args(hint)
     }
-    assert optional == {*("exploration", "unstick", "accept", "tracking", "meanwhile")}
+    decided = ("exploration", "unstick", "accept", "tracking", "meanwhile", "learner")
+    assert optional == {*decided}
     for shipped in (FROM_SCRATCH, STYLE):
         for name in optional:
             changed = replace(shipped, **{name: None})
