@@ -52,7 +52,7 @@ SMALL = {
     "loop": "--rounds 1 --labels 8 --steps 96",
     "train": "--steps 96 --envs 4",
     "team train": "--steps 96 --robots 4",
-    "team record": "--episodes 12 --episode-s 2",
+    "team record": "--episodes 24 --episode-s 2",
     "evaluate": "--episodes 4",
     "arena": "--episodes 5 --most 3",
     "film": "--duration-s 1 --fps 5",
