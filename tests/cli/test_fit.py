@@ -20,8 +20,12 @@ from rewardmodel.models.storage import load_reward
 pq = pytest.importorskip("pyarrow.parquet", reason="needs the extra `parquet`")
 
 BLOCKED = ("aiohttp", "gymnasium", "matplotlib", "mujoco", "rsl_rl", "viser", "policy")
-ALLOWED = ("policy", "policy.env", "policy.env.known_terms")
-"""A method says what a learned reward is added to; that needs no simulator."""
+ALLOWED = (
+    *("policy", "policy.env", "policy.env.known_terms"),
+    *("policy.offpolicy", "policy.offpolicy.sac_cfg"),
+)
+"""A method says what a learned reward is added to, and what learns from it; that needs
+no simulator."""
 WITHOUT = f"""
 import sys
 
