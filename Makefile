@@ -27,8 +27,9 @@ docs: install
 chromium: install
 	.ci/chromium $(BIN)/python
 
-# One process a core; the tests of a file stay together and share what they made.
-PYTEST := $(BIN)/python -m pytest -n auto --dist loadfile
+# One process more than cores; the tests of a file stay together and share what they
+# made. In their own order, or files of one long test would come last.
+PYTEST := $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 test: install chromium
 	$(PYTEST)
