@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 
 import tyro
 
+from policy.offpolicy.sac_cfg import SacCfg
+
 from .bounds import AtLeast, Count, CountOrZero, Seed
 
 
@@ -110,10 +112,10 @@ class Train:
     offline: bool = False
     """With --replay: take no new step, and stay near what was done. --steps then says
     how long is learned, as long as that many steps would be."""
-    memory: Count = 200_000
+    memory: Count = SacCfg.memory
     """With --algorithm fastsac: steps that are remembered, 570 bytes each, in
     resume.pt too."""
-    updates_per_step: float = 0.5
+    updates_per_step: float = SacCfg.updates_per_step
     """With --algorithm fastsac: updates for each environment step."""
     prioritised: bool = False
     """With --algorithm fastsac: learn more often from steps the critics err about; with
