@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from data.errors import GaitprefError
@@ -17,7 +16,7 @@ from gaitpref.report.about_section import about_section
 from gaitpref.report.answer_credit import answers_section
 from gaitpref.report.film_section import film_section
 from gaitpref.report.page_style import STYLE
-from gaitpref.report.pictures import BLUE, GREY, plain_axes, svg_of
+from gaitpref.report.pictures import BLUE, GREY, panels, plain_axes, svg_of
 from gaitpref.report.return_text import return_text
 from gaitpref.report.trust_section import (
     alarm_section,
@@ -186,7 +185,7 @@ def _curves(criterion: str, rounds: list[dict[str, Any]]) -> str:
 
 
 def _axes(title: str) -> Axes:
-    axes = Figure(figsize=(4.2, 2.7), layout="constrained").subplots()
+    axes = panels((3.4,), (2.0,))[0, 0]
     axes.set_xlabel("round", fontsize=9)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     return plain_axes(axes, title)

@@ -9,7 +9,7 @@ from rewardmodel.measures.calibration import Bin, Calibration
 from rewardmodel.models.fit_report import wilson_interval
 from rewardmodel.trust.held_out_report import Foreseen
 
-from .pictures import BLUE, GREY, plain_axes
+from .pictures import BLUE, GREY, panels, plain_axes
 
 
 def reliability_plot(foreseen: Foreseen) -> Figure:
@@ -17,8 +17,8 @@ def reliability_plot(foreseen: Foreseen) -> Figure:
 
     Bars are 95 % intervals of the share; the diagonal is perfect.
     """
-    figure = Figure(figsize=(4.6, 3.9), layout="constrained")
-    axes = plain_axes(figure.subplots(), "Held-out answers: how sure, and how right")
+    axes = panels((3.8,), (3.1,))[0, 0]
+    plain_axes(axes, "Held-out answers: how sure, and how right")
     axes.plot((0.5, 1), (0.5, 1), ":", color=GREY, linewidth=1)
     _draw(axes, foreseen.uncalibrated, GREY, "s--", "at temperature 1", bars=False)
     name = f"at temperature {foreseen.temperature:.2f}"
@@ -31,7 +31,7 @@ def reliability_plot(foreseen: Foreseen) -> Figure:
         axes.legend(fontsize=8, frameon=False, loc="lower right")
     else:
         axes.text(0.75, 0.3, "no held-out preference", ha="center", color=GREY)
-    return figure
+    return axes.figure
 
 
 def _draw(

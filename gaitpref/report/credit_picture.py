@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rewardmodel.explain.credit import Credit
 
-from .pictures import GREY, plain_axes
+from .pictures import GREY, Margins, panels, plain_axes
 
 LEFT, RIGHT = "#1d58bf", "#c2600c"
 """Colours of the clips, as on the labeling page."""
@@ -23,10 +25,9 @@ def credit_picture(credit: Credit, *, dt_s: float, title: str = "") -> Figure:
     Bars to the right, and above, speak for the left clip A, the others for B.
     """
     rows = {name: _few(dict(row)) for name, row in credit.rows.items()}
-    heights = [1.6, *(0.5 + 0.24 * len(row) for row in rows.values())]
-    figure = Figure(figsize=(6.4, sum(heights) + 0.5), layout="constrained")
-    panels = figure.subplots(len(heights), 1, height_ratios=heights, squeeze=False)
-    first, *others = panels[:, 0]
+    heights = [1.2, *(0.24 * len(row) for row in rows.values())]
+    names = [name for row in rows.values() for name in row]
+    first, *others = panels((5.3,), heights, _beside(names))[:, 0]
     better = "A" if credit.lead >= 0 else "B"
     told = title or "what moved the reward"
     plain_axes(first, f"{told}: {better} leads by {abs(credit.lead):.2f}")
@@ -55,7 +56,13 @@ def credit_picture(credit: Credit, *, dt_s: float, title: str = "") -> Figure:
     first.set_ylabel("speaks for A", fontsize=8)
     for axes, (name, row) in zip(others, rows.items(), strict=True):
         _bars(axes, _TITLES.get(name, name), row)
-    return figure
+    return first.figure
+
+
+def _beside(names: Iterable[str]) -> Margins:
+    """Room at the left for names of bars, whose letters are 0.07 inches wide."""
+    letters = max(map(len, names), default=0)
+    return Margins(left=max(0.75, 0.45 + 0.075 * letters), bottom=0.3)
 
 
 def _bars(axes: Axes, title: str, row: dict[str, float]) -> None:

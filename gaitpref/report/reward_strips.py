@@ -14,10 +14,12 @@ from rewardmodel.explain.attribution import Explanation
 from rewardmodel.explain.four_ways import FourWays, Run, four_ways
 from rewardmodel.explain.learned_curves import Curve
 
-from .pictures import BLUE, GREY, RED, plain_axes
+from .pictures import BLUE, GREY, RED, Margins, panels, plain_axes
 
 ROBOTS = (BLUE, RED, GREY)
 """Of what is told apart within one clip."""
+_STRIPS = Margins(left=0.9, right=0.75, between_rows=0.25)
+_CURVES = Margins(between_rows=0.75)
 
 
 def clip_picture(
@@ -31,9 +33,11 @@ def clip_picture(
     shares of habits, of what was chosen, and of each robot, as far as there are any."""
     heights = [1.0, 1.1 + 0.06 * max(0, len(shown.groups) - 6)]
     heights += [0.35] * bool(runs) + [0.8] * (shown.robots is not None)
-    figure = Figure(figsize=(6.4, 1.8 * sum(heights)), layout="constrained")
-    rows = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
+    heights = [1.5 * height for height in heights]
+    axes = panels((5.0,), heights, _STRIPS, sharex=True)
+    rows = axes[:, 0]
     above, below = rows[:2]
+    figure = above.figure
     dt_s = entry.meta.control_dt_s
     time_s = (clip.start + np.arange(clip.steps)) * dt_s
     forward, left, yaw = entry.meta.command
@@ -67,7 +71,7 @@ def clip_picture(
     if shown.robots is not None:
         _robots_row(rows[-1], shown.robots, parts, time_s)
     rows[-1].set_xlabel("time in the episode, s", fontsize=9)
-    bar = figure.colorbar(image, ax=below, pad=0.01)
+    bar = figure.colorbar(image, cax=below.inset_axes((1.01, 0.0, 0.03, 1.0)))
     bar.set_label("liked", fontsize=8)
     bar.ax.tick_params(labelsize=7)
     return figure
@@ -110,9 +114,8 @@ def curves_picture(curves: Sequence[Curve]) -> Figure:
     """What each habit adds to the reward, over what was judged, with the spread."""
     columns = min(3, len(curves))
     rows = -(-len(curves) // columns)
-    figure = Figure(figsize=(2.6 * columns, 2.1 * rows), layout="constrained")
-    panels = figure.subplots(rows, columns, sharey=True, squeeze=False).flatten()
-    for axes, curve in zip(panels, curves, strict=False):
+    grid = panels([2.2] * columns, [1.4] * rows, _CURVES, sharey=True)
+    for axes, curve in zip(grid.flat, curves, strict=False):
         plain_axes(axes, curve.habit.name)
         band = (curve.reward - curve.spread, curve.reward + curve.spread)
         axes.fill_between(curve.values, *band, color=BLUE, alpha=0.2, linewidth=0)
@@ -120,8 +123,8 @@ def curves_picture(curves: Sequence[Curve]) -> Figure:
         axes.axhline(0.0, color=GREY, linestyle=":", linewidth=1)
         unit = curve.habit.unit
         axes.set_xlabel("" if unit == "1" else unit, fontsize=9)
-    for axes in panels[len(curves) :]:
+    for axes in grid.flat[len(curves) :]:
         axes.set_visible(False)
-    for axes in panels[::columns]:
+    for axes in grid[:, 0]:
         axes.set_ylabel("adds to the reward", fontsize=9)
-    return figure
+    return grid[0, 0].figure

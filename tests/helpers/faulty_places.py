@@ -33,7 +33,7 @@ from tests.helpers.command_table import TABLE, Typed
 
 LIMIT_S = 60
 """A command that takes longer hangs."""
-LONG = ("loop", "sweep", "export", "explain", "train")
+LONG = ("loop", "sweep", "export", "explain", "train", "arena", "options")
 """What takes longest where nothing stops it."""
 CANNOT = 77
 """The exit code where this machine does not allow the place."""
