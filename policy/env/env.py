@@ -25,10 +25,13 @@ from policy.sim.sim import Sim, SimState
 
 from .course import Lane
 from .curriculum import Curriculum
+from .draws import around_zero, uniforms
 from .env_cfg import EnvCfg, Range
 from .feature_row import OBS_DIM, BaseState, base_state, feature_row, observation
 from .getup import Lying
+from .joint_targets import JointTargets
 from .seeding import spawned
+from .start_states import StartStates
 from .task_reward import task_reward_for, weighted
 from .terrain import Starts, near_edge
 from .world import in_world
@@ -42,9 +45,6 @@ ONE_OR_TWO = (
 )
 """What is wrong where a policy of two is taken for one that is alone, and the other way
 round."""
-
-Bounds = Range | tuple[Tensor, Tensor]
-"""A range whose ends may depend on how far a curriculum has come."""
 
 
 class QuadrupedEnv(VecEnv):
@@ -93,37 +93,24 @@ class QuadrupedEnv(VecEnv):
         self.device = self.sim.device
         env_seed, dropped_seed = spawned(seed, 2)
         self._rng = torch.Generator(device=self.device).manual_seed(env_seed)
-        self._home_joint_pos = self._constant(robot.home_joint_pos)
-        home_qpos = torch.tensor(robot.home_qpos, dtype=torch.float64)
-        self._home_qpos = home_qpos.to(self.device)
-        law = cfg.law
+        self._joint_targets = JointTargets(robot, cfg, self.device)
         self._encoder = None
-        self.action_scale_rad: float | Tensor = cfg.action_scale_rad
-        """Joint offset that an action of 1 asks for; [12] where joints differ."""
-        self._rest_joint_pos = self._home_joint_pos
-        if law is not None:
-            self._encoder = Encoder(law, num_envs, device=self.device)
-            scale, rest = law.action_scale_rad, law.action_offset_rad
-            self.action_scale_rad = self._constant(law.canonical(scale))
-            self._rest_joint_pos = self._constant(law.canonical(rest))
-        self._joint_qpos = torch.tensor(robot.qpos_adr, device=self.device)
-        self._joint_qvel = torch.tensor(robot.qvel_adr, device=self.device)
-        self._joint_low, self._joint_high = self._constant(robot.joint_range).unbind(-1)
-        self._target_low, self._target_high = self._joint_low, self._joint_high
-        if law is not None:
-            unbounded = ((-float("inf"), float("inf")),) * 12
-            bounds = law.canonical(law.target_clip_rad or unbounded)
-            self._target_low, self._target_high = self._constant(bounds).unbind(-1)
+        if cfg.law is not None:
+            self._encoder = Encoder(cfg.law, num_envs, device=self.device)
+        self._home_joint_pos = self._constant(robot.home_joint_pos)
         self._foot_radius = self._constant(robot.foot_radius)
         ground = robot.ground
         self._field = None if ground is None else Field(ground, self.device)
-        self._starts: Lane | Starts | None = None
         self._lane = None if cfg.course is None else Lane(cfg.course, self.device)
-        if self._field is not None:
-            self._starts = self._lane or Starts(robot, self._field)
         self._lying = None
         if cfg.getup is not None:
             self._lying = Lying(robot, cfg.getup, seed=dropped_seed, device=self.device)
+        places = None
+        if self._field is not None:
+            places = self._lane or Starts(robot, self._field)
+        self._starts = StartStates(
+            robot, cfg.reset, self.device, places=places, lying=self._lying
+        )
         self._curriculum = None
         if cfg.curriculum is not None:
             self._curriculum = Curriculum(
@@ -256,18 +243,19 @@ class QuadrupedEnv(VecEnv):
         self._obs = self._observe(state, base)
         return self.get_observations(), rewards, dones, extras
 
+    @property
+    def action_scale_rad(self) -> float | Tensor:
+        """Joint offset that an action of 1 asks for; [12] where joints differ."""
+        return self._joint_targets.scale_rad
+
     def targets(self, action: Tensor) -> Tensor:
         """Joint positions [N, 12] that `action` [N, 12] asks for, rad."""
-        targets = self._rest_joint_pos + self.action_scale_rad * action
-        return targets.clamp(self._target_low, self._target_high)
+        return self._joint_targets.of(action)
 
     def reach(self) -> Tensor:
         """[12] the action that asks for the farther end of each joint's range; infinite
         where there is none."""
-        low, high = self._target_low, self._target_high
-        rest = self._rest_joint_pos
-        farther = torch.maximum((low - rest).abs(), (high - rest).abs())
-        return farther / self.action_scale_rad
+        return self._joint_targets.reach()
 
     def snapshot(self) -> dict[str, Tensor]:
         """All state as plain tensors, so that a killed run goes on bit for bit."""
@@ -380,7 +368,7 @@ class QuadrupedEnv(VecEnv):
         ranges = (cfg.forward_m_s, cfg.left_m_s, cfg.yaw_rad_s)
         if self._curriculum is not None:
             ranges = tuple(map(self._curriculum.range, ranges))
-        return torch.cat(self._uniforms(count, *((1, r) for r in ranges)), dim=-1)
+        return torch.cat(uniforms(self._rng, count, *((1, r) for r in ranges)), dim=-1)
 
     def _reset_all(self) -> None:
         """Start new episodes everywhere."""
@@ -403,53 +391,13 @@ class QuadrupedEnv(VecEnv):
 
     def _start_states(self, count: int) -> tuple[Tensor, Tensor]:
         """States [K, nq] and [K, nv] that episodes begin in."""
-        cfg = self.cfg.reset
-        nv = self.robot.mj_model.nv
-        qvel = torch.zeros(count, nv, dtype=torch.float64, device=self.device)
-        if self._lying is not None:
-            return self._lying.draw(count, self._rng), qvel
-        offsets, lift, half_tilts, lin_vel, ang_vel, joint_vel = self._uniforms(
-            count,
-            (12, _around_zero(cfg.joint_pos_rad)),
-            (1, (0.0, cfg.height_m)),
-            (2, _around_zero(cfg.tilt_rad)),
-            (3, _around_zero(cfg.base_lin_vel_m_s)),
-            (3, _around_zero(cfg.base_ang_vel_rad_s)),
-            (12, _around_zero(cfg.joint_vel_rad_s)),
-        )
-        half_tilts = half_tilts / 2
-        joints = (self._home_joint_pos + offsets).clamp(
-            self._joint_low, self._joint_high
-        )
-        qpos = self._home_qpos.repeat(count, 1)
-        qpos[:, self._joint_qpos] = joints.double()
-        qpos[:, 2:3] += lift
-        qpos[:, 3] = (1 - half_tilts.square().sum(-1)).sqrt()
-        qpos[:, 4:6] = half_tilts
-        qpos[:, 6] = 0.0
-        if self._starts is not None:
-            self._starts.place(qpos, lambda rows, width: self._noise(rows, width, 1.0))
-        qvel[:, 0:3] = lin_vel
-        qvel[:, 3:6] = ang_vel
-        qvel[:, self._joint_qvel] = joint_vel.double()
-        return qpos, qvel
+        return self._starts.draw(count, self._rng)
 
     def _noise(self, rows: int, width: int, amplitude: float) -> Tensor:
-        return self._uniform(rows, width, _around_zero(amplitude))
+        return self._uniform(rows, width, around_zero(amplitude))
 
     def _uniform(self, rows: int, width: int, interval: Range) -> Tensor:
-        return self._uniforms(rows, (width, interval))[0]
-
-    def _uniforms(self, rows: int, *parts: tuple[int, Bounds]) -> list[Tensor]:
-        """Uniform draws [rows, width] for each (width, interval), made at once."""
-        sizes = [rows * width for width, _ in parts]
-        units = torch.rand(sum(sizes), generator=self._rng, device=self.device)
-        return [
-            low + (high - low) * unit.view(rows, width)
-            for unit, (width, (low, high)) in zip(
-                units.split(sizes), parts, strict=True
-            )
-        ]
+        return uniforms(self._rng, rows, (width, interval))[0]
 
     def _own(self, values: Tensor) -> Tensor:
         """A copy of `values` where the environment is."""
@@ -459,15 +407,7 @@ class QuadrupedEnv(VecEnv):
         return torch.tensor(values, dtype=torch.float32, device=self.device)
 
 
-Interval = Range | tuple[Tensor, Tensor]
-"""Ends of what is drawn: numbers, or tensors of one number on the device."""
-
-
 def _overwrite(record: SimState | BaseState, rows: Rows, fresh: Any) -> None:
     """Put the rows [K] of `fresh` into their rows of every tensor."""
     for item in fields(record):
         rows.put(getattr(record, item.name), getattr(fresh, item.name))
-
-
-def _around_zero(amplitude: float) -> Range:
-    return -amplitude, amplitude
