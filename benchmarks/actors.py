@@ -36,7 +36,8 @@ from policy.env.env_cfg import EnvCfg
 from policy.env.velocity_commands import env_for
 from policy.robots.robot import load_robot
 from policy.training.ppo import IterationStats, PpoCfg
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 
 from .harness import Figure, median, publish
 from .until_it_walks import look

@@ -34,7 +34,8 @@ from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot
 from policy.rollouts.record import RecordCfg, record
 from policy.training.ppo import PpoCfg
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 from rewardmodel.answers.answered_pairs import load_pairs
 
 from .harness import Figure, gaitpref, median, publish

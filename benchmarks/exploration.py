@@ -25,7 +25,8 @@ from policy.extensions.bonus import ExplorationBonusCfg, base_motion
 from policy.extensions.kl_penalty import KlPenaltyCfg
 from policy.robots.robot import load_robot
 from policy.training.ppo import IterationStats, PpoCfg
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 
 from .harness import Figure, publish
 

@@ -17,7 +17,9 @@ from policy.sim.making import make_sim
 from policy.sim.sim import Sim
 from policy.training.checkpoint import load_policy
 from policy.training.ppo import IterationStats, PpoCfg, Runner
-from policy.training.train import CHECKPOINTS_NAME, TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
+from policy.training.training_dir import CHECKPOINTS_NAME
 
 from .gpu_bench import ENV, Bench, Row
 

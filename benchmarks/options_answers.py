@@ -40,7 +40,9 @@ from policy.training.checkpoint import (
     read_plain,
 )
 from policy.training.ppo import PpoCfg, Runner
-from policy.training.train import POLICY_NAME, TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
+from policy.training.training_dir import POLICY_NAME
 from rewardmodel.answers.answered_pairs import load_pairs
 from rewardmodel.cfg import FitCfg
 from rewardmodel.fitting.fit_reward import fit_reward

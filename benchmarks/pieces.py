@@ -27,7 +27,8 @@ from gaitpref.method.method import STYLE
 from policy.rollouts.evaluate import rollout_features
 from policy.rollouts.record import RecordCfg, record
 from policy.training.checkpoint import load_policy
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 from rewardmodel.answers.answered_pairs import load_pairs
 from rewardmodel.fitting.fit_reward import fit_reward
 

@@ -35,7 +35,8 @@ from policy.rollouts.rollout import Actor, hold_home
 from policy.training.checkpoint import Policy, load_policy
 from policy.training.ppo import PpoCfg, ScoreFn, history_of
 from policy.training.setup import setting_of
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 
 from .preference_fresh import on_fresh_pairs
 from .preference_plan import Cell, cfg_of, steps_of

@@ -24,7 +24,7 @@ from data.errors import GaitprefError
 from data.files.files import write_atomically
 from policy.training.ppo import PpoCfg
 from policy.training.setup import setting_of
-from policy.training.train import TrainCfg
+from policy.training.train_cfg import TrainCfg
 
 from .harness import Figure, median, publish
 from .until_it_walks import Parts, until_it_walks

@@ -22,7 +22,7 @@ from policy.robots.shipped import WALK
 from policy.rollouts.record import RecordCfg, record
 from policy.training.ppo import PpoCfg
 from policy.training.setup import setting_of
-from policy.training.train import TrainCfg
+from policy.training.train_cfg import TrainCfg
 
 from .harness import median
 

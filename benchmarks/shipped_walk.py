@@ -18,7 +18,7 @@ from gaitpref.training.symmetry import in_mirror
 from policy.robots.shipped import WALK
 from policy.training.checkpoint import without_optimizer
 from policy.training.setup import setting_of
-from policy.training.train import TrainCfg
+from policy.training.train_cfg import TrainCfg
 
 from .until_it_walks import Parts, until_it_walks
 

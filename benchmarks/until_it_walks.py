@@ -15,7 +15,8 @@ from policy.robots.robot import Robot
 from policy.rollouts.evaluate import Evaluation, rollout_features, summarise
 from policy.rollouts.walking import Walking, table, walking
 from policy.training.checkpoint import load_policy
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 
 
 @dataclass(frozen=True, kw_only=True)

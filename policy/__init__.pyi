@@ -14,9 +14,9 @@ from .training.checkpoint import Policy as Policy
 from .training.checkpoint import load_policy as load_policy
 from .training.ppo import PpoCfg as PpoCfg
 from .training.ppo import ScoreFn as ScoreFn
-from .training.train import TrainCfg as TrainCfg
-from .training.train import TrainResult as TrainResult
+from .training.session import TrainResult as TrainResult
 from .training.train import train as train
+from .training.train_cfg import TrainCfg as TrainCfg
 
 __all__ = [
     "EnvCfg",

@@ -9,8 +9,10 @@ from gaitpref.raters.criterion_scores import criterion_context
 from gaitpref.training.total_reward import load_score, total_reward
 from policy.env.known_terms import KnownTermsCfg
 from policy.training.ppo import IterationStats, ScoreFn
+from policy.training.session import TrainResult
 from policy.training.setup import setting_of
-from policy.training.train import TrainCfg, TrainResult, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 
 
 def train_on(

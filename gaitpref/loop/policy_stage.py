@@ -23,7 +23,9 @@ from policy.parallel.ranks import ALONE, Ranks, others_alive
 from policy.robots.robot import Robot
 from policy.training.checkpoint import holding_home, load_policy
 from policy.training.ppo import IterationStats, ScoreFn
-from policy.training.train import POLICY_NAME, SUMMARY_NAME, Engine, TrainCfg, train
+from policy.training.train import Engine, train
+from policy.training.train_cfg import TrainCfg
+from policy.training.training_dir import POLICY_NAME, SUMMARY_NAME
 from rewardmodel.models.storage import load_reward
 
 from .drift import deserves_training, why_not_trained

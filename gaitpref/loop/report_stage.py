@@ -22,7 +22,7 @@ from gaitpref.report.verdict import Verdict
 from policy.rollouts.evaluate import evaluate, rollout_features, summarise
 from policy.training.checkpoint import load_policy
 from policy.training.ppo import ScoreFn
-from policy.training.train import SUMMARY_NAME
+from policy.training.training_dir import SUMMARY_NAME
 from rewardmodel.models.storage import load_reward
 
 from .drift import trust_of_round

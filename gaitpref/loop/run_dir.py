@@ -11,7 +11,7 @@ import numpy as np
 
 from data.files.files import read_json
 from gaitpref.method.context import RoundContext
-from policy.training.train import POLICY_NAME, SUMMARY_NAME
+from policy.training.training_dir import POLICY_NAME, SUMMARY_NAME
 
 from .loop_cfg import LoopCfg
 

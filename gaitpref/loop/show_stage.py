@@ -20,7 +20,7 @@ from gaitpref.method.method import Method
 from gaitpref.training.by_method import recorded_by
 from policy.rollouts.record import record
 from policy.training.checkpoint import Policy, load_policy
-from policy.training.train import POLICY_NAME
+from policy.training.training_dir import POLICY_NAME
 from rewardmodel.acquisition import asked_for, in_step
 from rewardmodel.answers.program_agreement import PROGRAM
 from rewardmodel.asking.clip_questions import clips_of

@@ -18,7 +18,7 @@ from gaitpref.method.method import Method
 from gaitpref.raters.criteria import Criterion
 from gaitpref.report.verdict import Verdict
 from policy.training.checkpoint import load_policy
-from policy.training.train import POLICY_NAME
+from policy.training.training_dir import POLICY_NAME
 
 from .collect import Collector
 from .loop_cfg import LoopCfg

@@ -23,7 +23,7 @@ from policy.parallel.ranks import ALONE
 from policy.training.checkpoint import PolicyError, read_plain, saved_bytes
 from policy.training.identity import content_of, differences
 from policy.training.interrupts import interrupts
-from policy.training.train import POLICY_NAME, RESUME_NAME
+from policy.training.training_dir import POLICY_NAME, RESUME_NAME
 
 from .gait_files import Gaits, course_env, options_bytes
 

@@ -24,7 +24,7 @@ from policy.rollouts.record import RecordCfg
 from policy.rollouts.variation import VariationCfg
 from policy.training.checkpoint import Policy
 from policy.training.ppo import ScoreFn
-from policy.training.train import TrainCfg
+from policy.training.train_cfg import TrainCfg
 from rewardmodel.models.model import RewardModel
 
 from .symmetry import in_mirror

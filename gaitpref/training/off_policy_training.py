@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from policy.offpolicy.off_policy_runner import OffPolicy
 from policy.training.ppo import PpoCfg
-from policy.training.train import TrainCfg
+from policy.training.train_cfg import TrainCfg
 
 _STEPS_PER_ITERATION = 512
 """Environment steps after which figures are written, about."""

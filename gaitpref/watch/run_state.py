@@ -22,7 +22,7 @@ from gaitpref.loop.run_config import CONFIG_NAME, read_config
 from gaitpref.loop.run_dir import Round
 from gaitpref.loop.run_report import PAGE_NAME
 from gaitpref.report.journal import Journal, read_journal
-from policy.training.train import POLICY_NAME, RESUME_NAME
+from policy.training.training_dir import POLICY_NAME, RESUME_NAME
 
 from .event_files import RETURN, TRACKING, Scalars
 from .run_stage import Answered, Place, answers_of, place_in

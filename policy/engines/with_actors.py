@@ -13,7 +13,7 @@ import torch
 from policy.env.randomise import make_env
 from policy.robots.robot import Robot
 from policy.training.ppo import IterationStats, Runner
-from policy.training.train import TrainCfg
+from policy.training.train_cfg import TrainCfg
 
 from .actor import ActorPlan, weights_of
 from .actor_pool import ActorPool, seed_of_actor

@@ -17,7 +17,7 @@ from policy.law.origin import Origin
 from policy.robots.robot import Robot, load_robot
 from policy.training.checkpoint import Policy, PolicyInfo, load_policy, payload_bytes
 from policy.training.ppo import PpoCfg
-from policy.training.train import POLICY_NAME
+from policy.training.training_dir import POLICY_NAME
 
 from .meaning.beside import activation_beside, meaning_of, policy_file
 from .meaning.draft import Draft, complete, with_guesses

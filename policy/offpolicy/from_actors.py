@@ -23,7 +23,7 @@ from policy.engines.actors_cfg import ActorsCfg
 from policy.engines.ray_cluster import ray_for
 from policy.engines.trajectory import Origin
 from policy.robots.robot import Robot
-from policy.training.train import TrainCfg
+from policy.training.train_cfg import TrainCfg
 
 from .collecting import Log, Tell
 from .explorer import ExplorerPlan, SentSteps

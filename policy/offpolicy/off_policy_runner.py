@@ -23,7 +23,7 @@ from policy.robots.robot import Robot
 from policy.training.mirror import mirror_of
 from policy.training.ppo import IterationStats
 from policy.training.reward_ppo import figures_of
-from policy.training.train import TrainCfg
+from policy.training.train_cfg import TrainCfg
 
 from .as_policy import begin_from, described, policy_states
 from .collecting import Here, Source, Tell

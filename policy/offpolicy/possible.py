@@ -8,7 +8,7 @@ from pathlib import Path
 from data.errors import GaitprefError
 from policy.engines.actors_cfg import ActorsCfg
 from policy.engines.with_actors import require_for_actors
-from policy.training.train import TrainCfg
+from policy.training.train_cfg import TrainCfg
 
 
 def require_possible(

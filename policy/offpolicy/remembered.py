@@ -23,7 +23,7 @@ from data.files.plain import to_plain
 from policy.env.env import QuadrupedEnv
 from policy.training.checkpoint import read_plain
 from policy.training.policy_error import PolicyError
-from policy.training.train import RESUME_NAME
+from policy.training.training_dir import RESUME_NAME
 
 from .ring import Chunk
 

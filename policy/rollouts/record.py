@@ -22,7 +22,7 @@ from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import CommandCfg, EnvCfg
 from policy.env.seeding import spawned
 from policy.training.checkpoint import Policy, load_policy
-from policy.training.train import CHECKPOINTS_NAME
+from policy.training.training_dir import CHECKPOINTS_NAME
 
 from .babble import BABBLE_SHA256, Babble
 from .rollout import Actor, RolloutStep, first_episodes

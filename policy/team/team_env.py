@@ -22,7 +22,7 @@ from policy.parallel.ranks import ALONE, Ranks
 from policy.robots.robot import Robot
 from policy.sim.sim import SimState
 from policy.training.ppo import RewardPpo, Runner
-from policy.training.train import TrainCfg
+from policy.training.train_cfg import TrainCfg
 
 from .pair_sim import PairSim
 

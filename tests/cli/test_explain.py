@@ -19,7 +19,8 @@ from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot
 from policy.rollouts.record import RecordCfg, record
 from policy.training.ppo import PpoCfg
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 from rewardmodel import FitCfg, RewardModel, fit_reward, load_pairs, save_reward
 from rewardmodel.answers.clip_batch import pad_clips
 from rewardmodel.asking.clip_questions import ClipCfg, ask

@@ -19,7 +19,8 @@ from gaitpref.cli.options import options
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot
 from policy.training.ppo import PpoCfg
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 
 COMMANDS = {
     "loop": (["--run", "r"], options.Loop(run=Path("r"))),

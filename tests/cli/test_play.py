@@ -19,7 +19,8 @@ from labeling_ui.scene.live_robot import Drive, LiveState, StepFn
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import SHIPPED_XML, load_robot
 from policy.training.ppo import PpoCfg
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 from tests.helpers.foreign_robots import Drawing, mjcf
 
 LIMIT_S = 120.0

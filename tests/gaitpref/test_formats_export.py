@@ -26,7 +26,8 @@ from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot
 from policy.rollouts.record import RecordCfg, record
 from policy.training.ppo import PpoCfg
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 from tests.helpers.motion import trotting_dataset
 
 

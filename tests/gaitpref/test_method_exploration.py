@@ -17,7 +17,8 @@ from policy.env.env_cfg import EnvCfg
 from policy.training.checkpoint import Policy, load_policy
 from policy.training.ppo import PpoCfg
 from policy.training.setup import setting_of
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 from rewardmodel import FitCfg, RewardModel, fit_reward
 from tests.rewardmodel.test_curves import Taste, asked, best_height, best_rate
 

@@ -22,7 +22,8 @@ from policy.env.known_terms import KnownTermsCfg
 from policy.robots.robot import load_robot
 from policy.training.checkpoint import load_policy
 from policy.training.ppo import PpoCfg
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 from rewardmodel import FitCfg, fit_reward
 from rewardmodel.descriptors.habits import UNSTEADY
 from rewardmodel.descriptors.normaliser import Normaliser

@@ -33,7 +33,8 @@ from gaitpref.watch.watch_server import WatchServer
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot
 from policy.training.ppo import PpoCfg
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 from tests.helpers.older_run import older_run
 from tests.helpers.small_loop import small_cfg
 

@@ -21,7 +21,8 @@ from policy.robots.robot import load_robot
 from policy.robots.shipped import WALK
 from policy.team.team_start import as_team
 from policy.training.ppo import PpoCfg
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 from tests.helpers.log_tables import write_tables
 from tests.helpers.ros2_bag import Motion, write_bag
 from tests.helpers.small_loop import small_cfg

@@ -18,7 +18,8 @@ from policy.extensions.bonus import ExplorationBonusCfg
 from policy.parallel.ranks import Ranks, joined
 from policy.robots.robot import load_robot
 from policy.training.ppo import PpoCfg, Runner
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 
 ENV = EnvCfg(episode_s=0.4)
 ONE_BATCH = PpoCfg(

@@ -20,7 +20,8 @@ from policy.env.env_cfg import EnvCfg
 from policy.env.known_terms import KnownTermsCfg
 from policy.robots.robot import load_robot
 from policy.training.ppo import PpoCfg
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 from rewardmodel import FitCfg, RewardError, fit_reward, load_reward, save_reward
 from rewardmodel.asking.strategies import make_strategy
 from rewardmodel.models.ensemble import fit_ensemble

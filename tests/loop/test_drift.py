@@ -31,7 +31,8 @@ from policy.rollouts.evaluate import rollout_features, summarise
 from policy.rollouts.record import RecordCfg, record
 from policy.training.checkpoint import holding_home, load_policy
 from policy.training.ppo import PpoCfg
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 from rewardmodel import AnsweredPairs, FitCfg, RewardModel, fit_reward, load_pairs
 from rewardmodel.asking.clip_questions import ClipCfg, ask
 from rewardmodel.descriptors.table import DESCRIPTOR_NAMES

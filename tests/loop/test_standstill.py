@@ -25,7 +25,9 @@ from gaitpref.method.unstick import Optimism
 from policy.env.feature_row import OBS_DIM
 from policy.robots.robot import load_robot
 from policy.training.checkpoint import load_policy
-from policy.training.train import POLICY_NAME, TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
+from policy.training.training_dir import POLICY_NAME
 from rewardmodel.descriptors.normaliser import Normaliser
 from rewardmodel.extensions.models.mlp import MlpScorer
 from rewardmodel.extensions_cfg import MlpCfg

@@ -20,7 +20,8 @@ from policy.engines.with_actors import WithActors
 from policy.robots.robot import load_robot
 from policy.training.checkpoint import load_policy, read_plain
 from policy.training.ppo import IterationStats
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 from tests.helpers.two_ranks import ENV, ONE_BATCH
 
 ray = pytest.importorskip("ray")

@@ -25,7 +25,8 @@ from policy.offpolicy.sac_cfg import PriorityCfg, SacCfg
 from policy.robots.robot import load_robot
 from policy.training.checkpoint import load_policy, read_plain
 from policy.training.ppo import IterationStats, PpoCfg
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 from tests.helpers.one_ray import one_ray
 from tests.policy.test_actors import _actors_on
 

@@ -16,7 +16,8 @@ from policy.robots.robot import load_robot
 from policy.rollouts.record import RecordCfg, record
 from policy.rollouts.variation import VariationCfg
 from policy.training.ppo import PpoCfg
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 
 PPO = PpoCfg(num_envs=4, hidden_sizes=(8,))
 CFG = TrainCfg(steps=PPO.steps_per_iteration, env=EnvCfg(episode_s=0.4), ppo=PPO)

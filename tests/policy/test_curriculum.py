@@ -16,7 +16,8 @@ from policy.env.env_cfg import CommandCfg, EnvCfg
 from policy.robots.robot import Robot, load_robot
 from policy.training.checkpoint import load_policy, read_plain
 from policy.training.ppo import IterationStats, PpoCfg
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 
 CFG = CurriculumCfg(start=0.4, end=1.0, widen=0.2, good=0.8, window_s=0.1)
 

@@ -22,7 +22,8 @@ from policy.extensions.bonus import (
 from policy.extensions.kl_penalty import KlPenalty, KlPenaltyCfg
 from policy.robots.robot import Robot, load_robot
 from policy.training.ppo import PpoCfg
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 
 ENV = EnvCfg(episode_s=0.4)
 PPO = PpoCfg(num_envs=4, hidden_sizes=(8,), init_std=0.1)

@@ -17,7 +17,8 @@ from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot, load_robot_xml
 from policy.training.checkpoint import Policy, load_policy
 from policy.training.ppo import PpoCfg
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 from tests.helpers.foreign_robots import Drawing, mjcf
 
 onnxruntime = pytest.importorskip(

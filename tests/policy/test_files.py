@@ -26,7 +26,8 @@ from policy.extensions.kl_penalty import KlPenaltyCfg
 from policy.robots.robot import load_robot
 from policy.training.checkpoint import PolicyError, load_policy, read_plain
 from policy.training.ppo import PpoCfg
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 
 PPO = PpoCfg(num_envs=4, hidden_sizes=(8,))
 

@@ -17,7 +17,8 @@ from policy.robots.robot import Robot, load_robot
 from policy.training.checkpoint import PolicyError
 from policy.training.identity import content_of, differences
 from policy.training.ppo import PpoCfg, ScoreFn
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 
 PPO = PpoCfg(num_envs=4, hidden_sizes=(8,))
 CFG = TrainCfg(

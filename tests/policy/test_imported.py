@@ -34,7 +34,8 @@ from policy.robots.robot import load_robot
 from policy.training.checkpoint import Policy, load_policy
 from policy.training.ppo import PpoCfg
 from policy.training.setup import setting_of
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 from tests.helpers.foreign_layouts import (
     TERMS,
     checkpoint_of,

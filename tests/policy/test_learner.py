@@ -19,7 +19,8 @@ from policy.env.curriculum import CurriculumCfg
 from policy.env.randomise import make_env
 from policy.robots.robot import Robot, load_robot
 from policy.training.ppo import Runner
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 from tests.helpers.two_ranks import ENV, ONE_BATCH, Steady
 
 CFG = TrainCfg(steps=1000, env=ENV, ppo=replace(ONE_BATCH, minibatches=3))

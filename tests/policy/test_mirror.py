@@ -18,7 +18,8 @@ from policy.sim.chosen import Listed
 from policy.training.checkpoint import load_policy
 from policy.training.mirror import Mirror, has_mirror, mirror_of, mirrored
 from policy.training.ppo import PpoCfg
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 
 ENV = EnvCfg()
 

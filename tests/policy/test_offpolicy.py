@@ -26,8 +26,10 @@ from policy.robots.robot import Robot, load_robot
 from policy.rollouts.record import RecordCfg, record
 from policy.training.checkpoint import holding_home, load_policy, read_plain
 from policy.training.ppo import IterationStats, PpoCfg
+from policy.training.session import TrainResult
 from policy.training.setup import setting_of
-from policy.training.train import TrainCfg, TrainResult, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 
 ENV = EnvCfg(episode_s=0.4, commands=CommandCfg(resample_s=math.inf))
 PPO = PpoCfg(num_envs=4, steps_per_env=24, hidden_sizes=(16,))

@@ -20,7 +20,8 @@ from policy.env.env_cfg import CommandCfg, EnvCfg
 from policy.robots.robot import Robot, load_robot
 from policy.training.checkpoint import PolicyError, load_policy
 from policy.training.ppo import IterationStats, PpoCfg, RewardPpo, Runner, to_rsl_rl
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 
 ENV = EnvCfg(episode_s=0.4, commands=CommandCfg(resample_s=math.inf))
 PPO = PpoCfg(num_envs=4, steps_per_env=24, hidden_sizes=(8,), init_std=0.1)

@@ -20,7 +20,8 @@ from policy.offpolicy.sac_cfg import PriorityCfg, SacCfg
 from policy.robots.robot import load_robot
 from policy.training.checkpoint import read_plain
 from policy.training.ppo import IterationStats, PpoCfg
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 
 ENV = EnvCfg(episode_s=0.4)
 PPO = PpoCfg(num_envs=4, steps_per_env=24, hidden_sizes=(16,))

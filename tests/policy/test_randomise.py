@@ -21,7 +21,8 @@ from policy.sim.batch_sim import VariedBatchSim
 from policy.sim.chosen import Listed
 from policy.training.checkpoint import PolicyError, load_policy
 from policy.training.ppo import PpoCfg
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 
 STILL = ResetCfg(
     joint_pos_rad=0,

@@ -21,7 +21,8 @@ from policy.rollouts.rollout import hold_home
 from policy.sim.batch_sim import BatchSim
 from policy.training.checkpoint import Policy, load_policy
 from policy.training.ppo import PpoCfg
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 
 ENV = EnvCfg()
 RECORD = RecordCfg(episodes=20, episode_s=1.0)

@@ -15,7 +15,8 @@ from gaitpref.loop.run_inputs import inputs_of
 from policy.robots.shipped import WALK
 from policy.training.checkpoint import PolicyError, load_policy
 from policy.training.setup import setting_of
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 
 MADE = "7eeb9dd809fb38e3da5e7743c5a4b51b90209f8a4987af1e0c4b1cce72b711f5"
 """What `python -m benchmarks.shipped_walk` printed."""

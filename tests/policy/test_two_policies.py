@@ -18,7 +18,9 @@ from policy.team.team_env import TwoPpo, team_runner
 from policy.team.team_start import as_team
 from policy.training.checkpoint import PolicyError, load_policy, read_plain, saved_bytes
 from policy.training.ppo import PpoCfg, Runner
-from policy.training.train import TrainCfg, TrainResult, train
+from policy.training.session import TrainResult
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 
 
 @pytest.fixture(scope="module")

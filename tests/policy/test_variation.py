@@ -17,7 +17,8 @@ from policy.rollouts.record import RecordCfg, record
 from policy.rollouts.rollout import first_episodes, hold_home
 from policy.rollouts.variation import VariationCfg, Varied, joints_per_shift
 from policy.training.ppo import PpoCfg
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 
 ENV = EnvCfg(episode_s=1.0)
 ALL = VariationCfg(share=1.0)

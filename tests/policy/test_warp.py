@@ -28,7 +28,8 @@ from policy.sim.making import SimCfg
 from policy.sim.sim import SimError
 from policy.training.checkpoint import load_policy
 from policy.training.ppo import PpoCfg
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 
 # Warp opens every GPU it sees.
 os.environ["CUDA_VISIBLE_DEVICES"] = ""

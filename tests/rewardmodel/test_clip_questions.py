@@ -29,7 +29,8 @@ from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot
 from policy.training.checkpoint import load_policy
 from policy.training.ppo import PpoCfg
-from policy.training.train import TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 from rewardmodel.asking.clip_questions import ClipCfg, ask, with_known_answer
 from rewardmodel.asking.visible import Visible
 

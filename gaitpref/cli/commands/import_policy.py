@@ -10,7 +10,7 @@ from policy.imported.bring import bring, understand
 from policy.imported.meaning.law_toml import law_toml
 from policy.law.law import LawError
 from policy.law.origin import table
-from policy.training.train import POLICY_NAME
+from policy.training.training_dir import POLICY_NAME
 
 
 def run(command: options.Policy) -> int:

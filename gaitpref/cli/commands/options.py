@@ -26,7 +26,7 @@ from policy.options.choice_row import TASK, ChoiceReward, written_reward
 from policy.options.choosing import ChoosingCfg
 from policy.rollouts.record import RecordCfg, record
 from policy.training.checkpoint import load_policy
-from policy.training.train import POLICY_NAME
+from policy.training.training_dir import POLICY_NAME
 
 UNTAUGHT_NAME, DATASET_NAME = "untaught.pt", "dataset"
 _LENGTHS_M = {"steps": 2.0, "bar": 0.4, "slope": 1.2}

@@ -48,7 +48,9 @@ from policy.team.team_record import LAZY, TeamRecordCfg, record_team
 from policy.team.team_start import as_team
 from policy.training.checkpoint import PolicyError, PolicyInfo, load_policy
 from policy.training.ppo import PpoCfg, ScoreFn
-from policy.training.train import POLICY_NAME, RESUME_NAME, TrainCfg, train
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
+from policy.training.training_dir import POLICY_NAME, RESUME_NAME
 from rewardmodel.answers.answered_pairs import load_pairs
 from rewardmodel.team.team_fit import fit_team, rows_in
 from rewardmodel.team.team_reward import TeamReward

@@ -42,7 +42,9 @@ from policy.rollouts.walking import from_rest
 from policy.training.checkpoint import PolicyError, load_policy
 from policy.training.ppo import ScoreFn
 from policy.training.setup import Setting, setting_of
-from policy.training.train import POLICY_NAME, RESUME_NAME, Engine, TrainCfg, train
+from policy.training.train import Engine, train
+from policy.training.train_cfg import TrainCfg
+from policy.training.training_dir import POLICY_NAME, RESUME_NAME
 from rewardmodel.models.model import RewardModel
 
 _LOOK_S = 5.0
