@@ -35,26 +35,6 @@ from tests.helpers.foreign_robots import Drawing, mjcf
 from tests.helpers.small_loop import small_cfg
 
 
-def test_learning(tmp_path: Path) -> None:
-    """Every figure of the goals is there, as a number, in one flat object."""
-    figures = tmp_path / "figures.json"
-    command = [sys.executable, "-m", "benchmarks.learning", "--quick"]
-    subprocess.run(
-        [*command, "--json", str(figures), "--work", str(tmp_path / "work")], check=True
-    )
-    result = json.loads(figures.read_text())
-    for name in (
-        "train_tracking_error_m_s",
-        "train_falls",
-        "fit_300_pairs_s",
-        "scratch_fraction_median",
-        "scratch_reached",
-        "scratch_wall_s_max",
-        "scratch_peak_mb",
-    ):
-        assert isinstance(result[name], int | float), name
-
-
 def test_actors(tmp_path: Path) -> None:
     """PPO beside an actor on Ray, by steps, time and staleness."""
     pytest.importorskip("ray")

@@ -67,6 +67,8 @@ ELSEWHERE = {
     "torchrun": "tests/policy/test_ranks.py starts ranks",
     "gaitpref answer --dataset runs/clips --rater openai:": "test_programs serves one",
     "ray start": "tests/policy/test_actors.py starts Ray",
+    "gaitpref loop --run runs/up": "tests/loop/test_loop.py begins lying",
+    "gaitpref loop --run runs/own --criterion": "tests/house/test_examples.py has one",
     "gaitpref options": "tests/policy/test_options.py",
     "gaitpref record --policy runs/choose": "tests/policy/test_options.py",
     "gaitpref pairs --dataset runs/judged": "tests/policy/test_options.py",
