@@ -28,6 +28,7 @@ from gaitpref.console.terminal import EXIT_INTERRUPTED
 from gaitpref.raters.criterion_scores import criterion_context
 from gaitpref.training.by_method import Retraining, rows_of
 from gaitpref.training.off_policy_training import off_policy_cfg
+from gaitpref.training.offline_gain import offline_gain
 from gaitpref.training.total_reward import load_score, total_reward
 from policy.engines.with_actors import WithActors
 from policy.env.curriculum import CurriculumCfg
@@ -112,6 +113,7 @@ def _train(command: options.Train, ranks: Ranks) -> int:
     console.print(f"the policy is {result.policy}")
     if told := told_of_distance(result.stats):
         console.print(told)
+        _tell_gain(command, result.policy, setting, cfg.env, reward_fn)
     if ranks.is_first and command.reward == "task" and not command.getup:
         _tell_standing(result.policy)
     if ranks.is_first:
@@ -120,6 +122,20 @@ def _train(command: options.Train, ranks: Ranks) -> int:
             f"record --policy {result.policy} --dataset DIR` logs what it does"
         )
     return 0
+
+
+def _tell_gain(
+    command: options.Train,
+    file: Path,
+    setting: Setting,
+    env: EnvCfg,
+    reward_fn: ScoreFn | None,
+) -> None:
+    """Say what learning offline was worth, where it began from a policy."""
+    if command.init is not None:
+        before, after = load_policy(command.init), load_policy(file)
+        gain = offline_gain(before, after, setting.robot, env, reward_fn)
+        console.print(gain.words)
 
 
 def _tell_standing(file: Path) -> None:

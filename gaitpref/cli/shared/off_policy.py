@@ -63,7 +63,7 @@ def told_of_distance(stats: IterationStats | None) -> str:
     if found < TOO_FAR:
         return (
             f"its actions differ from those in memory by {found:.2f} of what two of "
-            "them differ by; none of it was tried: `gaitpref evaluate` tries it"
+            "them differ by"
         )
     return (
         f"the data do not hold what the reward wants: the policy's actions differ from "
