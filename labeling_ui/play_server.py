@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import queue
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -20,7 +21,7 @@ from labeling_ui.page.loop_status import LoopStatus, no_status
 from labeling_ui.page.theme import set_theme
 from labeling_ui.questions.rater_figures import RaterFigures
 from labeling_ui.scene.aim import Aim
-from labeling_ui.scene.live_robot import HISTORY_S, Drive, LivePolicy, LiveRobot
+from labeling_ui.scene.live_robot import HISTORY_S, Drive, LivePolicy, LiveRobot, StepFn
 from labeling_ui.scene.scene import NAMES, PairScene
 from labeling_ui.shell.key_map import KeyGroup
 from labeling_ui.shell.page_shell import Shell
@@ -37,8 +38,14 @@ COMMAND_RANGES = (
 """Name, lowest, highest and first value of each slider."""
 SPEEDS = ("0.25x", "0.5x", "1x", "2x")
 PUSH_M_S = 0.7
-PlayKey = Literal["P", "space", "R", "X", "T", "C", "M"]
-Colour = Literal["orange", "gray", "blue"]
+Key = Literal[
+    "P", "space", "R", "X", "T", "C", "M", "I", "K", "J", "L", "1", "2"
+]  # fmt: skip
+Colour = Literal["orange", "gray", "blue", "green"]
+Button = tuple[Key, str, int | None, str, Colour]
+"""Key, event and its value, words and colour."""
+Like = Callable[[Sequence[StepFn], int], str]
+"""Keeps that of the robots, as they are stepped, one is liked; gives what to say."""
 _READOUT_S = 0.2
 _MAX_STEPS_A_TICK = 3
 
@@ -47,9 +54,18 @@ class PlayPage:
     """One browser tab; its robots are its own."""
 
     def __init__(
-        self, client: viser.ClientHandle, policies: tuple[LivePolicy, ...]
+        self,
+        client: viser.ClientHandle,
+        policies: tuple[LivePolicy, ...],
+        like: Like | None = None,
     ) -> None:
-        self._client = client
+        """
+        Args:
+            client: The tab.
+            policies: One, or two on the same commands.
+            like: Keeps which of two robots the visitor likes; None does not ask.
+        """
+        self._client, self._like = client, like
         self._robots = tuple(LiveRobot(policy) for policy in policies)
         self._events: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
         self._command = [first for _, _, _, first in COMMAND_RANGES]
@@ -121,9 +137,18 @@ class PlayPage:
         if name.startswith("command"):
             self._command[int(name[-1])] = float(value)
         elif name == "stand":
-            for slider in self._sliders:
-                slider.value = 0.0
-            self._command = [0.0, 0.0, 0.0]
+            self._ask([0.0, 0.0, 0.0])
+        elif name == "turn":
+            index, by = value
+            asked = list(self._command)
+            low, high = COMMAND_RANGES[index][1:3]
+            asked[index] = min(high, max(low, round(asked[index] + by, 2)))
+            self._ask(asked)
+        elif name == "like":
+            assert self._like is not None
+            steps = [robot.step_fn for robot in self._robots]
+            told = html.escape(self._like(steps, value))
+            self._told.content = f'<div style="{_TOLD}" role="status">{told}</div>'
         elif name == "push":
             self._push = True
         elif name == "play":
@@ -142,6 +167,12 @@ class PlayPage:
             set_theme(self._client.gui, dark=self._dark)
             self._scene.darken(self._dark)
 
+    def _ask(self, command: list[float]) -> None:
+        """Command the robots, and let the sliders show it."""
+        self._command = command
+        for slider, value in zip(self._sliders, command, strict=True):
+            slider.value = value
+
     def _build(self, gui: viser.GuiApi) -> None:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(PANEL_WIDTH_PX)
@@ -152,17 +183,26 @@ class PlayPage:
         ]
         for index, slider in enumerate(self._sliders):
             slider.on_update(posts_value(self.post, f"command{index}"))
-        for key, name, words, colour in _KEYS:
-            button = gui.add_button(f"{words} [{key}]", color=colour)
-            button.on_click(posts(self.post, name))
+        for key, words, index, by in _STEERING:
             command = gui.add_command(words, hotkey=key)
-            command.on_trigger(posts(self.post, name))
+            command.on_trigger(posts(self.post, "turn", (index, by)))
+        if self._like is not None:
+            self._add_buttons(gui, _LIKES)
+        self._told = gui.add_html("")
+        self._add_buttons(gui, _KEYS)
         speed = gui.add_dropdown("speed", SPEEDS, initial_value="1x")
         speed.on_update(posts_value(self.post, "speed"))
         panel = gui.add_panel()
         with panel.add_tab(f"Footfalls of the last {HISTORY_S:g} s"):
             self._strip = gui.add_html("")
         panel.float(x=12, y=-12, width=FLOATING_PX)
+
+    def _add_buttons(self, gui: viser.GuiApi, keys: tuple[Button, ...]) -> None:
+        for key, name, value, words, colour in keys:
+            button = gui.add_button(f"{words} [{key}]", color=colour)
+            button.on_click(posts(self.post, name, value))
+            command = gui.add_command(words, hotkey=key)
+            command.on_trigger(posts(self.post, name, value))
 
     def _show_figures(self) -> None:
         dt_s = self._robots[0].policy.control_dt_s
@@ -186,30 +226,53 @@ def _figures(name: str, robot: LiveRobot) -> str:
     )
 
 
-_KEYS: tuple[tuple[PlayKey, str, str, Colour], ...] = (
-    ("P", "push", "Push", "orange"),
-    ("space", "play", "Pause or go on", "blue"),
-    ("R", "reset", "Reset", "gray"),
-    ("X", "stand", "Stand still", "gray"),
-    ("T", "view", "Other view", "gray"),
-    ("C", "camera", "Reset the camera", "gray"),
-    ("M", "theme", "Light or dark", "gray"),
+_TOLD = "padding:2px 12px 6px;font-size:13px"
+_STEERING: tuple[tuple[Key, str, int, float], ...] = (
+    ("I", "Faster", 0, 0.1),
+    ("K", "Slower", 0, -0.1),
+    ("J", "Turn left", 2, 0.2),
+    ("L", "Turn right", 2, -0.2),
+)
+"""Key, words, which command, and by how much; W, A, S and D move the camera."""
+_LIKES: tuple[Button, ...] = (
+    ("1", "like", 0, "A walks as it should", "green"),
+    ("2", "like", 1, "B walks as it should", "green"),
+)
+_KEYS: tuple[Button, ...] = (
+    ("P", "push", None, "Push", "orange"),
+    ("space", "play", None, "Pause or go on", "blue"),
+    ("R", "reset", None, "Reset", "gray"),
+    ("X", "stand", None, "Stand still", "gray"),
+    ("T", "view", None, "Other view", "gray"),
+    ("C", "camera", None, "Reset the camera", "gray"),
+    ("M", "theme", None, "Light or dark", "gray"),
 )
 
 
-_SHELL = Shell(
-    title="Drive a policy",
-    scene="Robots that walk as the sliders ask",
-    keys=(KeyGroup("Drive", tuple((key, words) for key, _, words, _ in _KEYS)),),
-    words={"answers": {}, "sureKeys": {}, "whyKeys": {}},
-)
+def _shell(*, likes: bool) -> Shell:
+    buttons = (_LIKES if likes else ()) + _KEYS
+    drive = [(key, words) for key, words, _, _ in _STEERING]
+    drive += [(key, words) for key, _, _, words, _ in buttons]
+    return Shell(
+        title="Drive a policy",
+        scene="Robots that walk as the sliders ask",
+        keys=(KeyGroup("Drive", tuple(drive)),),
+        words={"answers": {}, "sureKeys": {}, "whyKeys": {}},
+    )
 
 
-def play_site(policies: tuple[LivePolicy, ...], port: int, tokens: TokenStore) -> Site:
-    """A site on loopback, without a login; start it with a maker of `PlayPage`."""
+def play_site(port: int, tokens: TokenStore, *, likes: bool = False) -> Site:
+    """A site on loopback, without a login; start it with a maker of `PlayPage`, who
+    asks what is liked or does not."""
 
     def no_figures(rater_id: str) -> RaterFigures:
         raise KeyError(rater_id)
 
     cfg = ProxyCfg(port=port, auth=False, max_clients=4, max_clients_per_rater=4)
-    return Site(cfg, tokens=tokens, figures=no_figures, shell=_SHELL, status=no_status)
+    return Site(
+        cfg,
+        tokens=tokens,
+        figures=no_figures,
+        shell=_shell(likes=likes),
+        status=no_status,
+    )

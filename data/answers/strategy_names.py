@@ -26,5 +26,7 @@ NEEDS_MODEL = (
 )
 """Names of strategies that ask an ensemble, and of it the hardest questions; kcenter
 and dpp use one where there is one."""
+DRIVEN = "driven"
+"""Name on pairs of what two robots did while a person drove them."""
 ASKED_AGAIN = "again"
 """Name on pairs that earlier versions asked once more, as the answers looked wrong."""

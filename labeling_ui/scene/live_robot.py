@@ -68,7 +68,7 @@ class LiveRobot:
 
     def __init__(self, policy: LivePolicy) -> None:
         self.policy = policy
-        self._step = policy.new_step()
+        self.step_fn = policy.new_step()
         rows = round(HISTORY_S / policy.control_dt_s)
         self._contacts: deque[np.ndarray] = deque(maxlen=rows)
         self._path: np.ndarray | None = None
@@ -88,7 +88,7 @@ class LiveRobot:
             self._lying_s -= dt_s
             return
         self._lying_s = 0.0
-        self.state = state = self._step(drive)
+        self.state = state = self.step_fn(drive)
         self._contacts.append(np.asarray(state.contact) > 0)
         floor_m = self.policy.geometry.floor_m(state.qpos[:2])
         here = np.array([*state.qpos[:2], floor_m])

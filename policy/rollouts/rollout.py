@@ -74,25 +74,42 @@ def first_episodes(
     """
     alive = torch.ones(env.num_envs, dtype=torch.bool)
     while alive.any():
-        qpos, qvel = env.sim.raw_state()
-        obs, own = env.get_observations()["policy"], env.own_obs
         draws = None
         if noise is not None:
             draws = noise[:, None] * torch.randn(env.num_envs, 12, generator=rng)
-        limit = env.cfg.action_limit
-        action = actor(obs, draws).clamp(-limit, limit)
-        _, reward, dones, extras = env.step(action)
-        yield RolloutStep(
-            qpos=qpos,
-            qvel=qvel,
-            obs=own,
-            action=action,
-            targets=extras["targets"],
-            features=extras["features"],
-            reward=reward,
-            alive=alive.clone(),
-            fallen=extras["fallen"] & alive,
-            aborted=extras["aborted"] & alive,
-            final=extras.get("final"),
-        )
+        step, dones = one_step(actor, env, alive, draws)
+        yield step
         alive &= ~dones
+
+
+@torch.inference_mode()
+def one_step(
+    actor: Actor, env: QuadrupedEnv, alive: Tensor, draws: Tensor | None = None
+) -> tuple[RolloutStep, Tensor]:
+    """One control step of `env`, and which environments [N] it ended.
+
+    Args:
+        actor: Who acts.
+        env: What is stepped.
+        alive: [N] the environment's first episode is still going on.
+        draws: Standard normal draws [N, 12] times the scale of the noise, if any.
+    """
+    qpos, qvel = env.sim.raw_state()
+    obs, own = env.get_observations()["policy"], env.own_obs
+    limit = env.cfg.action_limit
+    action = actor(obs, draws).clamp(-limit, limit)
+    _, reward, dones, extras = env.step(action)
+    step = RolloutStep(
+        qpos=qpos,
+        qvel=qvel,
+        obs=own,
+        action=action,
+        targets=extras["targets"],
+        features=extras["features"],
+        reward=reward,
+        alive=alive.clone(),
+        fallen=extras["fallen"] & alive,
+        aborted=extras["aborted"] & alive,
+        final=extras.get("final"),
+    )
+    return step, dones

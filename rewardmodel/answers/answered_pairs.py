@@ -16,7 +16,7 @@ from torch import Tensor
 
 from data.answers.answer_records import Pair
 from data.answers.rater_habits import Sides
-from data.answers.strategy_names import ASKED_AGAIN, NEEDS_MODEL
+from data.answers.strategy_names import ASKED_AGAIN, DRIVEN, NEEDS_MODEL
 from data.datasets.dataset import Dataset
 from data.episodes.clips import Clip
 from rewardmodel.errors import RewardError
@@ -134,9 +134,10 @@ class AnsweredPairs:
 
     @property
     def at_random(self) -> Tensor:
-        """[B] bool: no reward chose the pair for being hard."""
-        hard = (*NEEDS_MODEL, ASKED_AGAIN)
-        return torch.tensor([name not in hard for name in self.strategies])
+        """[B] bool: no reward chose the pair for being hard, and no person for what it
+        shows."""
+        chosen = (*NEEDS_MODEL, ASKED_AGAIN, DRIVEN)
+        return torch.tensor([name not in chosen for name in self.strategies])
 
     @property
     def fell(self) -> Tensor:

@@ -14,10 +14,17 @@ import numpy as np
 import pytest
 
 from benchmarks.visitor import Visitor
-from gaitpref.cli.commands.looking.play import live_policy
+from data.datasets.dataset import Dataset
+from data.errors import GaitprefError
+from gaitpref.cli.commands.looking.play import live_policy, run
+from gaitpref.cli.options.policy_options import Play
+from gaitpref.raters.liked import LONGEST_S, Liked
 from labeling_ui.scene.live_robot import Drive, LiveState, StepFn
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import SHIPPED_XML, load_robot
+from policy.robots.shipped import WALK
+from policy.rollouts.driven_policy import DrivenPolicy
+from policy.training.checkpoint import load_policy
 from policy.training.ppo import PpoCfg
 from policy.training.train import train
 from policy.training.train_cfg import TrainCfg
@@ -78,10 +85,55 @@ def test_another_robot_than_the_policys_is_told(
     assert not capsys.readouterr().out
 
 
-def test_two_policies_are_driven_and_pushed_on_one_page(policies: list[Path]) -> None:
+def test_what_is_liked_is_kept_with_an_answer(tmp_path: Path) -> None:
+    """Of both robots the same last seconds, from the last push or other command on."""
+    policy = load_policy(WALK)
+    robot = policy.robot()
+    one, other, twin = (
+        DrivenPolicy(policy, robot, seed=seed, memory_s=LONGEST_S) for seed in (0, 1, 1)
+    )
+    dataset = Dataset.create(tmp_path / "set")
+    like = Liked(dataset, "ann")
+    for driven in (one, other):
+        for _ in range(20):
+            driven.step((0.3, 0.0, 0.0))
+    assert "not kept: 0.4 s since the last push" in like((one, other), 0)
+    assert dataset.entries() == ()
+    last = [driven.step((0.5, 0.0, 0.2)) for driven in (one, other) for _ in range(200)]
+    assert "kept: B is better, of the last 3.0 s; answers so far: 1" in like(
+        (one, other), 1
+    )
+    with dataset.answers() as store:
+        ((pair, answer),) = store.current_answers()
+        assert store.raters() == {"ann": "human"}
+    assert (answer.rater_id, answer.target) == ("ann", 0.0)
+    a, b = (dataset.read(clip.rollout) for clip in (pair.a, pair.b))
+    assert a.meta.policy_sha256 == b.meta.policy_sha256 == policy.sha256
+    assert a.meta.command == b.meta.command == (0.5, 0.0, 0.2)
+    assert pair.a.steps == pair.b.steps == len(b.features) == 150
+    assert np.array_equal(b.features[-1], last[-1].features[0].numpy())
+    assert np.array_equal(b.qpos[0], last[-150].qpos[0].numpy())
+    one.push((0.3, 0.0))
+    assert "not kept: 0.0 s" in like((one, other), 0)
+    for driven in (other, twin):
+        driven.begin()
+        for _ in range(80):
+            driven.step((0.5, 0.0, 0.0))
+    assert "both robots did exactly the same" in like((other, twin), 0)
+
+
+def test_one_robot_is_liked_more_than_none(policies: list[Path]) -> None:
+    with pytest.raises(GaitprefError, match="give --against POLICY too"):
+        run(Play(policy=policies[0], dataset=Path("set")))
+
+
+def test_two_policies_are_driven_and_judged_on_one_page(
+    policies: list[Path], tmp_path: Path
+) -> None:
     """Both robots move in the same command; the page tells their speeds."""
     command = [sys.executable, "-m", "gaitpref", "play", "--port", "0"]
     arguments = ["--policy", policies[0], "--against", policies[1]]
+    arguments += ["--dataset", tmp_path / "set"]
     with subprocess.Popen(
         [*command, *arguments], stdout=subprocess.PIPE, text=True
     ) as server:
@@ -101,7 +153,10 @@ async def _driven(url: str) -> None:
         page = asyncio.create_task(visitor.run())
         await _until(page, lambda: {"robot_A", "robot_B"} <= visitor.moved.keys())
         await visitor.press("Stand still")
-        await visitor.slide("forward, m/s", 1.0)
+        await visitor.press("A walks as it should")
+        await _until(page, lambda: "kept: " in "".join(visitor.texts.values()))
+        await visitor.slide("forward, m/s", 0.9)
+        await visitor.press("Faster")
         await _until(page, lambda: set(_speeds(visitor)) == {"A", "B"})
         before = _fastest(visitor)
         while _fastest(visitor) < before + 0.2:

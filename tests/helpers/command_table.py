@@ -142,6 +142,7 @@ TABLE = (
         writes_set=True,
     ),
     Typed("play --policy {policy} --port 0"),
+    Typed("play --policy {policy} --against {shipped} --dataset {out} --port 0"),
     Typed("arena --out {out} --policy a={policy} --policy b={shipped} --episodes 5"),
     Typed("film --policy {policy} --out {out}.gif --duration-s 1 --fps 2"),
     Typed("export --policy {policy} --out {out}"),

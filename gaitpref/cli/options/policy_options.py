@@ -191,6 +191,9 @@ class Play:
     """Policy file; by default the walk that ships."""
     against: Path | None = None
     """Policy file shown beside it, on the same commands."""
+    dataset: Path | None = None
+    """Data set, made if there is none, that gets the last seconds of both robots and
+    your answer whenever you press 1, to say that A walks as it should, or 2 for B."""
     port: int = 8080
     """TCP port on this machine; 0 takes a free one."""
     robot: Path | None = None

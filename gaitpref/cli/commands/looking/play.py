@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import deepcopy
-from dataclasses import replace
 from pathlib import Path
 
-import torch
 import viser
 
+from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from data.features import column
 from gaitpref.cli.options import options
@@ -16,66 +16,44 @@ from gaitpref.cli.shared.serving import require_port, stoppable, wait_until_stop
 from gaitpref.console.browser import open_page
 from gaitpref.console.progress import working
 from gaitpref.console.terminal import say
-from labeling_ui.play_server import PlayPage, play_site
+from gaitpref.raters.liked import LONGEST_S, Liked
+from labeling_ui.play_server import Like, PlayPage, play_site
 from labeling_ui.scene.geometry import robot_geometry
 from labeling_ui.scene.live_robot import Drive, LivePolicy, LiveState, StepFn
+from labeling_ui.web.proxy_cfg import ProxyCfg
 from labeling_ui.web.tokens import TokenStore
 from labeling_ui.web.visit import Visit
-from policy.env.env import QuadrupedEnv
-from policy.env.env_cfg import EnvCfg
 from policy.env.world import in_world
 from policy.law.driven import driven_by
 from policy.robots.differences import differences
-from policy.robots.robot import Robot, load_robot
+from policy.robots.robot import load_robot
 from policy.robots.shipped import WALK
-from policy.sim.batch_sim import BatchSim
-from policy.sim.chosen import Listed
-from policy.training.checkpoint import Policy, load_policy
-
-_FOREVER_S = 1e6
+from policy.rollouts.driven_policy import DrivenPolicy
+from policy.training.checkpoint import load_policy
 
 
-class PolicyRunner:
-    """A policy in an environment of one robot that never runs out of time."""
+class LiveStep:
+    """A driven policy as the page steps it."""
 
-    def __init__(self, policy: Policy, robot: Robot, *, seed: int = 0) -> None:
-        self._policy, self._robot, self._seed = policy, robot, seed
-        self._only = Listed(torch.zeros(1, dtype=torch.long))
-        self._env = self._new_env()
+    def __init__(self, driven: DrivenPolicy) -> None:
+        self.driven = driven
 
     def __call__(self, drive: Drive) -> LiveState:
         """One control step."""
         if drive.reset:
-            self._seed += 1
-            self._env = self._new_env()
-        env = self._env
+            self.driven.begin()
         if any(drive.push_m_s):
-            qpos, qvel = env.sim.raw_state()
-            qvel[0, :2] += torch.tensor(drive.push_m_s)
-            env.sim.reset(self._only, qpos, qvel)
-        env.fix_commands(torch.tensor([drive.command]))
-        action = self._policy(env.get_observations()["policy"])
-        extras = env.step(action)[3]
-        row = extras["features"][0]
+            self.driven.push(drive.push_m_s)
+        step = self.driven.step(drive.command)
+        assert step.final is not None
+        row = step.features[0]
         return LiveState(
-            qpos=extras["final"][0][0].numpy(),
+            qpos=step.final[0][0].numpy(),
             contact=row[column("foot_contact")].numpy(),
             speed_m_s=float(row[column("base_lin_vel_b")][0]),
             height_m=float(row[column("base_height")]),
-            fallen=bool(extras["fallen"][0]),
+            fallen=bool(step.fallen[0]),
         )
-
-    def _new_env(self) -> QuadrupedEnv:
-        cfg = live_cfg(self._policy.info.env)
-        sim = BatchSim(self._robot, 1, threads=1)
-        return QuadrupedEnv(
-            self._robot, cfg, 1, seed=self._seed, sim=sim, keep_final=True
-        )
-
-
-def live_cfg(cfg: EnvCfg) -> EnvCfg:
-    """The environment a policy was trained in, without an end."""
-    return replace(cfg, episode_s=_FOREVER_S)
 
 
 def live_policy(path: Path, xml: Path | None) -> LivePolicy:
@@ -102,7 +80,7 @@ def live_policy(path: Path, xml: Path | None) -> LivePolicy:
 
     def new_step() -> StepFn:
         # A policy that chooses among gaits remembers which one runs: of one visitor.
-        return PolicyRunner(deepcopy(policy), robot)
+        return LiveStep(DrivenPolicy(deepcopy(policy), robot, memory_s=LONGEST_S))
 
     return LivePolicy(
         name=f"{path.parent.name}/{path.name}, {policy.info.steps:,} steps{on_other}",
@@ -110,6 +88,31 @@ def live_policy(path: Path, xml: Path | None) -> LivePolicy:
         control_dt_s=env.control_dt_s,
         new_step=new_step,
     )
+
+
+def _like(command: options.Play) -> Like | None:
+    """What keeps what a visitor likes; None where nobody asked for it.
+
+    Raises:
+        GaitprefError: there is but one robot, or the data set cannot be used.
+    """
+    if command.dataset is None:
+        return None
+    if command.against is None:
+        raise GaitprefError(
+            "--dataset keeps which of two robots you like: give --against POLICY too, "
+            "or leave it out"
+        )
+    liked = Liked(Dataset.create(command.dataset), ProxyCfg.local_rater)
+
+    def like(steps: Sequence[StepFn], which: int) -> str:
+        driven = [step.driven for step in steps if isinstance(step, LiveStep)]
+        try:
+            return liked(driven, which)
+        except (GaitprefError, OSError) as error:
+            return f"not kept: {error}"
+
+    return like
 
 
 def run(command: options.Play) -> int:
@@ -123,10 +126,12 @@ def run(command: options.Play) -> int:
             f"{paths[0]} and {paths[1]} act at different rates; play one at a time"
         )
 
-    def new_page(client: viser.ClientHandle, visit: Visit) -> PlayPage:
-        return PlayPage(client, policies)
+    like = _like(command)
 
-    site = play_site(policies, command.port, TokenStore(paths[0].parent))
+    def new_page(client: viser.ClientHandle, visit: Visit) -> PlayPage:
+        return PlayPage(client, policies, like)
+
+    site = play_site(command.port, TokenStore(paths[0].parent), likes=like is not None)
     with stoppable() as stopped:
         site.start(new_page)
         print(f"the policy is at {site.url}", flush=True)
