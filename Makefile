@@ -10,7 +10,7 @@ install: $(VENV)/.installed
 
 $(VENV)/.installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[train,label,explain,parquet,postgres,logs,export,onnx,scale,gpu,film,sb3,s3-server,docs,dev]'
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[train,label,explain,parquet,postgres,logs,export,onnx,scale,gpu,film,sb3,wandb,s3-server,docs,dev]'
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[interop]' \
 	  || echo 'without the extra interop: tests that open files with other projects skip'
 	touch $@

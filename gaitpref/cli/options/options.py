@@ -128,6 +128,8 @@ class Watch:
     """Directory of `gaitpref loop --run` or of `gaitpref train --out`."""
     port: int = 8090
     """TCP port on this machine; 0 takes a free one."""
+    wandb: Annotated[str | None, tyro.conf.arg(metavar="PROJECT")] = None
+    """Send its curves and rounds to this project of Weights & Biases too."""
     open: bool = False
     """Open the page in this machine's browser."""
 

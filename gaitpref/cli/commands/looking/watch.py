@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import threading
+from collections.abc import Callable
 
 from data.errors import GaitprefError
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.serving import require_port, stoppable, wait_until_stopped
 from gaitpref.console.browser import open_page
+from gaitpref.console.extras import require
 from gaitpref.console.progress import console
 from gaitpref.console.terminal import say
 from gaitpref.watch.watch_server import WatchServer
@@ -34,5 +37,26 @@ def run(command: options.Watch) -> int:
             open_page(server.url)
 
     with stoppable() as stopped:
-        asyncio.run(server.serve(ready, lambda: wait_until_stopped(stopped)))
+        mirrored = _mirrored(command, stopped)
+        try:
+            asyncio.run(server.serve(ready, lambda: wait_until_stopped(stopped)))
+        finally:
+            stopped.set()
+            mirrored()
     return 0
+
+
+def _mirrored(command: options.Watch, stopped: threading.Event) -> Callable[[], None]:
+    """Send the run elsewhere as long as it is watched, if that is asked for; gives what
+    waits for the last of it.
+
+    Raises:
+        GaitprefError: the client is not installed, or nobody is logged in.
+    """
+    if command.wandb is None:
+        return lambda: None
+    mirror = require("gaitpref.watch.wandb_mirror", "wandb").WandbMirror(
+        command.run, command.wandb
+    )
+    say(f"it is sent to {mirror.url or 'files, for `wandb sync`'}")
+    return mirror.beside(stopped)
