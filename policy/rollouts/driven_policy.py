@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from data.episodes.episode_records import Episode, EpisodeMeta
+from data.episodes.episode_records import Episode
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import Robot
@@ -19,11 +19,9 @@ from policy.sim.batch_sim import BatchSim
 from policy.sim.chosen import Listed
 from policy.training.checkpoint import Policy
 
-from .record import LOGGED, episode_of
+from .record import LOGGED, Command, episode_of, meta_of
 from .rollout import RolloutStep, one_step
 
-Command = tuple[float, float, float]
-"""Forward m/s, left m/s, yaw rad/s."""
 _FOREVER_S = 1e6
 _ALIVE = torch.ones(1, dtype=torch.bool)
 
@@ -89,22 +87,8 @@ class DrivenPolicy:
             name: np.stack([getattr(step, name)[0].numpy() for step in kept])
             for name in LOGGED
         }
-        info = self._policy.info
-        meta = EpisodeMeta(
-            task="walk" if info.env.getup is None else "getup",
-            seed=self._seed,
-            env_index=0,
-            command=self._command,
-            policy_sha256=self._policy.sha256,
-            policy_step=info.steps,
-            stochastic=False,
-            control_dt_s=info.env.control_dt_s,
-            physics_dt_s=info.env.physics_dt_s,
-            robot=self._robot.name,
-            model_sha256=self._robot.model_sha256,
-            round=0,
-            extra={"trained_against": info.reward, "driven": "by hand"},
-        )
+        meta = meta_of(self._policy, self._env, command=self._command, seed=self._seed)
+        meta.extra["driven"] = "by hand"
         return episode_of(kept[-1], rows, 0, meta, self._robot.mjcf)
 
     def _new_env(self) -> QuadrupedEnv:

@@ -158,42 +158,27 @@ def _record_one(
     babble: bool,
 ) -> Iterator[Episode]:
     """Episodes of `policy`, or of random rhythms in its place."""
-    info = policy.info
-    gaits = info.ppo.gaits
+    gaits = policy.info.ppo.gaits
     if gaits is not None:
         # It remembers what runs, and is told below who changes gaits at random.
         policy = deepcopy(policy)
-    env_cfg = replace(info.env, episode_s=cfg.episode_s)
-    robot = policy.robot()
+    env_cfg = replace(policy.info.env, episode_s=cfg.episode_s)
     env_seed, actor_seed = spawned(seed, 2)
-    env = QuadrupedEnv(robot, env_cfg, count, seed=env_seed, keep_final=True)
+    env = QuadrupedEnv(policy.robot(), env_cfg, count, seed=env_seed, keep_final=True)
     # Who lies is asked for nothing but to get up.
-    walks = env_cfg.getup is None
     choices = recorded_commands(
-        env_cfg.commands, cfg.babble_m_s if babble and walks else None
+        env_cfg.commands,
+        cfg.babble_m_s if babble and env_cfg.getup is None else None,
     )
     noisy = _noisy(count, len(choices), 0.0 if babble else cfg.noisy_share)
     rng = torch.Generator().manual_seed(actor_seed)
-    varied = np.zeros(count, dtype=bool)
-    actor: Actor = policy
-    if babble:
-        actor = _babble(env, rng)
-    elif cfg.variation.share:
-        actor = Varied(
-            policy,
-            env.robot,
-            cfg.variation,
-            count,
-            action_scale_rad=env.action_scale_rad,
-            rng=rng,
-        )
-        varied = actor.chosen.numpy()
+    actor, varied = _actor(policy, env, cfg, rng, babble=babble)
     change_steps = cfg.change_steps(env_cfg.control_dt_s)
-    noise = torch.from_numpy(noisy).float()
     if gaits is not None:
         # What varies between clips of it is which gait runs when.
         policy.wander(torch.from_numpy(noisy), rng)
     steps, ran = [], []
+    noise = torch.from_numpy(noisy).float()
     rollout = first_episodes(actor, env, noise=noise, rng=rng)
     for step in _told(rollout, env, choices, change_steps):
         steps.append(step)
@@ -206,25 +191,16 @@ def _record_one(
     }
     lengths = np.sum([np.asarray(step.alive) for step in steps], axis=0)
     for index in range(count):
-        meta = EpisodeMeta(
-            task="walk" if walks else "getup",
-            seed=seed,
-            env_index=index,
+        meta = meta_of(
+            None if babble else policy,
+            env,
             command=choices[index % len(choices)],
-            policy_sha256=BABBLE_SHA256 if babble else policy.sha256,
-            policy_step=0 if babble else info.steps,
+            seed=seed,
+            index=index,
             stochastic=bool(noisy[index]),
-            control_dt_s=env_cfg.control_dt_s,
-            physics_dt_s=env_cfg.physics_dt_s,
-            robot=robot.name,
-            model_sha256=env.robot.model_sha256,
             round=round,
-            extra=_extra(
-                env_cfg,
-                "nothing" if babble else info.reward,
-                change_steps=change_steps,
-                varied=bool(varied[index]),
-            ),
+            change_steps=change_steps,
+            varied=bool(varied[index]),
         )
         num_steps = int(lengths[index])
         if gaits is not None and ran:
@@ -232,6 +208,79 @@ def _record_one(
             meta.extra.update(told_choices(gaits.names, own))
         rows = {name: array[index, :num_steps] for name, array in arrays.items()}
         yield episode_of(steps[num_steps - 1], rows, index, meta, env.robot.mjcf)
+
+
+def _actor(
+    policy: Policy,
+    env: QuadrupedEnv,
+    cfg: RecordCfg,
+    rng: torch.Generator,
+    *,
+    babble: bool,
+) -> tuple[Actor, np.ndarray]:
+    """Who acts in `env`, and in which environments [N] in another posture."""
+    none = np.zeros(env.num_envs, dtype=bool)
+    if babble:
+        return _babble(env, rng), none
+    if not cfg.variation.share:
+        return policy, none
+    varied = Varied(
+        policy,
+        env.robot,
+        cfg.variation,
+        env.num_envs,
+        action_scale_rad=env.action_scale_rad,
+        rng=rng,
+    )
+    return varied, varied.chosen.numpy()
+
+
+def meta_of(
+    policy: Policy | None,
+    env: QuadrupedEnv,
+    *,
+    command: Command,
+    seed: int,
+    index: int = 0,
+    stochastic: bool = False,
+    round: int = 0,
+    change_steps: int = 0,
+    varied: bool = False,
+) -> EpisodeMeta:
+    """What is stored with an episode of `policy`, or of random rhythms, in `env`.
+
+    Args:
+        policy: Who acts; None are random rhythms.
+        env: Where.
+        command: What was asked first.
+        seed: Where its chance came from.
+        index: Which of the environments it is of.
+        stochastic: With exploration noise.
+        round: Of the loop.
+        change_steps: Control steps from one command to the next; 0 keeps the first.
+        varied: In another posture.
+    """
+    cfg = env.cfg
+    return EpisodeMeta(
+        task="walk" if cfg.getup is None else "getup",
+        seed=seed,
+        env_index=index,
+        command=command,
+        policy_sha256=BABBLE_SHA256 if policy is None else policy.sha256,
+        policy_step=0 if policy is None else policy.info.steps,
+        stochastic=stochastic,
+        control_dt_s=cfg.control_dt_s,
+        physics_dt_s=cfg.physics_dt_s,
+        robot=env.robot.name,
+        model_sha256=env.robot.model_sha256,
+        round=round,
+        extra=_extra(
+            cfg,
+            "nothing" if policy is None else policy.info.reward,
+            change_steps=change_steps,
+            varied=varied,
+        ),
+    )
 
 
 def _told(
