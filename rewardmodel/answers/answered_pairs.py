@@ -28,7 +28,7 @@ from .used import UsedAnswers, answers_used, count_preferences
 from .used import count_evidence as count_evidence
 
 MIN_ANSWERS = 8
-"""Fewer answers than this that prefer a clip say nothing about thirty descriptors."""
+"""Fewer answers than this that prefer a clip say nothing about 25 descriptors."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 """Descriptors that tell the legs, the sides and the directions apart.
 
 The table of habits sums over the legs and squares signs away, which is what makes
-thirty weights enough. A wish about one foot, about which feet are down together, or
+25 weights enough. A wish about one foot, about which feet are down together, or
 about which way the trunk leans needs these; only models that pick few of many, or look
 back, see them.
 """

@@ -1,7 +1,7 @@
 """The default model: a reward linear in the standardised descriptors.
 
 With human error rates a flexible model is lost in the first thirty answers, and this
-one is not: thirty weights, a Gaussian prior, a likelihood that expects wrong answers.
+one is not: 25 weights, a Gaussian prior, a likelihood that expects wrong answers.
 
 Shapes: M ensemble members, B pairs, D descriptors, S step sizes.
 """

@@ -20,7 +20,7 @@ from rewardmodel.models.storage import load_reward
 
 MethodName = Literal["scratch", "style"]
 METHODS: dict[MethodName, Method] = {"scratch": FROM_SCRATCH, "style": STYLE}
-ROUNDS: dict[MethodName, int] = {"scratch": 4, "style": 3}
+ROUNDS: dict[MethodName, int] = {"scratch": 4, "style": 2}
 """Rounds of a loop where nobody says how many, as of `--preset quick`."""
 
 
