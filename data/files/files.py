@@ -14,7 +14,7 @@ import os
 import secrets
 import shutil
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from io import BufferedReader
 from pathlib import Path
@@ -262,14 +262,49 @@ def write_atomically(
         fsync_directory(path.parent)
 
 
-def require_directory(path: Path) -> None:
+def require_directory(path: Path, names: Collection[str] | None = None) -> None:
     """Make sure that a directory may be put where `path` is.
 
+    Args:
+        path: Where it shall be.
+        names: What a directory there may hold, which is replaced as a whole; by default
+            anything.
+
     Raises:
-        FileError: something else is there.
+        FileError: something else is there, or in it.
     """
     if path.is_symlink() or (path.exists() and not path.is_dir()):
         raise FileError(f"{path} is there already, and no directory; give another path")
+    if names is not None and path.is_dir():
+        other = min((p.name for p in path.iterdir() if p.name not in names), default="")
+        if other:
+            raise FileError(
+                f"{path} holds {other} and would be replaced as a whole; give a "
+                f"directory that is new, or that holds {', '.join(names)} alone"
+            )
+
+
+@contextmanager
+def whole_directory(final: Path, names: Collection[str]) -> Iterator[Path]:
+    """A directory to be filled, which gets its name when the block ends, and is gone if
+    it fails.
+
+    Args:
+        final: Where it shall be.
+        names: What it holds, so that nothing else is replaced by it.
+
+    Raises:
+        FileError: something else is there, or in the directory there.
+    """
+    require_directory(final, names)
+    final = final.resolve()
+    partial = final.with_name(f".{final.name}.{secrets.token_hex(8)}.tmp")
+    partial.mkdir(parents=True)
+    try:
+        yield partial
+        replace_directory(partial, final)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
 
 
 def require_room(path: Path, size: int) -> None:

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from data.answers.answer_records import Answer, Pair
 from data.datasets.dataset import Dataset
 from data.datasets.segments import Segments, TableAnswer
 from data.episodes.choices import COURSE, choices_of
@@ -22,8 +21,7 @@ from data.errors import GaitprefError
 from data.files.plain import from_plain
 from policy.env.course import CourseCfg, Lane
 from policy.options.choice_row import choice_names, choice_rows
-
-_TARGETS = {"a": 1.0, "b": 0.0, "equal": 0.5}
+from rewardmodel.answers.used import Used
 
 
 def rows_of_episode(episode: Episode, gaits: Sequence[str]) -> np.ndarray:
@@ -96,18 +94,16 @@ class ChoiceClips:
         return Segments(ids=tuple(clip.key for clip in clips), names=names, rows=table)
 
 
-def answered(
-    answers: Sequence[tuple[Pair, Answer]],
+def asked_about(
+    used: Sequence[Used],
 ) -> tuple[list[Clip], list[TableAnswer]]:
     """The clips that answers are about, and the answers as a table has them."""
     place: dict[Clip, int] = {}
     found = []
-    for pair, answer in answers:
-        target = _TARGETS.get(answer.choice)
-        if target is None or answer.role == "undo":
-            continue
-        left, right = (place.setdefault(clip, len(place)) for clip in (pair.a, pair.b))
+    for each in used:
+        sides = (each.pair.a, each.pair.b)
+        left, right = (place.setdefault(clip, len(place)) for clip in sides)
         found.append(
-            TableAnswer(left=left, right=right, target=target, rater=answer.rater_id)
+            TableAnswer(left=left, right=right, target=each.target, rater=each.rater_id)
         )
     return list(place), found

@@ -5,50 +5,43 @@ Shapes: T steps, C columns of a choice row.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import torch
 
-from data.answers.answer_records import Answer, Pair
 from data.datasets.dataset import Dataset
 from data.datasets.segments import Segments
 from policy.options.choice_row import ChoiceReward
+from rewardmodel.answers.used import answers_used
 from rewardmodel.errors import RewardError
 from rewardmodel.fitting.tables import TableReward, fit_table
 from rewardmodel.models.fit_report import FitReport
 
-from .choice_clips import ChoiceClips, answered
+from .choice_clips import ChoiceClips, asked_about
 
 
 def fit_choices(
-    dataset: Dataset, gaits: tuple[str, ...], *, seed: int
+    dataset: Dataset, gaits: tuple[str, ...], *, seed: int, rater_id: str | None = None
 ) -> tuple[ChoiceReward, FitReport]:
     """The reward that the answers of a data set tell, and how well it foresees them.
+
+    Args:
+        dataset: Holds the answers, of which those count that any fit would use.
+        gaits: Names of what was chosen among.
+        seed: Resampling of the answers.
+        rater_id: Whose answers; None is everybody's.
 
     Raises:
         GaitprefError: there are too few, or they are about something else.
     """
-    with dataset.answers() as store:
-        answers = store.current_answers()
-    return fit_answers(dataset, answers, gaits, seed=seed)
-
-
-def fit_answers(
-    dataset: Dataset,
-    answers: Sequence[tuple[Pair, Answer]],
-    gaits: tuple[str, ...],
-    *,
-    seed: int,
-) -> tuple[ChoiceReward, FitReport]:
-    """`fit_choices` of some answers."""
-    clips, told = answered(answers)
-    if not told:
+    used = answers_used([dataset]).rows
+    used = [row for row in used if rater_id in (None, row.rater_id)]
+    if not used:
         raise RewardError(
             f"{dataset.root} has no answers yet; `gaitpref label --dataset "
             f"{dataset.root}` asks people, --wish a simulated rater"
         )
+    clips, told = asked_about(used)
     segments = ChoiceClips(dataset, gaits).segments(clips)
-    fitted = fit_table(segments, told, "linear", seed=seed)
+    fitted = fit_table(segments, told, "linear", seed=seed, unbounded=True)
     return as_reward(fitted, segments, f"{len(told)} answers"), fitted.report
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import hashlib
 import uuid
 from collections.abc import Mapping
 
@@ -17,7 +18,6 @@ from policy.options.choice_row import written_reward
 
 from .choice_clips import ChoiceClips
 
-WISHER = "wish"
 _SURE = 4.0
 """Logits for a lead of one deviation among the clips."""
 _NAMESPACE = uuid.UUID("5c2f4f3a-0f4b-4f7e-9f53-0d3a1b8a7c42")
@@ -43,6 +43,12 @@ def parse_wish(text: str) -> dict[str, float]:
     return wish
 
 
+def wisher_of(wish: Mapping[str, float]) -> str:
+    """The rater who has this wish."""
+    told = ",".join(f"{name}={weight!r}" for name, weight in sorted(wish.items()))
+    return f"wish:{hashlib.sha256(told.encode()).hexdigest()[:12]}"
+
+
 def answer_choices(
     dataset: Dataset,
     gaits: tuple[str, ...],
@@ -51,8 +57,8 @@ def answer_choices(
     count: int,
     seed: int,
 ) -> int:
-    """Ask about `count` pairs of whole episodes of a data set, and answer them; gives
-    how many answers are new.
+    """Ask about `count` pairs of whole episodes of a data set, and let `wisher_of` the
+    wish answer them; gives how many answers are new.
 
     Raises:
         GaitprefError: there are too few episodes, or the wish has an unknown column.
@@ -76,17 +82,18 @@ def answer_choices(
         if pair.pair_id not in pairs:
             pairs[pair.pair_id] = (left, right)
             made.append(pair)
+    wisher = wisher_of(wish)
     with dataset.answers() as store:
-        store.add_rater(WISHER, "scripted", {})
+        store.add_rater(wisher, "scripted", {"wish": dict(wish)})
         store.add_pairs(made)
-        open_ids = {pair.pair_id for pair in store.unanswered(WISHER)}
+        open_ids = {pair.pair_id for pair in store.unanswered(wisher)}
         todo = [pair for pair in made if pair.pair_id in open_ids]
         for pair in todo:
             left, right = pairs[pair.pair_id]
             lead = worth[left] - worth[right]
             own = np.random.default_rng([seed, _number(pair)])
             likes_left = own.random() < 1.0 / (1.0 + np.exp(-_SURE * lead))
-            store.add_answer(_answer(pair, "a" if likes_left else "b"))
+            store.add_answer(_answer(pair, wisher, "a" if likes_left else "b"))
     return len(todo)
 
 
@@ -94,12 +101,12 @@ def _number(pair: Pair) -> int:
     return uuid.uuid5(_NAMESPACE, pair.pair_id).int % 2**32
 
 
-def _answer(pair: Pair, choice: Choice) -> Answer:
+def _answer(pair: Pair, wisher: str, choice: Choice) -> Answer:
     now = datetime.datetime.now(datetime.UTC)
     return Answer(
-        answer_id=str(uuid.uuid5(_NAMESPACE, f"{pair.pair_id} {WISHER}")),
+        answer_id=str(uuid.uuid5(_NAMESPACE, f"{pair.pair_id} {wisher}")),
         pair_id=pair.pair_id,
-        rater_id=WISHER,
+        rater_id=wisher,
         choice=choice,
         shown_left="a",
         created_utc=now.isoformat(timespec="milliseconds"),

@@ -107,9 +107,11 @@ class CourseCfg:
                 f"the course ends at {self.length_m:g} m, its last obstacle at "
                 f"{before:g} m: make it at least {before + _REACH_M:g} m long"
             )
-        for name in ("step_m", "slope_rad", "bar_m"):
-            if not getattr(self, name) > 0:
-                raise RobotError(f"{name} must be above 0, got {getattr(self, name):g}")
+        for name, most in (("step_m", 1.0), ("slope_rad", 1.0), ("bar_m", 10.0)):
+            if not 0 < getattr(self, name) <= most:
+                raise RobotError(
+                    f"{name} must lie in (0, {most:g}], got {getattr(self, name):g}"
+                )
         if not self.width_m > 4 * EDGE_M:
             raise RobotError(
                 f"width_m must be above {4 * EDGE_M:g}, got {self.width_m:g}"

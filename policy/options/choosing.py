@@ -5,6 +5,7 @@ Shapes: N environments, O gaits.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -14,6 +15,7 @@ from torch import Tensor
 from .smdp import change_costs
 
 Termination = Literal["learned", "fixed"]
+_LONGEST_S = 600.0
 _WANDERS = 0.15
 """Share of the looks at which who wanders changes: after 1.3 s of looks of 0.2 s."""
 
@@ -36,8 +38,12 @@ class ChoosingCfg:
 
     def __post_init__(self) -> None:
         for name in ("length_s", "look_s"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be above 0, got {getattr(self, name)}")
+            if not 0 < getattr(self, name) < _LONGEST_S:
+                raise ValueError(
+                    f"{name} must lie in (0, {_LONGEST_S:g}), got {getattr(self, name)}"
+                )
+        if not math.isfinite(self.interrupt_margin or 0.0):
+            raise ValueError(f"interrupt_margin is {self.interrupt_margin}")
         if self.termination == "fixed" and self.length_s < self.look_s:
             raise ValueError(
                 f"a gait of {self.length_s:g} s ends before the next look at "

@@ -20,6 +20,8 @@ MATE = "mate_"
 _BUMP = 1 << 29
 """The bit by which both robots collide; models hardly use any but the first few."""
 _QPOS, _QVEL = 7 + 12, 6 + 12
+_HOME = "home"
+"""The key of both robots' home poses."""
 
 
 def pair_of(robot: Robot) -> tuple[Robot, Robot]:
@@ -47,6 +49,7 @@ def pair_of(robot: Robot) -> tuple[Robot, Robot]:
     _let_bump(world, contype=_BUMP)
     _let_bump(other, conaffinity=_BUMP)
     world.worldbody.add_frame().attach_body(other.body(base), MATE, "")
+    world.add_key(name=_HOME, qpos=[*robot.home_qpos, *robot.home_qpos])
     try:
         mjcf = flatten(world)
         both = mujoco.MjModel.from_xml_string(mjcf)
@@ -91,8 +94,11 @@ def first_alone(mjcf: str) -> str:
     try:
         world = mujoco.MjSpec.from_string(mjcf)
         bases = [b for b in world.worldbody.bodies if b.name.startswith(MATE)]
-        for base in bases:
-            world.delete(base)
+        homes = [list(key.qpos)[:_QPOS] for key in world.keys if key.name == _HOME]
+        for gone in (*bases, *world.keys):
+            world.delete(gone)
+        for home in homes:
+            world.add_key(name=_HOME, qpos=home)
         text = flatten(world)
     except ValueError as error:
         told = " ".join(str(error).split())

@@ -35,6 +35,7 @@ class PairSim(BatchSim):
         """The world of both, which an episode keeps."""
         self.num_envs = num_envs
         self._seats = (addresses_of(first), addresses_of(second, MATE))
+        self._motors = (first.actuator_ids, second.actuator_ids)
         nq, nv = robot.mj_model.nq, robot.mj_model.nv
         self._own_qpos = (slice(0, nq), slice(nq, 2 * nq))
         self._own_qvel = (slice(0, nv), slice(nv, 2 * nv))
@@ -69,13 +70,13 @@ class PairSim(BatchSim):
         """See `Sim.reset`; both robots of a team at once, one behind the other."""
         worlds, batch = _worlds(rows), self._batch
         batch.state[worlds], batch.warning[worlds] = self._initial, 0
-        for seat, at in enumerate(self._seats):
+        for seat, motors in enumerate(self._motors):
             own = qpos[seat::2].numpy()
             self._qpos[worlds, self._own_qpos[seat]] = own
             self._qvel[worlds, self._own_qvel[seat]] = qvel[seat::2].numpy()
             # Where the joints are in the world, less where the robot begins in it.
             joints = np.arange(own.shape[1])[self._seats[0].qpos]
-            self._ctrl[worlds, at.ctrl] = own[:, joints]
+            self._ctrl[worlds[:, None], motors] = own[:, joints]
         batch.forward(worlds, stage=VEL)
         self._warned = self._warnings()
 

@@ -109,10 +109,7 @@ def record_team(
     told = [choices[team % len(choices)] for team in range(count)]
     env.fix_commands(torch.tensor(told).repeat_interleave(2, dim=0))
     noisy = _turns(count, cfg.noisy_share)
-    # Not those with noise alone: what is lazy and what is shaky would be one.
-    lazy_teams = np.roll(_turns(count, cfg.lazy_share), 1)
-    who = np.zeros(count, dtype=int)
-    who[lazy_teams] = cfg.lazy_robot or 1 + np.arange(lazy_teams.sum()) % 2
+    who = _lazy_robots(noisy, cfg)
     lazy = torch.from_numpy(np.stack([who == 1, who == 2], axis=1)).flatten()
     still = max(1, int(cfg.lazy_s / env_cfg.control_dt_s + 0.5))
     steps = list(
@@ -156,6 +153,19 @@ def record_team(
                 episode_of(steps[num_steps - 1], rows, robot, meta, env.sim.mjcf)
             )
         yield replace(both[0], mate=both[1])
+
+
+def _lazy_robots(noisy: np.ndarray, cfg: TeamRecordCfg) -> np.ndarray:
+    """Which robot of each team [N] is lazy, 0 where none is.
+
+    As many with noise [N] as without: else what is lazy and what is shaky, or which of
+    the two it is, would be one.
+    """
+    who = np.zeros(len(noisy), dtype=int)
+    for group in (noisy, ~noisy):
+        lazy = np.flatnonzero(group)[_turns(int(group.sum()), cfg.lazy_share)]
+        who[lazy] = cfg.lazy_robot or 1 + np.arange(len(lazy)) % 2
+    return who
 
 
 def _turns(count: int, share: float) -> np.ndarray:

@@ -16,8 +16,10 @@ outweigh a whole clip, and PPO must not be paid for leaving what was judged."""
 class Normaliser(nn.Module):
     """Subtracts a mean, divides by a standard deviation and clamps."""
 
-    def __init__(self, num_descriptors: int) -> None:
+    def __init__(self, num_descriptors: int, *, most: float = _CLAMP) -> None:
+        """Change nothing but what is beyond `most` deviations, until it is fitted."""
         super().__init__()
+        self._most = most
         self.mean: Tensor
         self.std: Tensor
         self.register_buffer("mean", torch.zeros(num_descriptors))
@@ -43,7 +45,7 @@ class Normaliser(nn.Module):
 
     def forward(self, descriptors: Tensor) -> Tensor:
         """Standardised descriptors [..., D]."""
-        return (descriptors - self.mean).div_(self.std).clamp_(-_CLAMP, _CLAMP)
+        return (descriptors - self.mean).div_(self.std).clamp_(-self._most, self._most)
 
 
 def _std_mean(values: Tensor) -> tuple[float, float]:

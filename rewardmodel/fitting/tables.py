@@ -9,9 +9,11 @@ R raters.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal, get_args
 
 import torch
@@ -32,7 +34,7 @@ from rewardmodel.models.kinds import kind_called
 from rewardmodel.models.model import leads_by
 from rewardmodel.models.prediction import Prediction
 from rewardmodel.prepared.described import DescribedPairs
-from rewardmodel.prepared.prepared import Prepared
+from rewardmodel.prepared.prepared import Prepared, PreparedClips
 from rewardmodel.scorer import Scorer
 
 from .fit_reward import report_of
@@ -50,6 +52,25 @@ class PreparedTable(Prepared):
 
     def seen_by(self, sight: str) -> PreparedTable:
         return self
+
+
+class _Unbounded(PreparedClips):
+    """Standardised, and no column clamped."""
+
+    @cached_property
+    def normaliser(self) -> Normaliser:
+        steps = self._described.steps
+        unfitted = Normaliser(steps.shape[-1], most=math.inf)
+        return unfitted.fit(steps, self._described.scored)
+
+
+class PreparedSums(PreparedTable):
+    """For a reward that is written down as weights of columns: what is rare, and far
+    from the mean where it is, counts as it is."""
+
+    @classmethod
+    def of(cls, described: DescribedPairs, pool: None = None) -> PreparedSums:  # pyright: ignore[reportIncompatibleMethodOverride]
+        return cls(described, _Unbounded(described))
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +111,7 @@ def fit_table(
     kind: TableKind,
     *,
     seed: int,
-    cfg: FitCfg = TABLE_FIT,
+    unbounded: bool = False,
 ) -> TableReward:
     """Fit a reward to answers about segments, and measure it on segments that a model
     has not seen.
@@ -100,7 +121,7 @@ def fit_table(
         answers: In any order.
         kind: Which model.
         seed: Bootstrap draws and first weights.
-        cfg: How it is fitted.
+        unbounded: Clamp no column, as a sum that is written down has no clamp.
 
     Raises:
         RewardError: too few answers prefer a segment.
@@ -111,8 +132,10 @@ def fit_table(
             f"{preferences} of {len(answers)} answers prefer a segment; a fit needs at "
             f"least {MIN_ANSWERS}"
         )
-    cfg = replace(cfg, kind=kind)
-    prepared = PreparedTable.of(_pairs(segments, answers, cfg))
+    cfg = replace(TABLE_FIT, kind=kind)
+    prepared = (PreparedSums if unbounded else PreparedTable).of(
+        _pairs(segments, answers, cfg)
+    )
     names = tuple((segments.ids[a.left], segments.ids[a.right]) for a in answers)
     fitted = fit_measured(prepared, names, cfg, seed=seed)
     asked, foreseen, report = fitted.asked, fitted.foreseen, fitted.report

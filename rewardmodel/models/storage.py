@@ -7,8 +7,6 @@ this version computes is refused.
 from __future__ import annotations
 
 import json
-import secrets
-import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -18,7 +16,7 @@ from safetensors.torch import load as load_tensors
 from safetensors.torch import save as save_tensors
 
 from data.features import FEATURES, features_sha256
-from data.files.files import read_file, replace_directory, sha256_bytes
+from data.files.files import read_file, sha256_bytes, whole_directory
 from data.files.limits import FACTS_BYTES, REWARD_BYTES
 from data.files.plain import from_plain, to_plain
 from data.files.weights import misfits, not_finite
@@ -33,6 +31,8 @@ from .model import Provenance, RewardModel
 
 TENSORS_NAME = "reward.safetensors"
 FACTS_NAME = "reward.json"
+REWARD_NAMES = (TENSORS_NAME, FACTS_NAME)
+"""All that lies in the directory of a reward."""
 FORMAT_VERSION = 7
 _STD_NAME = "normaliser.std"
 
@@ -40,23 +40,19 @@ _FEATURE_NAMES = tuple(feature.name for feature in FEATURES)
 
 
 def save_reward(model: RewardModel, directory: Path) -> None:
-    """Write `model` to `directory`, which is replaced as a whole if it exists.
+    """Write `model` to `directory`, in place of a reward that is there.
 
     Equal models give equal bytes: the time the fit took is left out.
 
     Raises:
+        FileError: the directory holds something else than a reward.
         OSError: the disk is full or not writable.
     """
     tensors = save_tensors({k: v.cpu() for k, v in model.state_dict().items()})
-    partial = directory.with_name(f".{directory.name}.{secrets.token_hex(8)}.tmp")
-    partial.mkdir(parents=True)
-    try:
+    facts = json.dumps(_facts(model, tensors), indent=1) + "\n"
+    with whole_directory(directory, REWARD_NAMES) as partial:
         (partial / TENSORS_NAME).write_bytes(tensors)
-        facts = json.dumps(_facts(model, tensors), indent=1) + "\n"
         (partial / FACTS_NAME).write_text(facts)
-        replace_directory(partial, directory)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
 
 
 def load_reward(directory: Path) -> RewardModel:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import secrets
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +15,7 @@ from torch import Tensor
 
 from data.errors import GaitprefError
 from data.features import features_sha256
-from data.files.files import read_file, replace_directory, sha256_bytes
+from data.files.files import read_file, sha256_bytes, whole_directory
 from data.files.limits import FACTS_BYTES, REWARD_BYTES
 from data.files.plain import from_plain, to_plain
 from data.files.weights import not_finite
@@ -30,12 +28,19 @@ from .pair_habits import PAIR_NAMES
 from .team_reward import TeamReward
 
 TEAM_TENSORS, TEAM_FACTS = "team.safetensors", "team.json"
+TEAM_FILES = (TEAM_TENSORS, TEAM_FACTS)
+"""All that lies in the directory of a reward of a team."""
 FORMAT_VERSION = 1
 _NAMES = [*DESCRIPTOR_NAMES, *PAIR_NAMES]
 
 
 def save_team(model: TeamReward, directory: Path) -> None:
-    """Write `model` to `directory`, which is replaced as a whole if it exists."""
+    """Write `model` to `directory`, in place of a reward of a team that is there.
+
+    Raises:
+        FileError: the directory holds something else.
+        OSError: the disk is full or not writable.
+    """
     tensors = save_tensors(
         {
             "weights": model.weights.contiguous(),
@@ -58,14 +63,9 @@ def save_team(model: TeamReward, directory: Path) -> None:
         "episodes": sorted(model.episodes),
         "tensors_sha256": sha256_bytes(tensors),
     }
-    partial = directory.with_name(f".{directory.name}.{secrets.token_hex(8)}.tmp")
-    partial.mkdir(parents=True)
-    try:
+    with whole_directory(directory, TEAM_FILES) as partial:
         (partial / TEAM_TENSORS).write_bytes(tensors)
         (partial / TEAM_FACTS).write_text(json.dumps(facts, indent=1) + "\n")
-        replace_directory(partial, directory)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
 
 
 def load_team(directory: Path) -> TeamReward:

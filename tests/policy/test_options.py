@@ -13,17 +13,18 @@ from torch import Tensor
 
 from benchmarks.options import bent
 from data.datasets.dataset import Dataset
+from data.datasets.segments import Segments, TableAnswer
 from data.episodes.choices import choices_of, told_choices
 from data.errors import GaitprefError
 from gaitpref.cli.main import main
 from gaitpref.options.choice_clips import rows_of_episode
-from gaitpref.options.choice_fit import fit_choices
-from gaitpref.options.choice_rater import answer_choices
+from gaitpref.options.choice_fit import as_reward, fit_choices
+from gaitpref.options.choice_rater import answer_choices, wisher_of
 from gaitpref.options.gait_files import Gaits, load_gaits, named_files
 from gaitpref.options.train_options import OptionsCfg, train_options
 from policy.env.course import CourseCfg, Lane, Obstacle, course_heights, stands_on
 from policy.env.env import QuadrupedEnv
-from policy.options.choice_row import TASK, written_reward
+from policy.options.choice_row import TASK, choice_names, written_reward
 from policy.options.choosing import ChoosingCfg, Draws, Running, choose, ran
 from policy.options.smdp import discounted, targets, termination_loss, upon_arrival
 from policy.robots.hints import RobotError
@@ -31,6 +32,7 @@ from policy.robots.shipped import WALK
 from policy.rollouts.record import RecordCfg, record
 from policy.training.checkpoint import load_policy, read_plain, saved_bytes
 from policy.training.export_policy import export
+from rewardmodel.fitting.tables import fit_table
 
 BAR = CourseCfg(
     obstacles=(Obstacle(kind="bar", start_m=0.7, length_m=0.3),), length_m=1.6
@@ -215,6 +217,71 @@ def test_a_wish_about_choices_is_fitted_from_answers(
     changes[0, reward.names.index("changes_per_s")] = 50.0
     cost = (reward(rows) - reward(changes)) * 0.02
     assert cost.item() == pytest.approx(reward.change_cost(0.02), rel=1e-4)
+
+
+def test_what_is_paid_is_what_was_fitted() -> None:
+    """To the columns that are rare, and so far from their mean, too."""
+    rng = np.random.default_rng(0)
+    names = choice_names(("walk", "crouch"))
+    rows = np.zeros((60, 100, len(names)), dtype=np.float32)
+    rows[..., names.index("progress_m_s")] = rng.normal(0.6, 0.2, rows.shape[:2])
+    changes = names.index("changes_per_s")
+    rows[..., changes] = 50.0 * (rng.random(rows.shape[:2]) < rng.random((60, 1)) / 50)
+    segments = Segments(ids=tuple(map(str, range(60))), names=names, rows=rows)
+    wish = written_reward(
+        {"progress_m_s": 1.0, "changes_per_s": -0.5}, ("walk", "crouch"), ""
+    )
+    true = wish(torch.from_numpy(rows)).mean(dim=1)
+    answers = [
+        TableAnswer(left=a, right=b, target=float(true[a] > true[b]), rater="ann")
+        for a, b in rng.choice(60, (80, 2)).tolist()
+        if a != b
+    ]
+    fitted = fit_table(segments, answers, "linear", seed=0, unbounded=True)
+    paid = as_reward(fitted, segments, "")(torch.from_numpy(rows)).mean(dim=1)
+    alike = np.corrcoef(paid.numpy(), fitted.worth(segments)[0].numpy())[0, 1]
+    assert alike > 0.9999
+    assert np.corrcoef(paid.numpy(), true.numpy())[0, 1] > 0.9
+
+
+def test_another_wish_is_another_rater(chosen: Path, tmp_path: Path) -> None:
+    """Its answers are its own, and those of an episode that is gone teach nothing."""
+    dataset = Dataset.create(tmp_path / "set")
+    cfg = RecordCfg(episodes=12, episode_s=2.0, noisy_share=1.0)
+    entries = dataset.add_episodes(record(chosen, cfg, seed=1))
+    names = ("walk", "crouch")
+    wishes = ({"changes_per_s": -1.0}, {"changes_per_s": 1.0})
+    costs = []
+    for wish in wishes:
+        assert answer_choices(dataset, names, wish, count=50, seed=0) == 50
+        rater_id = wisher_of(wish)
+        reward, _ = fit_choices(dataset, names, seed=0, rater_id=rater_id)
+        costs.append(reward.linear[reward.names.index("changes_per_s")])
+    assert costs[0] < 0 < costs[1]
+    smaller = Dataset.create(tmp_path / "smaller")
+    smaller.add_from(dataset, [entry.sha256 for entry in entries[1:]])
+    with dataset.answers() as store, smaller.answers() as copy:
+        for rater_id, kind, info in store.rater_rows():
+            copy.add_rater(rater_id, kind, info)
+        copy.add_pairs(store.pairs())
+        for _, answer in store.all_answers():
+            copy.add_answer(answer)
+    reward, report = fit_choices(smaller, names, seed=0, rater_id=wisher_of(wishes[0]))
+    assert report.answers < 50
+    assert reward.told == f"{report.answers} answers"
+
+
+@pytest.mark.parametrize("name", ["length_s", "interrupt_margin"])
+@pytest.mark.parametrize("value", [float("inf"), float("nan")])
+def test_no_time_is_endless(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=name):
+        replace(ChoosingCfg(), **{name: value})
+
+
+@pytest.mark.parametrize("slope_rad", [1.6, float("inf"), float("nan")])
+def test_a_slope_is_one(slope_rad: float) -> None:
+    with pytest.raises(RobotError, match=r"slope_rad must lie in \(0, 1\]"):
+        CourseCfg(slope_rad=slope_rad)
 
 
 def test_the_command_says_what_is_wrong_in_one_line(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -32,10 +33,11 @@ from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg
 from policy.env.team_cfg import TeamCfg
 from policy.env.terrain import TerrainCfg
-from policy.robots.robot import load_robot
+from policy.robots.robot import SHIPPED_XML, load_robot, load_robot_xml
 from policy.robots.shipped import WALK
 from policy.sim.batch_sim import BatchSim
 from policy.sim.chosen import Listed
+from policy.team.pair_model import first_alone
 from policy.team.pair_sim import PairSim
 from policy.team.team_env import TeamEnv
 from policy.team.team_record import TeamRecordCfg, record_team
@@ -311,6 +313,36 @@ def test_where_it_stood_is_where_it_was(episodes: Sequence[Episode]) -> None:
     place = found[sight_column("mate_pos_h")].numpy()
     np.testing.assert_allclose(place, seen[:2], atol=0.05)
     assert float(found[column("base_lin_vel_b")].abs().sum()) == 0.0
+
+
+def test_motors_may_be_in_another_order_and_home_is_kept() -> None:
+    """Those of FL before those of FR; and a home that is not the pose of the file."""
+    before, rest = SHIPPED_XML.read_text().split("<actuator>")
+    motors, after = rest.split("</actuator>")
+    lines = motors.strip().splitlines()
+    ordered = "\n".join(lines[3:6] + lines[:3] + lines[6:])
+    text = f"{before}<actuator>{ordered}</actuator>{after}"
+    text, changed = re.subn(r'(<body name="trunk" pos="0 0 )[\d.]+', r"\g<1>0.5", text)
+    assert changed == 1
+    robot = load_robot_xml(text, name="other", physics_dt_s=EnvCfg().physics_dt_s)
+    assert list(robot.actuator_ids) != sorted(robot.actuator_ids)
+    env = TeamEnv(robot, replace(EnvCfg(), team=TeamCfg()), 8, seed=0)
+    fallen = [env.step(torch.zeros(8, 12))[3]["fallen"].any() for _ in range(20)]
+    assert not any(fallen)
+    again = load_robot_xml(
+        first_alone(env.sim.mjcf), name="other", physics_dt_s=EnvCfg().physics_dt_s
+    )
+    np.testing.assert_allclose(again.home_qpos, robot.home_qpos, atol=1e-6)
+
+
+@pytest.mark.parametrize("share", [0.25, 0.5])
+def test_who_is_lazy_is_not_who_is_shaky(walkers: Policy, share: float) -> None:
+    cfg = TeamRecordCfg(episodes=40, episode_s=0.04, lazy_share=share)
+    seen = {
+        (episode.meta.stochastic, episode.meta.extra.get("lazy_robot", ""))
+        for episode in record_team(walkers, cfg, seed=0)
+    }
+    assert seen == {(noisy, who) for noisy in (False, True) for who in ("", "1", "2")}
 
 
 def test_the_lazy_one_is_named(

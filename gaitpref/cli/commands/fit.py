@@ -37,7 +37,7 @@ from rewardmodel.extensions.questions.unanswered import unanswered_pairs
 from rewardmodel.extensions_cfg import LabelFilterCfg, SemiSupervisedCfg
 from rewardmodel.fitting.fit_reward import fit_reward
 from rewardmodel.measures.rater_reliability import HARDLY_LOOKS
-from rewardmodel.models.storage import load_reward, save_reward
+from rewardmodel.models.storage import REWARD_NAMES, load_reward, save_reward
 
 
 def run(command: options.Command) -> int:
@@ -52,7 +52,7 @@ def run(command: options.Command) -> int:
 
 
 def _fit(command: options.Fit) -> None:
-    require_directory(command.out)
+    require_directory(command.out, REWARD_NAMES if command.dataset else None)
     out = command.out.resolve()
     # Beside it, because the directory itself is replaced as a whole.
     lock = out.with_name(f".{out.name}{LOCK_NAME}")

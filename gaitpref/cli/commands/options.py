@@ -7,11 +7,12 @@ from pathlib import Path
 from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from data.files.files import write_atomically
+from data.files.lock import only_writer
 from gaitpref.cli.options import options
 from gaitpref.console.progress import console, counted, counting_bar, working
 from gaitpref.console.terminal import EXIT_INTERRUPTED, complain
 from gaitpref.options.choice_fit import fit_choices
-from gaitpref.options.choice_rater import answer_choices, parse_wish
+from gaitpref.options.choice_rater import answer_choices, parse_wish, wisher_of
 from gaitpref.options.choice_storage import save_choices
 from gaitpref.options.gait_files import Gaits, load_gaits, named_files
 from gaitpref.options.measure import measured, table
@@ -49,6 +50,17 @@ def run(command: options.Options) -> int:
         gaits = load_gaits(files)
     cfg = _cfg(command)
     stands_on(gaits.robot, cfg.course)
+    with only_writer(command.out, console.print):
+        return _learn(command, gaits, cfg, wish)
+
+
+def _learn(
+    command: options.Options,
+    gaits: Gaits,
+    cfg: OptionsCfg,
+    wish: dict[str, float] | None,
+) -> int:
+    """Find out what is paid, learn, and compare."""
     reward = _reward(command, gaits, cfg, wish)
     if not _train(command.out, gaits, cfg, reward):
         complain("stopped; the same command goes on")
@@ -95,7 +107,9 @@ def _cfg(command: options.Options) -> OptionsCfg:
             interrupt_margin=command.interrupt,
         )
     except ValueError as error:
-        raise GaitprefError(f"{error}: give another --length-s") from None
+        raise GaitprefError(
+            f"{error}: give another --length-s, or --interrupt"
+        ) from None
     return OptionsCfg(
         course=course,
         choosing=choosing,
@@ -115,17 +129,20 @@ def _reward(
     wish: dict[str, float] | None,
 ) -> ChoiceReward:
     """What is paid: what answers say, or metres less energy and changes."""
-    place = command.dataset
+    place, rater_id = command.dataset, None
     if wish is not None:
         # A name that is wrong is told before anything is recorded.
         written_reward(wish, gaits.names, "wish")
         place = command.out / DATASET_NAME
+        rater_id = wisher_of(wish)
         _ask_wish(command, gaits, cfg, wish, place)
     if place is None:
         return written_reward(TASK, gaits.names, "metres, energy and changes")
     dataset = Dataset.open(place)
     with working("fitting the reward to the answers"):
-        reward, report = fit_choices(dataset, gaits.names, seed=command.seed)
+        reward, report = fit_choices(
+            dataset, gaits.names, seed=command.seed, rater_id=rater_id
+        )
     held_out = report.held_out_accuracy
     foreseen = "" if held_out is None else f"; foresees {held_out:.0%} of unseen ones"
     console.print(f"fitted to {reward.told}{foreseen}")
@@ -141,11 +158,17 @@ def _ask_wish(
 ) -> None:
     """Record clips of gaits that change at random, and answer about them."""
     untaught = command.out / UNTAUGHT_NAME
+    task = written_reward(TASK, gaits.names, "nothing")
+    content = OptionsTraining(gaits, cfg, task).policy()
     dataset = Dataset.create(place)
-    if not dataset.entries():
-        task = written_reward(TASK, gaits.names, "nothing")
-        command.out.mkdir(parents=True, exist_ok=True)
-        write_atomically(untaught, OptionsTraining(gaits, cfg, task).policy())
+    if dataset.entries():
+        if not untaught.exists() or untaught.read_bytes() != content:
+            raise GaitprefError(
+                f"{place} shows other gaits, another course, speed or seed: give the "
+                "same, or another --out"
+            )
+    else:
+        write_atomically(untaught, content)
         shown = RecordCfg(episodes=_CLIPS, episode_s=_CLIP_S, noisy_share=1.0)
         with counting_bar("recording", _CLIPS) as bar:
 

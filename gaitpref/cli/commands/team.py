@@ -12,8 +12,8 @@ import torch
 from data.datasets.dataset import Dataset
 from data.datasets.manifest_file import writable
 from data.errors import GaitprefError
-from data.files.files import write_atomically
-from data.files.lock import only_writer
+from data.files.files import require_directory, write_atomically
+from data.files.lock import LOCK_NAME, only_writer
 from gaitpref.cli.options import team_options as options
 from gaitpref.cli.shared.next_of_answers import next_fit, next_pairs
 from gaitpref.cli.shared.shares_told import tell_shares
@@ -54,7 +54,7 @@ from policy.training.training_dir import POLICY_NAME, RESUME_NAME
 from rewardmodel.answers.answered_pairs import load_pairs
 from rewardmodel.team.team_fit import fit_team, rows_in
 from rewardmodel.team.team_reward import TeamReward
-from rewardmodel.team.team_storage import load_team, save_team
+from rewardmodel.team.team_storage import TEAM_FILES, load_team, save_team
 
 _START_STD, _END_STD = 0.3, 0.15
 """Exploration noise: a walk that is there is changed, not found."""
@@ -72,7 +72,11 @@ def run(command: options.Team) -> int:
         case options.TeamAnswer():
             _answer(action)
         case options.TeamFit():
-            _fit(action)
+            out = action.out.resolve()
+            # Beside it, because the directory itself is replaced as a whole.
+            lock = out.with_name(f".{out.name}{LOCK_NAME}")
+            with only_writer(action.out, console.print, lock=lock):
+                _fit(action)
         case options.TeamShares():
             _shares(action)
     return 0
@@ -230,13 +234,14 @@ def _answer(command: options.TeamAnswer) -> None:
 
 
 def _fit(command: options.TeamFit) -> None:
+    require_directory(command.out, TEAM_FILES)
     datasets = [Dataset.open(path) for path in command.dataset]
     for dataset in datasets:
         first_team(dataset)
     pairs = load_pairs(datasets)
     with working(f"fitting a reward of teams to {len(pairs)} answers"):
         model = fit_team(pairs, rows_in(datasets), seed=command.seed)
-    with writable(command.out.parent):
+    with writable(command.out.resolve().parent):
         save_team(model, command.out)
     if command.json:
         print(json.dumps(asdict(model.report) | {"largest": _largest(model)}))
@@ -279,5 +284,6 @@ def _shares(command: options.TeamShares) -> None:
             tell(done, len(entries))
             found = torch.from_numpy(rows(entry.sha256))
             credits.append(credit_of(model, found, standing, control_dt_s=control_dt_s))
-    lazy = [int(entry.meta.extra.get(LAZY, "0")) for entry in entries]
+    who = {"1": 1, "2": 2}
+    lazy = [who.get(entry.meta.extra.get(LAZY, ""), 0) for entry in entries]
     tell_shares(command, credits, lazy)

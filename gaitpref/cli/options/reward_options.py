@@ -112,8 +112,8 @@ class Fit:
     labels: Path | None = None
     """With --segments: a .csv file of answers, with left, right, answer and rater."""
     out: Path
-    """Directory of the reward; of segments, of its report, weights and what each
-    segment is worth."""
+    """Directory of the reward, in place of an earlier one; of segments, of its report,
+    weights and what each segment is worth."""
     method: Literal["scratch", "style"] | None = None
     """Fit what the loop fits, from scratch or for a style on top of a walk; `gaitpref
     method` says what. The model is the method's then."""

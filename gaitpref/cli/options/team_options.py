@@ -96,7 +96,7 @@ class TeamFit:
     dataset: Annotated[list[Path], tyro.conf.UseAppendAction]
     """Data set directory; give it again for more."""
     out: Path
-    """Directory of the reward."""
+    """Directory of the reward; an earlier reward of a team there is replaced."""
     seed: Seed = 0
     """Resampling of the answers."""
     json: bool = False

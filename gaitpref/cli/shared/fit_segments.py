@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import secrets
-import shutil
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from io import StringIO
@@ -14,7 +12,7 @@ from typing import Any, cast
 
 from data.datasets.segments import Segments, read_answers, read_segments
 from data.errors import GaitprefError
-from data.files.files import replace_directory, write_atomically
+from data.files.files import require_directory, whole_directory, write_atomically
 from gaitpref.cli.options import options
 from gaitpref.console.progress import console, working
 from gaitpref.report.findings import findings_of_fit
@@ -23,6 +21,7 @@ from rewardmodel.fitting.tables import TABLE_KINDS, TableKind, TableReward, fit_
 from rewardmodel.measures.rater_reliability import HARDLY_LOOKS
 
 REPORT_NAME, WORTH_NAME, WEIGHTS_NAME = "report.json", "segments.csv", "weights.csv"
+_NAMES = (REPORT_NAME, WORTH_NAME, WEIGHTS_NAME)
 
 
 def fit_segments(command: options.Fit) -> None:
@@ -53,7 +52,7 @@ def fit_segments(command: options.Fit) -> None:
     ):
         if given:
             raise GaitprefError(f"{name} is about data sets: leave it out")
-    _require_ours(command.out)
+    require_directory(command.out, _NAMES)
     segments = read_segments(command.segments)
     answers = read_answers(command.labels, segments)
     kind = cast(TableKind, command.model)
@@ -79,26 +78,9 @@ def fit_segments(command: options.Fit) -> None:
         )
 
 
-def _require_ours(directory: Path) -> None:
-    """
-    Raises:
-        GaitprefError: what would be replaced holds something else.
-    """
-    ours = {REPORT_NAME, WORTH_NAME, WEIGHTS_NAME}
-    if directory.exists():
-        for path in directory.iterdir():
-            if path.name not in ours:
-                raise GaitprefError(
-                    f"{directory} holds {path.name} and would be replaced as a whole; "
-                    f"give a directory that is new, or of an earlier fit of segments"
-                )
-
-
 def _write(reward: TableReward, segments: Segments, directory: Path) -> None:
     """All files, or none."""
-    partial = directory.with_name(f".{directory.name}.{secrets.token_hex(8)}.tmp")
-    partial.mkdir(parents=True)
-    try:
+    with whole_directory(directory, _NAMES) as partial:
         text = json.dumps(asdict(reward.report), indent=1)
         write_atomically(partial / REPORT_NAME, text.encode())
         worth, spread = reward.worth(segments)
@@ -110,9 +92,6 @@ def _write(reward: TableReward, segments: Segments, directory: Path) -> None:
             columns = (own.mean(dim=0).tolist(), own.std(dim=0).tolist())
             rows = zip(reward.names, *columns, strict=True)
             _table(partial / WEIGHTS_NAME, ("column", "weight", "spread"), rows)
-        replace_directory(partial, directory)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
 
 
 def _table(path: Path, names: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
