@@ -28,8 +28,9 @@ from data.datasets.verify import verify
 from data.episodes.chunks import ZSTD_LEVEL
 from data.episodes.clips import Clip
 from data.episodes.episode import Episode, EpisodeMeta
-from data.episodes.writer import encode_episode, write_episode
+from data.episodes.writer import encode_episode
 from data.features import FEATURE_DIM, column
+from data.files.files import write_atomically
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot
 from policy.rollouts.record import RecordCfg, record
@@ -128,7 +129,7 @@ def write_figures(root: Path, repeats: int) -> dict[str, Figure]:
     npsave_s, write_s, bare_s, zstd_s = best_of(
         repeats,
         lambda: np.save(root / "array.npy", content),
-        lambda: write_episode(root / "episode.mcap", episode),
+        lambda: write_atomically(root / "episode.mcap", encode_episode(episode)),
         lambda: compressor.compress(content.data),
         lambda: encode_episode(episode, compression="zstd"),
     )

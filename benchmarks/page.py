@@ -124,7 +124,7 @@ def _of_crowd(options: Options) -> CrowdFigures:
     ):
         root = Path(folder) / "set"
         dataset = walking_dataset(root, pairs=0, episodes=CROWD_EPISODES)
-        clips = walking_clips(dataset, CLIP_STEPS)
+        clips = walking_clips(dataset.entries(), CLIP_STEPS)
         with AnswerStore.open(address) as store:
             count, answered = options.pairs, options.answered
             fill(store, clips, names, pairs=count, answered=answered)

@@ -17,7 +17,6 @@ from yarl import URL
 _ANSWERED = re.compile(r"(\d+) answered, (\d+) open")
 _LOOP = re.compile(r">((?:round \d+ of \d+|the last round): [^<]*)<")
 _ATTEMPTS = 5
-_ELEMENTS = ("GuiSliderMessage", "GuiTextMessage", "GuiButtonMessage")
 CAMERA = {
     "type": "ViewerCameraMessage",
     "wxyz": (1.0, 0.0, 0.0, 0.0),
@@ -121,10 +120,6 @@ class Visitor:
         await self._send({"type": "CommandTriggerMessage", "uuid": uuid})
         return pressed
 
-    async def slide(self, label: str, value: float) -> None:
-        """Move a slider, as a hand would."""
-        await self.set(label, value)
-
     async def set(self, label: str, value: float | str | bool) -> None:
         """Move a slider, fill in a text or press a button."""
         uuid = self.elements[label]
@@ -163,12 +158,12 @@ class Visitor:
                 self._read_text(message["uuid"], message["updates"].get("content"))
             elif kind == "GuiHtmlMessage":
                 self._read_text(message["uuid"], message["props"]["content"])
-            elif kind in _ELEMENTS:
-                self.elements[message["props"]["label"]] = message["uuid"]
             elif kind == "RegisterCommandMessage":
                 self._commands[message["props"]["label"]] = message["uuid"]
             elif kind == "GuiModalMessage":
                 self.dialog_shown = True
+            elif kind.startswith("Gui") and "label" in message.get("props", {}):
+                self.elements[message["props"]["label"]] = message["uuid"]
         if moved:
             self.pose_times.append(time.monotonic())
             if self.first_pose_s is None:

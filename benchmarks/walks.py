@@ -101,7 +101,7 @@ def walking_dataset(
         )
         for index in range(episodes)
     )
-    clips = _clips(entries, clip_steps)
+    clips = walking_clips(entries, clip_steps)
     rng = np.random.default_rng(0)
     chosen = []
     while len(chosen) < pairs:
@@ -113,12 +113,8 @@ def walking_dataset(
     return dataset
 
 
-def walking_clips(dataset: Dataset, clip_steps: int) -> list[Clip]:
+def walking_clips(entries: Iterable[EpisodeEntry], clip_steps: int) -> list[Clip]:
     """What pairs of `walking_dataset` are made of."""
-    return _clips(dataset.entries(), clip_steps)
-
-
-def _clips(entries: Iterable[EpisodeEntry], clip_steps: int) -> list[Clip]:
     return [
         Clip(entry.sha256, start, min(clip_steps, entry.num_steps - start))
         for entry in entries

@@ -32,7 +32,6 @@ class Target(Visitor):
     def __init__(self, url: str, socket: aiohttp.ClientWebSocketResponse) -> None:
         super().__init__(url, None)
         self._socket = socket
-        self._elements: dict[str, str] = {}
         self._reading = asyncio.create_task(self._follow())
 
     @property
@@ -70,9 +69,9 @@ class Target(Visitor):
 
     async def element(self, label: str) -> str:
         """The id of an element of the page."""
-        while label not in self._elements:
+        while label not in self.elements:
             await asyncio.sleep(0.01)
-        return self._elements[label]
+        return self.elements[label]
 
     async def answer(self) -> None:
         """Answer what is on the screen."""
@@ -84,13 +83,3 @@ class Target(Visitor):
         async for message in self._socket:
             if message.type is aiohttp.WSMsgType.BINARY:
                 self._read(message.data, 0.0)
-
-    def _read(self, frame: bytes, opened: float) -> None:
-        super()._read(frame, opened)
-        size = int.from_bytes(frame[8:16], "little")
-        inner = zstandard.ZstdDecompressor().decompress(frame[16 : 16 + size])
-        for message in msgspec.msgpack.decode(inner)["messages"]:
-            if message["type"].startswith("Gui") and "label" in message.get(
-                "props", {}
-            ):
-                self._elements[message["props"]["label"]] = message["uuid"]

@@ -16,15 +16,10 @@ from data.errors import AnswerError
 from data.files.limits import RATER_ID_CHARS
 
 from .address import Address
-from .answer_records import ASPECTS as ASPECTS
-from .answer_records import QUESTION as QUESTION
 from .answer_records import Answer as Answer
-from .answer_records import Aspect as Aspect
 from .answer_records import Choice as Choice
 from .answer_records import Pair as Pair
 from .answer_records import RaterKind as RaterKind
-from .answer_records import Role as Role
-from .answer_records import Side as Side
 from .backend import Backend, copy_backend, open_backend
 from .rows import (
     ANSWER_COLUMNS,

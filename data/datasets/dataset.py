@@ -47,7 +47,6 @@ from .feature_cache import FEATURE_CACHE_BYTES, FeatureCache
 from .manifest import EpisodeEntry as EpisodeEntry
 from .manifest import models_of, rollout_path
 from .manifest_file import LOCK_NAME as LOCK_NAME
-from .manifest_file import MANIFEST_NAME as MANIFEST_NAME
 from .manifest_file import ManifestFile, writable
 
 _WRITERS = 8

@@ -23,7 +23,6 @@ SIGHT = (
 )
 """Columns of what a robot sees of the other, behind those of its own row."""
 SIGHT_DIM = sum(part.width for part in SIGHT)
-TEAM_DIM = FEATURE_DIM + SIGHT_DIM
 
 
 def sight_column(name: str) -> slice:

@@ -13,7 +13,6 @@ import json
 import zlib
 from collections.abc import Sequence
 from functools import cache, lru_cache
-from pathlib import Path
 
 from mcap.data_stream import RecordBuilder
 from mcap.records import (
@@ -34,11 +33,9 @@ from mcap.records import (
 from mcap.writer import MCAP0_MAGIC
 
 from data.features import JOINTS, features_sha256
-from data.files.files import write_atomically
 
 from . import schema
 from .chunks import FINAL_CHANNEL, STEP_CHANNEL, Compression, encode_chunks
-from .chunks import step_times_ns as step_times_ns
 from .crc import combined
 from .episode_records import Episode
 from .model_store import model_sha256
@@ -51,17 +48,6 @@ _MATE_TYPE = "application/octet-stream"
 METADATA_NAME = "episode"
 MODEL_KEY = "mjcf_sha256"
 """Metadata of a file without its model: the hash of the model."""
-
-
-def write_episode(
-    path: Path, episode: Episode, *, compression: Compression = ""
-) -> None:
-    """Write `episode` to `path`, whole or not at all.
-
-    Raises:
-        OSError: the directory is missing, or the disk is full.
-    """
-    write_atomically(path, encode_episode(episode, compression=compression))
 
 
 def encode_episode(

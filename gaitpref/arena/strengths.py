@@ -12,11 +12,11 @@ Shapes: P players, R resamples.
 
 from __future__ import annotations
 
-import math
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from statistics import NormalDist
 
 import numpy as np
 
@@ -143,16 +143,11 @@ def ranking_of(
         drawn_so = np.mean(many[:, a] > many[:, b])
         drawn_so += np.mean(many[:, a] == many[:, b]) / 2
         deviation = np.sqrt(spread[a, a] + spread[b, b] - 2 * spread[a, b])
-        curved_so = _below((strengths[a] - strengths[b]) / deviation)
+        curved_so = NormalDist().cdf((strengths[a] - strengths[b]) / deviation)
         kept.append(float(min(drawn_so, curved_so)))
     return Ranking(
         strengths=strengths, low=low, high=high, order=order, kept=tuple(kept)
     )
-
-
-def _below(deviations: float) -> float:
-    """Share of a normal distribution below so many deviations."""
-    return 0.5 * (1 + math.erf(deviations / math.sqrt(2)))
 
 
 def least_sure(

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from datetime import datetime
 
 from data.episodes.episode_records import TEAM_TASK
-from labeling_ui.questions.judgement import Past, Verdict
+from labeling_ui.questions.judgement import Past
 from labeling_ui.scene.clip_motion import Command
 
 from .page_access import Showing
@@ -121,12 +121,7 @@ def past_words(past: Past) -> str:
     # The server's own time: who serves and who answers are mostly in one place.
     at = datetime.fromisoformat(past.answer.created_utc).astimezone().strftime("%H:%M")
     role = {"repeat": " · again"}.get(past.answer.role, "")
-    return f"{at} · {verdict_words(past.verdict)}{role}"
-
-
-def verdict_words(verdict: Verdict) -> str:
-    """An answer in words."""
-    return WORDS[verdict]
+    return f"{at} · {WORDS[past.verdict]}{role}"
 
 
 def warning(text: str) -> str:

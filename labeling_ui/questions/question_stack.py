@@ -60,7 +60,9 @@ class Pile:
         """The pile with new leases, without what somebody else has taken over."""
         pile = self.rows()
         for row in pile:
-            if _time(row.expires_utc) <= now and not self._still_open(row, now):
+            if datetime.fromisoformat(row.expires_utc) <= now and not self._still_open(
+                row, now
+            ):
                 self._board.close(row.question_id)
         self._board.renew(self._rater_id, self._expiry(now))
         return self.rows()
@@ -127,7 +129,7 @@ class Pile:
             shown_left=row.shown_left,
             kind=self._kind(pair, row.role),
             role=row.role,
-            shown_utc=_time(row.shown_utc),
+            shown_utc=datetime.fromisoformat(row.shown_utc),
             corrects=corrects,
             undone=None if corrects else self._undone(row),
         )
@@ -153,7 +155,3 @@ def new_id() -> str:
     """An id nobody else has."""
     # Not from the session's generator: ids must differ even where seeds are equal.
     return uuid.uuid4().hex
-
-
-def _time(text: str) -> datetime:
-    return datetime.fromisoformat(text)

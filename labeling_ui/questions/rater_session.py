@@ -89,7 +89,9 @@ class RaterSession:
         now = self._now()
         pile = self._pile.rows()
         half_over = now + timedelta(seconds=self.cfg.lease_s / 2)
-        if not pile or (active and _time(pile[-1].expires_utc) < half_over):
+        if not pile or (
+            active and datetime.fromisoformat(pile[-1].expires_utc) < half_over
+        ):
             with self._store.transaction():
                 pile = self._pile.renewed(now) or self._pile.asked(now)
         question = self._pile.decoded(pile[-1]) if pile else None
@@ -246,7 +248,3 @@ def _spelled(
         created_utc=now.isoformat(timespec="milliseconds"),
         role=question.role,
     )
-
-
-def _time(text: str) -> datetime:
-    return datetime.fromisoformat(text)

@@ -9,7 +9,7 @@ Shapes: N robots, O obstacles, C columns of the field.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import mujoco
@@ -271,8 +271,3 @@ def stands_on(robot: Robot, cfg: CourseCfg) -> None:
             f"a step of {cfg.step_m * taller:.2f} m is higher than {robot.name} lifts "
             f"its feet; lower step_m to at most {0.4 * stands / taller:.2f}"
         )
-
-
-def at_line(cfg: CourseCfg) -> CourseCfg:
-    """The course as it is recorded and evaluated."""
-    return replace(cfg, anywhere=False)

@@ -13,12 +13,6 @@ import torch
 from torch import Tensor
 
 
-def discounted(rewards: Tensor, gamma: float) -> Tensor:
-    """Rewards [K, N] of the steps of a gait as one at its beginning, [N]."""
-    steps = torch.arange(len(rewards), dtype=rewards.dtype)
-    return (gamma ** steps[:, None] * rewards).sum(dim=0)
-
-
 def change_costs(running: Tensor, options: int, cost: float) -> Tensor:
     """What it costs [N, O] to go on with each gait where `running` [N] runs."""
     costs = torch.full((len(running), options), cost)
@@ -55,7 +49,7 @@ def targets(
     """What running a gait turned out to be worth, [N].
 
     Args:
-        paid: `discounted` rewards while it ran.
+        paid: Rewards while it ran, discounted to its beginning.
         steps: [N] control steps that it ran.
         arrived: Value upon arrival, [N].
         over: [N] nothing comes after, as behind a fall.

@@ -29,7 +29,6 @@ from policy.parallel.ranks import ALONE, Ranks
 from policy.robots.hints import RobotError
 
 from .mirror import mirror_of
-from .reward_ppo import RewardFn as RewardFn
 from .reward_ppo import RewardPpo as RewardPpo
 from .reward_ppo import ScoreFn as ScoreFn
 from .reward_ppo import figures_of as figures_of

@@ -174,10 +174,6 @@ class RewardModel(nn.Module):
         ]
         return worth[0] - worth[1]
 
-    def probabilities(self, left: ClipBatch, right: ClipBatch) -> Tensor:
-        """Calibrated probability [B] that each left clip is called better."""
-        return self.logit(left, right).sigmoid()
-
     def logit(self, left: ClipBatch, right: ClipBatch) -> Tensor:
         """Calibrated logit [B] that each left clip is called better."""
         temperature = self.provenance.report.temperature

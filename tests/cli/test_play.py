@@ -155,7 +155,7 @@ async def _driven(url: str) -> None:
         await visitor.press("Stand still")
         await visitor.press("A walks as it should")
         await _until(page, lambda: "kept: " in "".join(visitor.texts.values()))
-        await visitor.slide("forward, m/s", 0.9)
+        await visitor.set("forward, m/s", 0.9)
         await visitor.press("Faster")
         await _until(page, lambda: set(_speeds(visitor)) == {"A", "B"})
         before = _fastest(visitor)

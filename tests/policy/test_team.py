@@ -18,7 +18,6 @@ from data.episodes.episode import decode_episode
 from data.episodes.episode_records import Episode
 from data.episodes.team_rows import (
     SIGHT_DIM,
-    TEAM_DIM,
     sight_column,
     team_rows,
     team_sight,
@@ -192,7 +191,7 @@ def test_a_team_has_one_command_and_one_end(walkers: Policy) -> None:
     env.episode_length_buf = torch.tensor([499, 499, 0, 0, 0, 0])
     _, _, dones, extras = env.step(torch.zeros(6, 12))
     assert dones.tolist() == [True, True, False, False, False, False]
-    assert extras["features"].shape == (6, TEAM_DIM)
+    assert extras["features"].shape == (6, FEATURE_DIM + SIGHT_DIM)
     gap = extras["features"][:, sight_column("mate_pos_h")].norm(dim=-1)
     assert torch.all((gap > 0.4) & (gap < 1.2))
     saved, action = env.snapshot(), torch.ones(6, 12)
@@ -255,7 +254,7 @@ def test_rows_read_from_a_file_are_those_of_the_run(
 ) -> None:
     """What is seen of the other follows from both states."""
     rows = team_rows(episodes[0])
-    assert rows.shape == (episodes[0].num_steps, 2, TEAM_DIM)
+    assert rows.shape == (episodes[0].num_steps, 2, FEATURE_DIM + SIGHT_DIM)
     np.testing.assert_array_equal(rows[:, 0, :FEATURE_DIM], episodes[0].features)
     first, second = rows[:, 0], rows[:, 1]
     place = sight_column("mate_pos_h")

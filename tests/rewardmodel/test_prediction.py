@@ -71,5 +71,5 @@ def test_a_saved_temperature_is_that_of_the_probabilities() -> None:
     assert (of_all.variance > 0).all()
     assert of_all.lead.equal(model.lead(pairs.left, pairs.right))
     expected = (of_all.logit / report.temperature).sigmoid()
-    assert model.probabilities(pairs.left, pairs.right).equal(expected)
+    assert model.logit(pairs.left, pairs.right).sigmoid().equal(expected)
     assert (of_all.logit.abs() < of_all.lead.abs()).all()

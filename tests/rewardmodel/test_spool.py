@@ -24,7 +24,7 @@ from rewardmodel.prepared import described
 def answered(root: Path) -> Dataset:
     """Sixty answers of two raters, who like what lifts its feet."""
     dataset = walking_dataset(root, pairs=0)
-    clips = walking_clips(dataset, 60)
+    clips = walking_clips(dataset.entries(), 60)
     lift = {entry.sha256: entry.meta.seed for entry in dataset.entries()}
     rng = np.random.default_rng(0)
     with dataset.answers() as store:
