@@ -66,7 +66,6 @@ class QuadrupedEnv(VecEnv):
         seed: int,
         sim: Sim | None = None,
         keep_final: bool = False,
-        threads: int = 0,
         ranks: Ranks = ALONE,
     ) -> None:
         """Make and reset `num_envs` environments.
@@ -78,7 +77,6 @@ class QuadrupedEnv(VecEnv):
             seed: Where all chance comes from.
             sim: A simulator of `num_envs` copies; MuJoCo on the CPU by default.
             keep_final: Put the states before any reset into `extras["final"]`.
-            threads: That the default simulator runs on; 0 is one for each CPU.
             ranks: Who has further environments of the same training.
         """
         if (cfg.team is not None) != self.OF_TEAMS:
@@ -86,7 +84,7 @@ class QuadrupedEnv(VecEnv):
         self.robot = robot = in_world(robot, cfg)
         self.cfg: EnvCfg = cfg  # pyright: ignore[reportIncompatibleVariableOverride]
         self.task = task_reward_for(robot, cfg.task)
-        self.sim = sim or BatchSim(robot, num_envs, threads=threads)
+        self.sim = sim or BatchSim(robot, num_envs)
         self.num_envs = num_envs
         self.num_actions = 12
         self.max_episode_length = cfg.episode_steps

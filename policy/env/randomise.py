@@ -18,7 +18,6 @@ from torch import Tensor
 from data.features import LEGS
 from policy.parallel.ranks import ALONE, Ranks
 from policy.robots.robot import Robot
-from policy.sim.batch_sim import VariedBatchSim
 from policy.sim.chosen import Rows
 from policy.sim.draw import DRAWN_DIM, Draw
 from policy.sim.making import SimCfg, make_sim, make_varied_sim
@@ -49,14 +48,10 @@ class RandomisedEnv(QuadrupedEnv):
         num_envs: int,
         *,
         seed: int,
-        sim: VariedSim | None = None,
-        keep_final: bool = False,
-        threads: int = 0,
+        sim: VariedSim,
         ranks: Ranks = ALONE,
     ) -> None:
-        """See `QuadrupedEnv`."""
-        robot = in_world(robot, cfg)
-        sim = sim or VariedBatchSim(robot, num_envs, threads=threads)
+        """See `QuadrupedEnv`; `sim` is of the robot in its world."""
         self._cfg = cfg.randomise
         self._amplitudes = _amplitudes(self._cfg.noise).to(sim.device)
         self._privileged = torch.zeros(num_envs, PRIVILEGED_DIM, device=sim.device)
@@ -66,7 +61,6 @@ class RandomisedEnv(QuadrupedEnv):
             num_envs,
             seed=seed,
             sim=sim,
-            keep_final=keep_final,
             ranks=ranks,
         )
 
@@ -150,7 +144,6 @@ def make_env(
     *,
     seed: int,
     sim: SimCfg | None = None,
-    keep_final: bool = False,
     threads: int = 0,
     ranks: Ranks = ALONE,
 ) -> QuadrupedEnv:
@@ -167,7 +160,6 @@ def make_env(
             num_envs,
             seed=seed,
             sim=make_sim(robot, num_envs, where, threads=threads),
-            keep_final=keep_final,
             ranks=ranks,
         )
     return RandomisedEnv(
@@ -176,7 +168,6 @@ def make_env(
         num_envs,
         seed=seed,
         sim=make_varied_sim(robot, num_envs, where, threads=threads),
-        keep_final=keep_final,
         ranks=ranks,
     )
 

@@ -18,7 +18,6 @@ from data.errors import GaitprefError
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg, RandomiseCfg
 from policy.env.feature_row import BaseState
-from policy.parallel.ranks import ALONE, Ranks
 from policy.robots.robot import Robot
 from policy.sim.sim import SimState
 from policy.training.ppo import RewardPpo, Runner
@@ -42,8 +41,6 @@ class TeamEnv(QuadrupedEnv):
         *,
         seed: int,
         keep_final: bool = False,
-        threads: int = 0,
-        ranks: Ranks = ALONE,
     ) -> None:
         """See `QuadrupedEnv`.
 
@@ -57,9 +54,8 @@ class TeamEnv(QuadrupedEnv):
             cfg,
             num_envs,
             seed=seed,
-            sim=PairSim(robot, num_envs, threads=threads),
+            sim=PairSim(robot, num_envs),
             keep_final=keep_final,
-            ranks=ranks,
         )
 
     @property
