@@ -73,7 +73,8 @@ ELSEWHERE = {
     "gaitpref record --policy runs/choose": "tests/policy/test_options.py",
     "gaitpref pairs --dataset runs/judged": "tests/policy/test_options.py",
     "gaitpref label --dataset runs/judged": "tests/policy/test_options.py",
-    "gaitpref train --out runs/walk --reward task --actors": "tests/policy/test_actors",
+    "gaitpref train --out runs/actors": "tests/policy/test_actors.py starts actors",
+    "gaitpref train --out runs/cluster": "tests/policy/test_actors.py starts Ray",
 }
 """Lines that are not typed here, and where what they do is tried."""
 SERVERS = ("label", "play", "watch")
