@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import sys
 import tempfile
 from collections import Counter
 from dataclasses import asdict, dataclass
@@ -92,4 +93,4 @@ async def _all(quick: bool, slow_s: float) -> list[Result]:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Options))
+    sys.exit(any(result.got_through for result in main(tyro.cli(Options))))

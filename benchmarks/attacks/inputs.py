@@ -176,12 +176,12 @@ WRONG: dict[str, bytes | str] = {
 """Messages that no page sends; the sender's page is closed."""
 
 UNKNOWN: dict[str, bytes] = {
+    "camera without a screen": _camera(image_width=0, image_height=0),
     "button of nobody": _update(value=True),
     "text of nobody": _update(value=MARK * 1000),
     "number of nobody": _update(value=3.5),
     "command of nobody": msgspec.msgpack.encode({"type": OURS[2], "uuid": MARK}),
     "empty name": _update(uuid="", value=True),
     "far camera": _camera(position=(1e8, -1e8, 1e8)),
-    "camera without a screen": _camera(image_width=0, image_height=0),
 }
 """Messages that are spelled right and mean nothing: nothing happens."""

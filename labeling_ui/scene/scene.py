@@ -320,8 +320,10 @@ class PairScene:
 
 
 def aspect_of(camera: viser.CameraHandle) -> float:
-    """Width / height of a visitor's picture."""
-    return camera.image_width / max(camera.image_height, 1)
+    """Width / height of a visitor's picture; 1 of a window that shows none."""
+    if not (camera.image_width and camera.image_height):
+        return 1.0
+    return camera.image_width / camera.image_height
 
 
 def _shift(
