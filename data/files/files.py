@@ -276,10 +276,11 @@ def require_directory(path: Path, names: Collection[str] | None = None) -> None:
     if path.is_symlink() or (path.exists() and not path.is_dir()):
         raise FileError(f"{path} is there already, and no directory; give another path")
     if names is not None and path.is_dir():
-        other = min((p.name for p in path.iterdir() if p.name not in names), default="")
-        if other:
+        others = sorted(p.name for p in path.iterdir() if p.name not in names)
+        if others:
+            # Of what is hidden nobody knows; it sorts first.
             raise FileError(
-                f"{path} holds {other} and would be replaced as a whole; give a "
+                f"{path} holds {others[-1]} and would be replaced as a whole; give a "
                 f"directory that is new, or that holds {', '.join(names)} alone"
             )
 
