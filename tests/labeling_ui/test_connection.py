@@ -176,4 +176,5 @@ def test_only_the_newest_window_answers(browser: "Browser", tmp_path: Path) -> N
         state(page, "away")
         page.get_by_role("button", name="Go on here").click()
         state(page, "")
+        newer.bring_to_front()
         state(newer, "away")
