@@ -21,7 +21,7 @@ from labeling_ui.questions.rater_figures import rater_figures
 from labeling_ui.questions.rater_session import QueueCfg, RaterSession
 from labeling_ui.scene.clip_motion import MotionCache
 from labeling_ui.shell.label_shell import LABEL_SHELL
-from labeling_ui.web.guidelines import load_guidelines
+from labeling_ui.web.guidelines import Guidelines
 from labeling_ui.web.proxy_cfg import ProxyCfg
 from labeling_ui.web.public_url import PublicUrl
 from labeling_ui.web.tokens import TokenStore
@@ -81,7 +81,7 @@ class LabelServer:
         """
         self._dataset, self._cfg, self._status = dataset, cfg, status
         self._picture = picture
-        self._guidelines = load_guidelines(cfg.guidelines)
+        self._guidelines = Guidelines(cfg.guidelines)
 
     @property
     def url(self) -> str:

@@ -10,7 +10,6 @@ from data.answers.answer_records import Pair
 from data.datasets.dataset import Dataset
 from data.episodes.clips import Clip
 from data.episodes.episode import Episode
-from data.errors import GaitprefError
 from policy.rollouts.record import Command, RecordCfg, record
 from policy.training.checkpoint import load_policy
 
@@ -29,22 +28,6 @@ def shots_of_pair(dataset: Dataset, pair: Pair) -> tuple[Shot, Shot]:
     """Both clips of a pair, A and B."""
     a, b = ((pair.a, "A"), (pair.b, "B"))
     return shot_of_clip(dataset, *a), shot_of_clip(dataset, *b)
-
-
-def find_pair(dataset: Dataset, name: str) -> Pair:
-    """The pair whose name begins with `name`.
-
-    Raises:
-        GaitprefError: there is none, or more than one.
-    """
-    with dataset.answers() as store:
-        found = [pair for pair in store.pairs() if pair.pair_id.startswith(name)]
-    if len(found) != 1:
-        raise GaitprefError(
-            f"{len(found)} pairs of {dataset.root} begin with {name!r}; `gaitpref data "
-            f"labels --dataset {dataset.root}` names those that were answered"
-        )
-    return found[0]
 
 
 def shot_of_policy(

@@ -13,7 +13,6 @@ from gaitpref.method.context import RoundContext
 from gaitpref.method.noisy import NoisyAnswers
 from gaitpref.report.fit_summary import fit_summary
 from rewardmodel.answers.answered_pairs import load_pairs
-from rewardmodel.answers.program_agreement import told_untaught
 from rewardmodel.fitting.fit_reward import fit_reward, no_reward
 from rewardmodel.models.storage import save_reward
 
@@ -52,7 +51,7 @@ def fit_stage(
             told = f"{told}; {decided}"
     save_reward(model, round.reward)
     console.print(f"round {round.number}: {told}")
-    for each in pairs.untaught:
-        console.print(f"round {round.number}: answers: {told_untaught(each)}")
+    for told in pairs.left_out.told:
+        console.print(f"round {round.number}: answers: {told}")
     if gone := told_gone(pairs.num_gone, pairs.num_collected, dataset.root):
         console.print(f"round {round.number}: {gone}")

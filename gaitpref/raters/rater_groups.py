@@ -63,7 +63,13 @@ def answers_for(pairs: AnsweredPairs, whom: Sequence[str]) -> AnsweredPairs:
         RewardError: somebody gave no answer, or too few prefer a clip.
     """
     known = sorted(set(pairs.raters))
-    for each in pairs.untaught:
+    for name in pairs.left_out.raters:
+        if name in whom:
+            raise RewardError(
+                f"--for {name}: the answers of {name} are left out; `gaitpref raters "
+                f"--dataset DIR take-in {name}` takes them in again"
+            )
+    for each in pairs.left_out.programs:
         if each.rater_id in whom:
             raise RewardError(
                 f"--for {each.rater_id}: it {each}, {RULE} to teach; --unchecked takes "

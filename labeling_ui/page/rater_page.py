@@ -315,7 +315,7 @@ class Page:
 
     def _toggle_guidelines(self) -> None:
         if self._modal is None:
-            text = self._shared.guidelines
+            text = self._shared.guidelines()
             self._modal = guidelines_dialog(self.client, self.post, text)
         else:
             self._close_dialog()

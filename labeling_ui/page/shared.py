@@ -29,7 +29,8 @@ class Shared:
     """Has another worker do what nobody waits for."""
     wake: Callable[[], None]
     """Has the ticker handle what was posted at once."""
-    guidelines: str
+    guidelines: Callable[[], str]
+    """What raters are told, as it is now."""
     picture: Picture | None = None
     """Tells what moved a reward about the last answer, where there is one."""
     habits: dict[str, Habits] = field(default_factory=dict)

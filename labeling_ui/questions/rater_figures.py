@@ -114,7 +114,7 @@ def _figures(
         fast=Share(sum(time_s < FAST_S for time_s in times_s), len(times_s)),
         left=Share(sides.count(True), sides.count(True) + sides.count(False)),
         self_consistency=_self_consistency(answers),
-        gold=_gold(own),
+        gold=gold_share(own),
         agreement=agreement_of(shared, raters),
         alpha=alpha(shared),
         pace_s=_pace_s(answers) if len(raters) == 1 else (),
@@ -174,7 +174,8 @@ def _self_consistency(answers: Sequence[Answer]) -> Share:
     return Share(same, len(both))
 
 
-def _gold(rows: Sequence[Row]) -> Share:
+def gold_share(rows: Sequence[Row]) -> Share:
+    """How many answers to pairs whose answer is known were that one."""
     asked = [(pair.gold, answer.target) for pair, answer in rows if pair.gold]
     right = sum(
         target is not None and _direction(target) == gold for gold, target in asked

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 from data.errors import GaitprefError
 from data.files.files import read_text
 from data.files.limits import GUIDELINES_BYTES
+
+logger = logging.getLogger(__name__)
 
 DEFAULT_GUIDELINES = """\
 Two robots, **A** (blue) and **B** (orange), were given the same command. Say which one
@@ -22,6 +25,28 @@ walks better, or, where they begin lying, gets up better.
 Slow down, step, or turn the scene with the mouse as much as you like. There is no hurry
 and no score, and every answer can be undone.
 """
+
+
+class Guidelines:
+    """What raters are told, read anew each time: the owner goes on writing, and sees
+    it in the browser as raters do."""
+
+    def __init__(self, path: Path | None) -> None:
+        """Read them once.
+
+        Raises:
+            GaitprefError: the file cannot be read, or is no text.
+        """
+        self._path, self._last = path, load_guidelines(path)
+
+    def __call__(self) -> str:
+        """The Markdown as it is now; the last that could be read while an editor
+        writes it, or where it was moved."""
+        try:
+            self._last = load_guidelines(self._path)
+        except GaitprefError as error:
+            logger.warning("%s; people see the text of before", error)
+        return self._last
 
 
 def load_guidelines(path: Path | None) -> str:

@@ -23,7 +23,7 @@ from labeling_ui.shell.page_shell import Shell
 
 from .checks import host_name, is_handshake
 from .front_door import FrontDoor
-from .guidelines import load_guidelines
+from .guidelines import Guidelines
 from .http_log import shorten_http_log
 from .login import Login
 from .pages import figures_page, guidelines_page
@@ -64,6 +64,7 @@ class Proxy:
         self.cfg = cfg
         self._tokens = tokens
         self._figures = figures
+        self._told = Guidelines(cfg.guidelines)
         self._port = cfg.port
         self._login = Login(cfg, tokens, now_s, lambda: cfg.cookie_name(self._port))
         self._shell = shell
@@ -273,8 +274,7 @@ class Proxy:
     async def _guidelines(self, request: web.Request) -> web.StreamResponse:
         if self._login.rater(request) is None:
             return self._to_login()
-        # Read every time: the owner may go on writing while people answer.
-        return page(guidelines_page(load_guidelines(self.cfg.guidelines)))
+        return page(guidelines_page(self._told()))
 
     async def _my_figures(self, request: web.Request) -> web.StreamResponse:
         rater = self._login.rater(request)

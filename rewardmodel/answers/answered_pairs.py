@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -22,9 +22,8 @@ from data.episodes.clips import Clip
 from rewardmodel.errors import RewardError
 
 from .clip_batch import ClipBatch, fill_clips, with_past
-from .program_agreement import Agreement, told_untaught
 from .recorded import RecordedClips, recorded_clips
-from .used import UsedAnswers, answers_used, count_preferences
+from .used import LeftOut, UsedAnswers, answers_used, count_preferences
 from .used import count_evidence as count_evidence
 
 MIN_ANSWERS = 8
@@ -68,8 +67,8 @@ class AnsweredPairs:
     """Answers left out because an episode they are about is gone."""
     sides: tuple[Sides, ...] = ()
     """Which side of the screen each rater prefers, in all answers of the data sets."""
-    untaught: tuple[Agreement, ...] = ()
-    """Programs whose answers were left out, as they do not agree with people."""
+    left_out: LeftOut = field(default_factory=LeftOut)
+    """Whose answers were left out."""
     recorded: RecordedClips | None = None
     """What else there is of the kind that was judged; None where nobody knows."""
 
@@ -185,7 +184,7 @@ def load_pairs(
         num_collected=used.collected,
         num_gone=used.gone,
         sides=used.sides,
-        untaught=used.untaught,
+        left_out=used.left_out,
         answers_sha256=_label_set(row.line for row in used.rows),
         recorded=recorded_clips(datasets),
     )
@@ -249,7 +248,7 @@ def _too_few(datasets: Sequence[Dataset], used: UsedAnswers, needed: int) -> str
     others = [
         f"{ties} call both clips equal" * bool(ties),
         f"{used.gone} are about episodes that are gone" * bool(used.gone),
-        *map(told_untaught, used.untaught),
+        *used.left_out.told,
     ]
     besides = "".join(f", {words}" for words in others if words)
     return (

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from data.answers.answer_records import Answer, Pair, RaterKind, utc_text
+from data.answers.curation import left_out as unwanted_raters
 from data.answers.rater_habits import Sides, sides_of
 from data.answers.store import AnswerStore
 from data.datasets.dataset import Dataset
 from data.datasets.gone import listed_in
 
-from .program_agreement import PROGRAM, Agreement, agreements
+from .program_agreement import PROGRAM, Agreement, agreements, told_untaught
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,25 @@ class Used:
 
 
 @dataclass(frozen=True, kw_only=True)
+class LeftOut:
+    """Whose answers are there and teach nothing."""
+
+    programs: tuple[Agreement, ...] = ()
+    """Programs, as they do not agree with people."""
+    raters: Mapping[str, int] = field(default_factory=dict)
+    """Raters whom the owner leaves out, and how many answers each gave."""
+
+    @property
+    def told(self) -> list[str]:
+        """A line for each of them."""
+        told = [
+            f"the {count} of {rater_id} are left out, as the owner says"
+            for rater_id, count in self.raters.items()
+        ]
+        return told + [told_untaught(each) for each in self.programs]
+
+
+@dataclass(frozen=True, kw_only=True)
 class UsedAnswers:
     """The current answers of some data sets, and what of them a fit uses."""
 
@@ -49,8 +69,8 @@ class UsedAnswers:
     """Answers about an episode that no data set has any more."""
     sides: tuple[Sides, ...]
     """Which side of the screen each rater prefers."""
-    untaught: tuple[Agreement, ...] = ()
-    """Programs whose answers are left out, as they do not agree with people."""
+    left_out: LeftOut = LeftOut()
+    """Whose answers teach nothing."""
 
     @property
     def preferences(self) -> int:
@@ -71,20 +91,22 @@ def answers_used(
     Raises:
         DatasetError, AnswerError: a manifest or the answers cannot be read.
     """
-    answered, kinds = _current_answers(datasets)
+    answered, kinds, unwanted = _current_answers(datasets)
     listed = listed_in(datasets)
     here = [row for row in answered if listed(row[0])]
-    untaught = () if unchecked else _untaught(here, kinds)
-    left_out = {each.rater_id for each in untaught}
     gone = len(answered) - len(here)
-    here = [row for row in here if row[1].rater_id not in left_out]
+    by_owner = Counter(a.rater_id for _, a in here if a.rater_id in unwanted)
+    here = [row for row in here if row[1].rater_id not in unwanted]
+    untaught = () if unchecked else _untaught(here, kinds)
+    doubted = {each.rater_id for each in untaught}
+    here = [row for row in here if row[1].rater_id not in doubted]
     return UsedAnswers(
         rows=tuple(evidence_of(here)),
         collected=len(answered),
         without_target=sum(answer.target is None for _, answer in here),
         gone=gone,
         sides=sides_of(answer for _, answer in here),
-        untaught=untaught,
+        left_out=LeftOut(programs=untaught, raters=dict(sorted(by_owner.items()))),
     )
 
 
@@ -108,11 +130,15 @@ def count_evidence(
     """How many preferences of a store a fit would use, those left out that are about
     episodes which `dataset` lists no more, or of programs that may not teach."""
     listed = listed_in([] if dataset is None else [dataset])
-    answered = store.current_answers()
-    here = [row for row in answered if dataset is None or listed(row[0])]
+    answered, unwanted = store.current_answers(), unwanted_raters(store)
+    here = [
+        (pair, answer)
+        for pair, answer in answered
+        if answer.rater_id not in unwanted and (dataset is None or listed(pair))
+    ]
     untaught = () if unchecked else _untaught(here, store.raters())
-    left_out = {each.rater_id for each in untaught}
-    rows = evidence_of(row for row in here if row[1].rater_id not in left_out)
+    doubted = {each.rater_id for each in untaught}
+    rows = evidence_of(row for row in here if row[1].rater_id not in doubted)
     clips = [(row.pair.a.key, row.pair.b.key) for row in rows]
     return count_preferences(clips, [row.target for row in rows])
 
@@ -162,19 +188,21 @@ def evidence_of(answered: Iterable[tuple[Pair, Answer]]) -> list[Used]:
 
 def _current_answers(
     datasets: Sequence[Dataset],
-) -> tuple[list[tuple[Pair, Answer]], dict[str, RaterKind]]:
-    """Every current answer once, and what the raters are."""
+) -> tuple[list[tuple[Pair, Answer]], dict[str, RaterKind], set[str]]:
+    """Every current answer once, what the raters are, and whom an owner leaves out."""
     answers: dict[str, tuple[Pair, Answer]] = {}
     kinds: dict[str, RaterKind] = {}
+    unwanted: set[str] = set()
     for dataset in datasets:
         with dataset.answers_copy() as store:
             programs = [name for name in kinds if kinds[name] == PROGRAM]
             kinds |= store.raters()
             # Whoever is a program in one of them is a person in none.
             kinds |= dict.fromkeys(programs, PROGRAM)
+            unwanted |= unwanted_raters(store)
             for pair, answer in store.current_answers():
                 answers[answer.answer_id] = (pair, answer)
     # A copy of a data set may not know that its answer was corrected elsewhere.
     corrected = {answer.supersedes for _, answer in answers.values()}
     rows = [row for row in answers.values() if row[1].answer_id not in corrected]
-    return rows, kinds
+    return rows, kinds, unwanted

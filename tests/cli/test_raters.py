@@ -10,6 +10,8 @@ import pytest
 from data.datasets.dataset import Dataset
 from gaitpref.cli.main import main
 from labeling_ui.web.tokens import TokenStore
+from rewardmodel.answers.answered_pairs import load_pairs
+from tests.helpers.answered_sets import fill, gaits
 from tests.labeling_ui.test_figures import row
 
 
@@ -73,10 +75,54 @@ def test_everything_is_there_as_json(root: Path, capsys: Output) -> None:
         assert words in shown
 
 
+def test_the_owner_says_who_teaches_and_what_is_known(
+    root: Path, capsys: Output
+) -> None:
+    """Each in one line, which the other commands go by."""
+    assert raters(root, "leave-out", "ada") == 0
+    said = "the 2 answers of ada are kept and teach nothing, from the next fit on\n"
+    assert capsys.readouterr().out == said
+    assert raters(root, "take-in", "ada") == 0
+    assert capsys.readouterr().out == "the 2 answers of ada teach again\n"
+    assert raters(root, "gold") == 0
+    assert "no answer is known" in capsys.readouterr().out
+    with Dataset.open(root).answers() as store:
+        first = store.pairs()[0].pair_id
+    assert raters(root, "gold", first[:8], "--known", "a") == 0
+    assert "it measures raters, teaches nothing" in capsys.readouterr().out
+    assert raters(root, "gold") == 0
+    shown = capsys.readouterr()
+    assert "  B is better, as the owner says so; nobody was asked yet\n" in shown.out
+    assert "--out known.gif` shows the first" in shown.out + shown.err
+    assert raters(root, "gold", "--json") == 0
+    (told,) = json.loads(capsys.readouterr().out)["known"]
+    assert (told["known"], told["given"]) == ("b", {"hits": 0, "of": 0})
+
+
+def test_a_fit_says_who_was_left_out(tmp_path: Path, capsys: Output) -> None:
+    """It learns from the others alone, as if nobody else had answered."""
+    dataset = gaits(tmp_path / "set", 30)
+    fill(dataset, "ann", lambda n, likes_a, side: "a" if likes_a else "b")
+    alone = load_pairs([dataset]).answers_sha256
+    fill(dataset, "bob", lambda n, likes_a, side: "a")
+    assert load_pairs([dataset]).answers_sha256 != alone
+    assert raters(dataset.root, "leave-out", "bob") == 0
+    assert load_pairs([dataset]).answers_sha256 == alone
+    fit = ["fit", "--dataset", str(dataset.root), "--out", str(tmp_path / "fit")]
+    assert main(fit) == 0
+    said = "answers: the 30 of bob are left out, as the owner says\n"
+    assert said in capsys.readouterr().err
+    assert main([*fit, "--for", "bob"]) == 2
+    assert "take-in bob` takes them in again" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("args", "message"),
     [
         (["add"], "gaitpref: whom?"),
+        (["leave-out", "eve"], "there is no rater 'eve'; there are ada, bob"),
+        (["gold", "ff"], "which answer to ff is known?"),
+        (["gold", "zz", "--known", "a"], "0 of 2 pairs begin with 'zz'"),
         (["revoke", "cy"], "'cy' has no token; these have: nobody"),
         (["add", "a b"], "cannot be a rater's name"),
         (["add", "simulated"], "is scripted, not human"),

@@ -137,6 +137,9 @@ TABLE = (
     Typed("raters --dataset {dataset} stats"),
     Typed("raters --dataset {dataset} add new", writes_set=True),
     Typed("raters --dataset {dataset} revoke ada", writes_set=True),
+    Typed("raters --dataset {dataset} leave-out ada", writes_set=True),
+    Typed("raters --dataset {dataset} take-in ada", writes_set=True),
+    Typed("raters --dataset {dataset} gold"),
     Typed(
         "label --dataset {dataset} --no-auth --port 0 --guidelines {guidelines}",
         writes_set=True,

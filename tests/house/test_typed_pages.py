@@ -20,6 +20,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
+from data.datasets.dataset import Dataset
 from gaitpref.cli.main import main
 from gaitpref.film.camera import Camera, NoRenderer
 from policy.robots.shipped import WALK
@@ -43,6 +44,7 @@ INSTEAD = {
     "postgresql://ann@db.example.org/gaits": "$POSTGRES",
     "s3://lab/gaits": "lab",
     "HASH": "$HASH",
+    "gold PAIR": "gold $PAIR",
     "--steps 2000000": "--steps 256",
     "--steps 1200000": "--steps 512",
     "--labels 60": "",
@@ -120,6 +122,8 @@ def test_the_commands_of_a_page_run(
     monkeypatch.chdir(here)
     monkeypatch.syspath_prepend(str(here))
     monkeypatch.setenv("HASH", next(here.glob("runs/demo/dataset/rollouts/*/*")).stem)
+    with Dataset.open(here / "runs/clips").answers_copy() as store:
+        monkeypatch.setenv("PAIR", store.pairs()[0].pair_id)
     if "postgresql://" in page.read_text():
         monkeypatch.setenv("POSTGRES", request.getfixturevalue("postgres_answers"))
     for line in lines(page):

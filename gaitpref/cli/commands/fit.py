@@ -31,7 +31,6 @@ from gaitpref.raters.rater_groups import answers_for
 from gaitpref.report.findings import findings_of_fit
 from gaitpref.report.fit_summary import fit_summary
 from rewardmodel.answers.answered_pairs import load_pairs
-from rewardmodel.answers.program_agreement import told_untaught
 from rewardmodel.cfg import FitCfg
 from rewardmodel.extensions.questions.unanswered import unanswered_pairs
 from rewardmodel.extensions_cfg import LabelFilterCfg, SemiSupervisedCfg
@@ -107,8 +106,8 @@ def _fit_alone(command: options.Fit) -> None:
         return
     console.print(f"{kind}: {fit_summary(report)}; the reward is {command.out}")
     gone = told_gone(pairs.num_gone, pairs.num_collected, command.dataset[0])
-    untaught = [f"answers: {told_untaught(each)}" for each in pairs.untaught]
-    for line in filter(None, (gone, *untaught, *findings.besides)):
+    left_out = [f"answers: {told}" for told in pairs.left_out.told]
+    for line in filter(None, (gone, *left_out, *findings.besides)):
         console.print(line)
     if stage is None:
         console.print(told_without_method("fits other settings"))

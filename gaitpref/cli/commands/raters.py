@@ -7,6 +7,7 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Any
 
+from data.answers import curation
 from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from data.files.shown import shown
@@ -15,6 +16,7 @@ from gaitpref.cli.shared.dataset_argument import open_dataset
 from gaitpref.console.extras import require
 from gaitpref.console.progress import console
 from gaitpref.console.terminal import say
+from labeling_ui.questions.known_answers import known_answers
 from labeling_ui.questions.rater_doubts import doubts
 from labeling_ui.questions.rater_figures import (
     RaterFigures,
@@ -55,6 +57,10 @@ def run(command: options.Raters) -> int:
             with dataset.answers_copy() as store:
                 told = trust.told_of_programs(store)
             _show(command, *told)
+        case "leave-out" | "take-in":
+            _teaching(command, dataset)
+        case "gold":
+            _gold(command, dataset)
     return 0
 
 
@@ -94,6 +100,49 @@ def _list(command: options.Raters, dataset: Dataset, tokens: TokenStore) -> None
     ]
     hint = f"nobody has a token; `gaitpref raters --dataset {dataset.root} add NAME`"
     _show(command, {"raters": raters}, lines or [f"{hint} makes one"])
+
+
+def _teaching(command: options.Raters, dataset: Dataset) -> None:
+    """Leave a rater out, or take the rater in again."""
+    name, out = _name(command), command.action == "leave-out"
+    with dataset.answers() as store:
+        curation.leave_out(store, name, out=out)
+        answers = store.count(rater_id=name)
+    told = "are kept and teach nothing, from the next fit on" if out else "teach again"
+    _show(
+        command,
+        {"name": name, "left_out": out, "answers": answers},
+        [f"the {answers} answers of {name} {told}"],
+    )
+
+
+def _gold(command: options.Raters, dataset: Dataset) -> None:
+    """Show which answers are known, or ask about a pair whose answer is."""
+    if command.known is None and command.name is not None:
+        raise GaitprefError(
+            f"which answer to {command.name} is known? `--known a`, b, or equal"
+        )
+    if command.known is not None:
+        with dataset.answers() as store:
+            pair = curation.find_pair(store, _name(command))
+            added = curation.ask_known(store, pair, command.known)
+        told = "asks about the same clips, swapped; it measures raters, teaches nothing"
+        values = {"pair_id": added.pair_id, "known": added.gold}
+        _show(command, values, [f"{added.pair_id[:12]} {told}"])
+        return
+    with dataset.answers_copy() as store:
+        found = known_answers(store.pairs(), human_rows(store))
+    values = [asdict(of_pair) for of_pair in found]
+    lines = [str(of_pair) for of_pair in found]
+    if not found:
+        root = command.dataset
+        lines = [f"no answer is known; `gaitpref pairs --dataset {root} --gold 2`"]
+    _show(command, {"known": values}, lines)
+    if found and not command.json:
+        console.next(
+            f"`gaitpref film --dataset {command.dataset} --pair "
+            f"{found[0].pair_id[:12]} --out known.gif` shows the first"
+        )
 
 
 def _stats(command: options.Raters, dataset: Dataset) -> None:

@@ -45,7 +45,8 @@ class Serving:
     port: int = 8080
     """TCP port; a busy one is an error, 0 takes a free one."""
     guidelines: Path | None = None
-    """Markdown that tells people what to look for."""
+    """Markdown that tells people what to look for. It is read anew each time, so that
+    the page shows what is being written."""
     cert: Path | None = None
     """Certificate chain for TLS, PEM."""
     key: Path | None = None
@@ -156,20 +157,34 @@ class Method:
     """Print one JSON object and nothing else."""
 
 
+RatersAction = Literal[
+    "list", "add", "revoke", "stats", "groups", "compare",
+    "leave-out", "take-in", "gold",
+]  # fmt: skip
+
+
 @dataclass(frozen=True, kw_only=True)
 class Raters:
-    """Say who may log in to the labeling page, and how well they agree."""
+    """Say who may log in to the labeling page, how well they agree, and who teaches.
 
-    action: tyro.conf.Positional[
-        Literal["list", "add", "revoke", "stats", "groups", "compare"]
-    ] = "list"
+    `gaitpref raters --dataset DIR gold PAIR --known a` adds a question whose answer is
+    known.
+    """
+
+    action: tyro.conf.Positional[RatersAction] = "list"
     """list shows who has a token, who is in and since when not; add makes a login link
     and shows it once, as text and to be scanned; revoke makes it worthless; stats shows
     speed, habits and agreement; groups shows who wants the same, and whose taste has
     changed; compare shows how far programs agree with people, which side they like,
-    what they cost, and whether they may teach."""
+    what they cost, and whether they may teach; leave-out keeps the answers of a rater
+    and learns nothing from them, take-in takes that back; gold shows the pairs whose
+    answer is known, and how many gave it."""
     name: tyro.conf.Positional[str | None] = None
-    """Rater to add or revoke: letters, digits, - and _. A pseudonym is best."""
+    """Rater: letters, digits, - and _; a pseudonym is best. Of gold, a pair by its id
+    or the beginning of it."""
+    known: Literal["a", "b", "equal"] | None = None
+    """Of gold with a pair: the answer that everybody gives who looks. The two clips are
+    asked about once more, swapped, now and then; that measures raters."""
     url: str = "http://127.0.0.1:8080"
     """Where the page is opened; the login link begins with it."""
     dataset: Path

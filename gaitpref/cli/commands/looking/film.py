@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from data.answers.curation import find_pair
 from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from gaitpref.cli.commands.looking.explained import find_clip
@@ -11,12 +12,7 @@ from gaitpref.console.terminal import say
 from gaitpref.film.camera import CameraCfg
 from gaitpref.film.reel import FilmCfg, film, frame_count, require_kind, write_film
 from gaitpref.film.shot import Shot
-from gaitpref.film.sources import (
-    find_pair,
-    shot_of_clip,
-    shot_of_policy,
-    shots_of_pair,
-)
+from gaitpref.film.sources import shot_of_clip, shot_of_policy, shots_of_pair
 from policy.robots.shipped import WALK
 
 
@@ -73,6 +69,8 @@ def _shots(command: options.Film) -> list[Shot]:
         )
     dataset = Dataset.open(command.dataset)
     if command.pair:
-        return list(shots_of_pair(dataset, find_pair(dataset, command.pair)))
+        with dataset.answers_copy() as store:
+            pair = find_pair(store, command.pair)
+        return list(shots_of_pair(dataset, pair))
     assert command.clip
     return [shot_of_clip(dataset, find_clip(dataset, command.clip))]

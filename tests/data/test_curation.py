@@ -1,0 +1,88 @@
+"""The owner leaves raters out and adds known answers; nothing that was said changes."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from data.answers.address import Address
+from data.answers.check import damaged_rows
+from data.answers.curation import (
+    ask_known,
+    find_pair,
+    known_because,
+    leave_out,
+    left_out,
+)
+from data.answers.lines import from_lines, to_lines
+from data.answers.overlap import Overlap
+from data.answers.question_board import QuestionBoard
+from data.answers.store import AnswerStore
+from data.errors import AnswerError
+from rewardmodel.answers.used import count_evidence
+from tests.data.test_answers import fill, make_answer, make_pair
+
+
+@pytest.fixture
+def store(answers_address: Address) -> Iterator[AnswerStore]:
+    """Ada answered two of three pairs, on SQLite and on PostgreSQL."""
+    with AnswerStore.open(answers_address) as store:
+        fill(store)
+        for number in range(2):
+            store.add_answer(make_answer(f"a{number}", make_pair(number)))
+        yield store
+
+
+def test_who_is_left_out_teaches_nothing_and_can_come_back(store: AnswerStore) -> None:
+    """The answers stay, as does what was known of the rater."""
+    assert count_evidence(store) == 2
+    leave_out(store, "ada")
+    assert left_out(store) == {"ada"}
+    assert count_evidence(store) == 0
+    assert store.count(rater_id="ada") == 2
+    leave_out(store, "ada")
+    leave_out(store, "ada", out=False)
+    assert left_out(store) == frozenset()
+    assert count_evidence(store) == 2
+    assert store.rater_rows()[0] == ("ada", "human", {"since": 2030})
+
+
+def test_a_question_whose_answer_is_known_measures_and_teaches_nothing(
+    store: AnswerStore,
+) -> None:
+    """It shows the clips of a pair the other way round, which stays as it is."""
+    board = QuestionBoard(store, Overlap())
+    assert board.gold_pairs("cy") == []
+    known = ask_known(store, make_pair(0), "a")
+    assert (known.a, known.b) == (make_pair(0).b, make_pair(0).a)
+    assert (known.gold, known_because(known)) == ("b", "the owner says so")
+    assert board.gold_pairs("cy") == [known.pair_id]
+    store.add_answer(make_answer("known", known))
+    assert count_evidence(store) == 2
+    assert store.pair(make_pair(0).pair_id).gold is None
+    with pytest.raises(AnswerError, match="in both orders already"):
+        ask_known(store, make_pair(0), "a")
+
+
+def test_what_the_owner_says_travels_and_is_whole(
+    store: AnswerStore, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Checksums are those of what was written, and archives take it along."""
+    leave_out(store, "ada")
+    known = ask_known(store, make_pair(1), "equal")
+    assert not list(damaged_rows(store.address))
+    with AnswerStore.open(tmp_path_factory.mktemp("other") / "b.sqlite") as other:
+        from_lines(other, to_lines(store), "archive")
+        assert left_out(other) == {"ada"}
+        assert other.pair(known.pair_id).gold == "equal"
+
+
+def test_whoever_and_whatever_is_not_there_is_named(store: AnswerStore) -> None:
+    """With those that are."""
+    with pytest.raises(AnswerError, match="no rater 'eve'; there are ada, bob"):
+        leave_out(store, "eve")
+    pair = make_pair(2, round=1)
+    assert find_pair(store, pair.pair_id[:10]) == pair
+    with pytest.raises(AnswerError, match="3 of 3 pairs begin with ''"):
+        find_pair(store, "")
+    with pytest.raises(AnswerError, match="0 of 3 pairs begin with 'zz'"):
+        find_pair(store, "zz")
