@@ -1,8 +1,8 @@
 """What each decision of the method is worth: the loop with it and without it.
 
 `python -m benchmarks.ablations` takes days on two cores and can be interrupted
-anywhere, as `benchmarks.preferences` can, whose rows these are. `--table-only` writes
-the tables of the rows there are into docs/method.md and docs/benchmarks.md.
+anywhere, as `benchmarks.preferences` can, whose rows these are compared with.
+`--table-only` writes the table of the rows there are into docs/method.md.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ import tyro
 from data.errors import GaitprefError
 
 from .preference_plan import Cell
-from .preference_table import PAGE, Row, read_rows, together, write_between
-from .preference_table import markdown as rows_table
+from .preference_table import Row, read_rows, write_between
 from .preferences import Options, run_cells
 
 Place = tuple[str, int, str]
@@ -35,19 +34,19 @@ ERRING: tuple[Place, ...] = (
 )
 RATE: tuple[Place, ...] = (("low_energy", 20, "perfect"), ("trot", 60, "perfect"))
 POSTURE: tuple[Place, ...] = (("crouch", 20, "perfect"), ("lean", 20, "perfect"))
+WEIGHT: tuple[Place, ...] = tuple(
+    (task, 20, "perfect") for task in ("trot", "high_step", "low_energy", "crouch")
+)
 ABLATIONS: tuple[tuple[str, tuple[Place, ...]], ...] = (
-    ("default", (*STYLES, *WALKS)),
     ("disagreeing", STYLES),
     ("unjudged", STYLES),
     ("linear", STYLES),
     ("no-calm", (*STYLES, *RATE)),
-    ("default", RATE),
     ("no-limit", STYLES),
-    ("default", (*POSTURE, *ERRING)),
     ("no-posture", POSTURE),
     ("no-earlier", STYLES),
     ("unjudged", ERRING),
-    ("weight-1", STYLES),
+    ("weight-1", WEIGHT),
     ("no-mirror", (*STYLES, *WALKS)),
     ("no-hope", WALKS),
     ("unjudged", WALKS),
@@ -56,9 +55,9 @@ ABLATIONS: tuple[tuple[str, tuple[Place, ...]], ...] = (
     ("no-posture", WALKS),
     ("no-caution", (("walk", 100, "mistakes20"), ("brisk_walk", 100, "mistakes20"))),
     ("not-told", (("walk", 100, "mistakes20"), ("brisk_walk", 100, "mistakes20"))),
-    ("default", (("brisk_walk", 100, "mistakes20"),)),
     ("not-steady", WALKS),
     ("keep-noise", WALKS),
+    ("not-sure", (("walk", 100, "perfect"), ("walk", 40, "perfect"))),
 )
 """What is left out, and where; in the order of running."""
 LEFT_OUT = {
@@ -77,19 +76,15 @@ LEFT_OUT = {
     "not-told": "strong opinions about commands",
     "not-steady": "unsteady walks disliked before any answer",
     "keep-noise": "the schedule of exploration noise",
+    "not-sure": "only what is surely liked is paid",
 }
 """What each method lacks, and has instead."""
-BEFORE = "before"
-"""The method from scratch before a decision left, of which some rows are."""
-BESIDE = {"no-hope": BEFORE}
-"""What rows are compared with that are not of the present method without one thing."""
 KEPT_FOR = {
     "unjudged": "verdicts rest on it",
     "no-limit": "commands are followed",
 }
 """Why a decision stays whose rows alone would not keep it."""
-AGAIN = {"weight-1": "of the walk that shipped before"}
-"""Whose rows decide nothing, and why: they are run again."""
+PAGE = "method.md"
 SEEDS = 3
 
 
@@ -105,8 +100,10 @@ class Ablations:
     """Directory of the runs."""
     results: Path = Path("docs/results/ablations")
     """Directory of the finished rows."""
+    whole: Path = Path("docs/results/preferences")
+    """Directory of rows of `benchmarks.preferences`, which lack nothing."""
     docs: Path = Path("docs")
-    """Directory of method.md and benchmarks.md, which get the tables."""
+    """Directory of method.md, which gets the table."""
     table_only: bool = False
     """Run nothing: write the tables of the rows there are."""
 
@@ -150,8 +147,6 @@ class Worth:
         """What the rows say of the decision."""
         if len(self.shares) < 2 * SEEDS:
             return f"open: {len(self.shares)} of {2 * SEEDS} pairs"
-        if self.method in AGAIN:
-            return f"open: {AGAIN[self.method]}"
         if self.mean > self.standard_error:
             return "stays"
         reason = KEPT_FOR.get(self.method)
@@ -159,15 +154,15 @@ class Worth:
 
 
 def worths(rows: Sequence[Row]) -> list[Worth]:
-    """What every decision is worth that has rows with it and without it."""
-    by_key = {(_place_of(row), row["method"], row["seed"]): row for row in rows}
+    """What every decision is worth that has rows with it and without it, both of which
+    began with the same walk."""
+    by_key = {(row["method"], *_begun(row)): row for row in rows}
     found = []
-    for method in dict.fromkeys(name for name, _ in ABLATIONS if name != "default"):
-        whole = BESIDE.get(method, "default")
+    for method in dict.fromkeys(name for name, _ in ABLATIONS):
         pairs = [
-            (place, by_key[place, whole, seed], row)
-            for (place, name, seed), row in sorted(by_key.items())
-            if name == method and (place, whole, seed) in by_key
+            (begun[0], by_key["default", *begun], row)
+            for (name, *begun), row in sorted(by_key.items())
+            if name == method and ("default", *begun) in by_key
         ]
         if pairs:
             found.append(
@@ -184,9 +179,11 @@ def worths(rows: Sequence[Row]) -> list[Worth]:
     return found
 
 
-def _place_of(row: Row) -> str:
+def _begun(row: Row) -> tuple[str, int, float]:
+    """Task, answers and rater of a row, its seed, and what it began with."""
     rater = "" if row["rater"] == "perfect" else f" {row['rater']}"
-    return f"{row['task']} {row['answers']}{rater}"
+    place = f"{row['task']} {row['answers']}{rater}"
+    return place, row["seed"], round(row["start_return"], 3)
 
 
 def markdown(found: Sequence[Worth]) -> str:
@@ -207,20 +204,18 @@ def markdown(found: Sequence[Worth]) -> str:
 
 
 def publish(rows: Sequence[Row], docs: Path) -> None:
-    """Write what decisions are worth, and the rows of the default, into their pages,
-    and print both."""
+    """Write what decisions are worth into its page, and print it."""
     table = markdown(worths(rows))
-    default = rows_table(together([r for r in rows if r["method"] == "default"]))
-    print(f"{table}\n\n{default}")
-    write_between(docs / "method.md", "ablations", table)
-    write_between(docs / PAGE, "present", default)
+    print(table)
+    write_between(docs / PAGE, "ablations", table)
 
 
 def main(options: Annotated[Ablations, tyro.conf.FlagCreatePairsOff]) -> int:
     """Run, publish; the exit code tells whether every row was finished."""
     run = Options(work=options.work, results=options.results, workers=options.workers)
     failed = 0 if options.table_only else run_cells(cells(options.only), run)
-    publish(read_rows(options.results), options.docs)
+    rows = [*read_rows(options.results), *read_rows(options.whole)]
+    publish(rows, options.docs)
     return 1 if failed else 0
 
 

@@ -33,7 +33,8 @@ from data.features import FEATURE_DIM, column
 from data.files.files import write_atomically
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot
-from policy.rollouts.record import RecordCfg, record
+from policy.rollouts.record import record
+from policy.rollouts.record_cfg import RecordCfg
 from policy.training.ppo import PpoCfg
 from policy.training.train import train
 from policy.training.train_cfg import TrainCfg

@@ -24,7 +24,8 @@ from gaitpref.formats.logs.log_map import Columns, LogMap
 from gaitpref.formats.tables.table_episodes import table_episodes
 from policy.robots.robot import load_robot
 from policy.robots.shipped import WALK
-from policy.rollouts.record import RecordCfg, record
+from policy.rollouts.record import record
+from policy.rollouts.record_cfg import RecordCfg
 
 from .harness import Figure, publish
 

@@ -41,7 +41,7 @@ from gaitpref.options.train_options import OptionsCfg, train_options
 from policy.env.course import KINDS, CourseCfg
 from policy.options.choice_row import NEAR_M, TASK, ChoiceReward, written_reward
 from policy.options.choosing import ChoosingCfg
-from policy.rollouts.record import RecordCfg
+from policy.rollouts.record_cfg import RecordCfg
 from policy.training.checkpoint import read_plain, saved_bytes
 
 from .harness import Figure, publish

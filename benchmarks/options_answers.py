@@ -33,7 +33,8 @@ from policy.env.known_terms import KnownTermsCfg
 from policy.networks.widened import widened
 from policy.options.choice_row import CHANGES, POWER, PROGRESS, TASK, written_reward
 from policy.robots.robot import Robot
-from policy.rollouts.record import RecordCfg, record
+from policy.rollouts.record import record
+from policy.rollouts.record_cfg import RecordCfg
 from policy.training.checkpoint import (
     payload_bytes,
     policy_info,

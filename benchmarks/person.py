@@ -17,7 +17,7 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -57,6 +57,8 @@ class Options:
 
     serial: bool = False
     """Ask nothing while the loop trains."""
+    preset: Literal["quick", "standard"] = "quick"
+    """How long the loop is, as of `gaitpref loop --preset`."""
     labels: int = 40
     """Answers in all that the loop asks for."""
     rounds: int | None = None
@@ -93,6 +95,7 @@ def measured(options: Options, run: Path) -> dict[str, Figure]:
         rounds=options.rounds,
         steps=options.steps,
         rater="human",
+        quick=options.preset == "quick",
         seed=options.seed,
     )
     if options.serial:

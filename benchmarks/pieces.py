@@ -25,7 +25,8 @@ from gaitpref.executor.pieces import Piece, in_order
 from gaitpref.executor.processes import Processes
 from gaitpref.method.method import STYLE
 from policy.rollouts.evaluate import rollout_features
-from policy.rollouts.record import RecordCfg, record
+from policy.rollouts.record import record
+from policy.rollouts.record_cfg import RecordCfg
 from policy.training.checkpoint import load_policy
 from policy.training.train import train
 from policy.training.train_cfg import TrainCfg

@@ -20,7 +20,7 @@ from gaitpref.method.paid import AsFitted, SurelyLiked
 from gaitpref.method.questions import Questions
 from gaitpref.raters.rater_cfg import RaterCfg
 from policy.env.env_cfg import getup_env
-from policy.rollouts.record import RecordCfg
+from policy.rollouts.record_cfg import RecordCfg
 from rewardmodel.cfg import FitCfg, PosteriorCfg
 from rewardmodel.extensions_cfg import LabelFilterCfg, RawCfg, SemiSupervisedCfg
 
@@ -101,7 +101,6 @@ METHODS: dict[str, Change] = {
     ),
     "not-sure": lambda method: replace(method, paid=SurelyLiked(sure=0.0)),
     "no-caution": lambda method: replace(method, paid=SurelyLiked(caution=0.0)),
-    "lean": lambda method: replace(method, paid=SurelyLiked(sure=0.0)),
     "not-steady": lambda method: _expecting(method, unsteady_logit=0.0),
     "not-told": lambda method: _expecting(method, told_most=False),
     "no-calm": lambda method: replace(method, exploration=PutBack(calm_from=0.999)),
@@ -202,6 +201,8 @@ _BUDGETS = (
     ("walk", 100, "mistakes20", 3),
     ("walk", 150, "stochastic30", 3),
     ("walk", 200, "mistakes40", 3),
+    ("brisk_walk", 100, "mistakes20", 3),
+    *((task, 60, "mistakes20", 3) for task in ("trot", "high_step")),
     *((task, 20, "perfect", 3) for task in ("high_step", "crouch", "low_energy")),
     *((task, 20, "perfect", 3) for task in ("trot", "lean")),
     *((task, 60, "perfect", 3) for task in ("high_step", "crouch", "low_energy")),

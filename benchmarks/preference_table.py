@@ -21,8 +21,8 @@ from matplotlib.axes import Axes
 
 PAGE = "benchmarks.md"
 PLOT = "images/preferences.svg"
-MARK = "preferences"
-"""Mark around what is replaced in the page."""
+MARK, EARLIER = "preferences", "earlier"
+"""Marks around what is replaced in the page."""
 
 Row = dict[str, Any]
 KEY = ("task", "robot", "answers", "rater", "method")
@@ -38,7 +38,7 @@ def together(rows: Sequence[Row]) -> list[Row]:
     """Rows that differ by their seed only, as one; medians where not said otherwise."""
     groups: dict[tuple[Any, ...], list[Row]] = defaultdict(list)
     for row in rows:
-        groups[tuple(row.get(name) for name in KEY)].append(row)
+        groups[_key(row)].append(row)
     return [
         dict(zip(KEY, key, strict=True))
         | {
@@ -60,6 +60,10 @@ def together(rows: Sequence[Row]) -> list[Row]:
         }
         for key, group in groups.items()
     ]  # fmt: skip
+
+
+def _key(row: Row) -> tuple[Any, ...]:
+    return tuple(row.get(name) for name in KEY)
 
 
 def _verdicts(rows: Sequence[Row]) -> str:
@@ -203,8 +207,21 @@ def _name(row: Row) -> str:
     return ", ".join(told + ([row["rater"]] if row["rater"] != "perfect" else []))
 
 
-def publish_rows(rows: Sequence[Row], docs: Path, json_file: Path | None) -> None:
-    """Write table and plot into the docs, print the table, write the JSON file."""
+def publish_rows(
+    rows: Sequence[Row],
+    docs: Path,
+    json_file: Path | None,
+    *,
+    earlier: Sequence[Row] = (),
+) -> None:
+    """Write table and plot into the docs, print the table, write the JSON file.
+
+    Args:
+        rows: Of the present version.
+        docs: Where the page is.
+        json_file: Where they are written too.
+        earlier: Of versions before; of them those are told that were not run again.
+    """
     if not rows:
         print("there is no finished row")
         return
@@ -216,6 +233,10 @@ def publish_rows(rows: Sequence[Row], docs: Path, json_file: Path | None) -> Non
     if not page.exists():
         write_atomically(page, between(MARK, "").encode())
     write_between(page, MARK, f"{table}\n\n![Fraction against answers]({PLOT})")
+    if earlier:
+        again = set(map(_key, summary))
+        left = [row for row in together(earlier) if _key(row) not in again]
+        write_between(page, EARLIER, markdown(left))
     if json_file is not None:
         content = json.dumps({"rows": summary}, indent=1) + "\n"
         write_atomically(json_file, content.encode())

@@ -50,6 +50,9 @@ class Options:
     """Directory of the runs."""
     results: Path = Path("docs/results/preferences")
     """Directory of the finished rows."""
+    earlier: Path = Path("docs/results/earlier")
+    """Directory of rows of earlier versions, of which the page tells those that were
+    not run again."""
     docs: Path = Path("docs")
     """Directory of benchmarks.md and images/, which get table and plot."""
     table_only: bool = False
@@ -129,7 +132,12 @@ def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> int:
         if options.quick:
             cells = list({cell.task: cell for cell in reversed(cells)}.values())
         failed = run_cells(cells, options)
-    publish_rows(read_rows(options.results), options.docs, options.json)
+    publish_rows(
+        read_rows(options.results),
+        options.docs,
+        options.json,
+        earlier=read_rows(options.earlier),
+    )
     return 1 if failed else 0
 
 

@@ -19,7 +19,8 @@ from policy.engines.actor import Actor, ActorPlan, weights_of
 from policy.engines.actors_cfg import ActorsCfg
 from policy.engines.with_actors import ActorsRunner, WithActors
 from policy.robots.shipped import WALK
-from policy.rollouts.record import RecordCfg, record
+from policy.rollouts.record import record
+from policy.rollouts.record_cfg import RecordCfg
 from policy.training.ppo import PpoCfg
 from policy.training.setup import setting_of
 from policy.training.train_cfg import TrainCfg

@@ -37,7 +37,7 @@ RECORDS = (
     "rewardmodel.cfg.LinearCfg",
     "rewardmodel.cfg.PosteriorCfg",
     "rewardmodel.asking.clip_questions.ClipCfg",
-    "policy.rollouts.record.RecordCfg",
+    "policy.rollouts.record_cfg.RecordCfg",
     "policy.env.env_cfg.EnvCfg",
     "policy.env.known_terms.KnownTermsCfg",
     "policy.training.ppo.PpoCfg",

@@ -8,8 +8,8 @@ from .robots.robot import Robot as Robot
 from .robots.robot import load_robot as load_robot
 from .rollouts.evaluate import Evaluation as Evaluation
 from .rollouts.evaluate import evaluate as evaluate
-from .rollouts.record import RecordCfg as RecordCfg
 from .rollouts.record import record as record
+from .rollouts.record_cfg import RecordCfg as RecordCfg
 from .training.checkpoint import Policy as Policy
 from .training.checkpoint import load_policy as load_policy
 from .training.ppo import PpoCfg as PpoCfg

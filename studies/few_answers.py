@@ -29,7 +29,8 @@ from gaitpref.raters.criterion_scores import criterion_context, score_of_criteri
 from gaitpref.raters.error_model import said_why
 from gaitpref.raters.rater_cfg import RaterCfg
 from gaitpref.training.by_method import recorded_by
-from policy.rollouts.record import RecordCfg, record
+from policy.rollouts.record import record
+from policy.rollouts.record_cfg import RecordCfg
 from policy.training.checkpoint import load_policy
 from policy.training.ppo import ScoreFn
 from rewardmodel.acquisition import asked_for

@@ -5,12 +5,16 @@ Nothing of what was asked and answered changes.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from data.errors import AnswerError
 
-from .answer_records import Choice, Pair
+from .answer_records import Answer, Choice, Pair
 from .rows import encode_rater
 from .store import AnswerStore
 
+Row = tuple[Pair, Answer]
 _LEFT_OUT, _BECAUSE = "left_out", "because"
 _SWAPPED: dict[Choice, Choice] = {"a": "b", "b": "a"}
 BY_OWNER = "the owner says so"
@@ -22,6 +26,19 @@ def left_out(store: AnswerStore) -> frozenset[str]:
     return frozenset(
         rater_id for rater_id, _, info in store.rater_rows() if info.get(_LEFT_OUT)
     )
+
+
+def answers_heard(store: AnswerStore, round: int | None = None) -> list[Row]:
+    """Current answers, of one round or of all, without those of raters left out."""
+    unwanted = left_out(store)
+    answers = store.current_answers(round)
+    return [row for row in answers if row[1].rater_id not in unwanted]
+
+
+def leave_out_too(store: AnswerStore, rater_id: str, info: Mapping[str, Any]) -> None:
+    """Leave a rater out who is left out where `info` of the rater is from."""
+    if info.get(_LEFT_OUT) and rater_id not in left_out(store):
+        leave_out(store, rater_id)
 
 
 def leave_out(store: AnswerStore, rater_id: str, *, out: bool = True) -> None:
@@ -59,9 +76,14 @@ def ask_known(store: AnswerStore, pair: Pair, known: Choice) -> Pair:
         known: Which of them is better, as everybody sees who looks.
 
     Raises:
-        AnswerError: they are asked about in both orders already.
+        AnswerError: they are asked about in both orders already, or the answer to
+            `pair` is known.
         ValueError: `known` is no preference.
     """
+    if pair.gold is not None:
+        raise AnswerError(
+            f"the answer to {pair.pair_id[:12]} is known already; choose another pair"
+        )
     info = {"gold": _SWAPPED.get(known, known), _BECAUSE: BY_OWNER}
     swapped = Pair.make(pair.b, pair.a, strategy="gold", round=pair.round, info=info)
     if not store.add_pairs([swapped]):

@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from data.answers.answer_records import Pair
+from data.answers.curation import answers_heard
 from data.datasets.dataset import Dataset, EpisodeEntry
 from data.episodes.clips import Clip
 from data.errors import GaitprefError
-from policy.rollouts.record import RecordCfg, record
+from policy.rollouts.record import record
+from policy.rollouts.record_cfg import RecordCfg
 from policy.training.checkpoint import load_policy
 from rewardmodel.asking.clip_questions import ClipCfg, clips_of
 
@@ -133,7 +135,7 @@ def answered(dataset: Dataset, players: Sequence[Player]) -> list[Answered]:
     numbers = {player.sha256: number for number, player in enumerate(players)}
     entries = {entry.sha256: entry for entry in dataset.entries()}
     with dataset.answers() as store:
-        given = store.current_answers()
+        given = answers_heard(store)
     found = []
     for pair, answer in given:
         a, b = (entries.get(clip.rollout) for clip in (pair.a, pair.b))

@@ -35,6 +35,7 @@ _FOR_WHOM = {
     "export": "data sets in formats of others",
     "onnx": "policies as ONNX",
     "scale": "many machines with Ray",
+    "wandb": "curves in Weights & Biases",
 }
 """What each extra is for; those for developers are left out."""
 

@@ -10,7 +10,8 @@ from data.answers.answer_records import Pair
 from data.datasets.dataset import Dataset
 from data.episodes.clips import Clip
 from data.episodes.episode import Episode
-from policy.rollouts.record import Command, RecordCfg, record
+from policy.rollouts.record import record
+from policy.rollouts.record_cfg import Command, RecordCfg
 from policy.training.checkpoint import load_policy
 
 from .shot import Shot, shot_of

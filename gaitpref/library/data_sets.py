@@ -16,8 +16,8 @@ from data.answers.answer_records import Answer, Choice, Pair
 from data.answers.strategy_names import StrategyName
 from data.datasets.dataset import Dataset, EpisodeEntry
 from data.datasets.gone import listed_in
-from policy.rollouts.record import RecordCfg
 from policy.rollouts.record import record as episodes_of
+from policy.rollouts.record_cfg import RecordCfg
 from rewardmodel.asking.clip_questions import ClipCfg
 from rewardmodel.asking.clip_questions import ask as chosen
 from rewardmodel.models.model import RewardModel

@@ -28,6 +28,7 @@ from labeling_ui.page.loop_status import LoopStatus
 from rewardmodel.answers.used import count_evidence
 from rewardmodel.asking.asked_meanwhile import for_round, open_before
 from rewardmodel.asking.clip_questions import ask
+from rewardmodel.asking.visible import Visible
 
 from .loop_cfg import LoopCfg
 from .people import People
@@ -159,6 +160,7 @@ def keep_asked(run: Path, cfg: LoopCfg, dataset: Dataset, number: int) -> int:
         round_number=round.number,
         uniform_share=cfg.method.questions.uniform_share,
         strategy=cfg.method.questions.strategy,
+        told_apart=Visible(dataset),
         rng=np.random.default_rng(seed),
     )
     with dataset.answers() as store:

@@ -14,7 +14,7 @@ from gaitpref.raters.rater_cfg import RaterCfg
 from policy.env.env_cfg import EnvCfg
 from policy.env.feature_row import OBS_DIM
 from policy.robots.shipped import WALK
-from policy.rollouts.record import RecordCfg
+from policy.rollouts.record_cfg import RecordCfg
 from policy.sim.making import SimCfg
 from policy.training.ppo import PpoCfg
 from rewardmodel.answers.answered_pairs import MIN_ANSWERS

@@ -11,7 +11,7 @@ from gaitpref.method.method import FROM_SCRATCH, STYLE, Method
 from gaitpref.programs.function_rater import Look, name_of
 from gaitpref.programs.program_cfg import ProgramCfg, is_program
 from gaitpref.raters.rater_cfg import RaterCfg
-from policy.rollouts.record import LONGEST_S, RecordCfg
+from policy.rollouts.record_cfg import LONGEST_S, RecordCfg
 from policy.training.setup import setting_of
 from rewardmodel.asking.clip_questions import ClipCfg
 

@@ -10,7 +10,7 @@ from itertools import zip_longest
 import numpy as np
 
 from data.answers.answer_records import Pair
-from data.answers.curation import left_out
+from data.answers.curation import answers_heard
 from data.datasets.dataset import Dataset
 from data.episodes.clips import Clip
 from data.files.files import read_json, write_atomically
@@ -166,9 +166,7 @@ def duel_of(round: Round, dataset: Dataset, new: str, old: str) -> Duel:
     once, where those who answered it agree. Beside people, programs say nothing."""
     played = {e.sha256: e.meta.policy_sha256 for e in dataset.entries()}
     with dataset.answers() as store:
-        answers, kinds = store.current_answers(round=round.number), store.raters()
-        unwanted = left_out(store)
-    answers = [row for row in answers if row[1].rater_id not in unwanted]
+        answers, kinds = answers_heard(store, round.number), store.raters()
     if any(kinds[answer.rater_id] == "human" for _, answer in answers):
         answers = [row for row in answers if kinds[row[1].rater_id] != PROGRAM]
     said: dict[str, set[str | None]] = {}

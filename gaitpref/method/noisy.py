@@ -1,9 +1,9 @@
 """Whether the answers of a run err, decided once.
 
-The first fit finds how many of its answers are random by the evidence for each share
-(`rewardmodel.linear.noise_level`). More than a tenth, and the odds for any errors more
-than e to 1: the answers err, and everything that depends on it does so for the whole
-run.
+The first fit finds how many of its answers are random: a linear one by the evidence for
+each share (`rewardmodel.linear.noise_level`), a posterior as the median of its
+particles. Where they are more than can be overlooked, the answers err, and everything
+that depends on it does so for the whole run.
 """
 
 from __future__ import annotations

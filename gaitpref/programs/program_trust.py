@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from data.answers.answer_records import Answer
+from data.answers.curation import answers_heard
 from data.answers.rater_habits import Sides, sides_of
 from data.answers.store import AnswerStore
 from data.datasets.dataset import Dataset
@@ -16,7 +17,6 @@ from rewardmodel.answers.program_agreement import (
     PROGRAM,
     RULE,
     Agreement,
-    Row,
     agreements,
 )
 from rewardmodel.models.fit_report import wilson_interval
@@ -54,7 +54,7 @@ class Compared:
 
 def compared(store: AnswerStore) -> tuple[Compared, ...]:
     """Every program of a store that answered."""
-    rows, kinds = store.current_answers(), store.raters()
+    rows, kinds = answers_heard(store), store.raters()
     found = agreements(rows, kinds)
     return tuple(
         _compared(found[name], [a for _, a in rows if a.rater_id == name])
@@ -79,8 +79,7 @@ def require_teaching(cfg: ProgramCfg) -> None:
             "word"
         )
     with Dataset.open(Path(cfg.checked_on)).answers_copy() as store:
-        rows: Sequence[Row] = store.current_answers()
-        found = agreements(rows, store.raters())
+        found = agreements(answers_heard(store), store.raters())
     none = Agreement(rater_id=cfg.rater_id, agreed=0, of=0)
     agreement = found.get(cfg.rater_id, none)
     if not agreement.teaches:

@@ -20,7 +20,7 @@ from gaitpref.method.context import RoundContext
 from gaitpref.method.exploration import Noise, pays_for_rate
 from gaitpref.method.method import Method
 from policy.robots.robot import Robot
-from policy.rollouts.record import RecordCfg
+from policy.rollouts.record_cfg import RecordCfg
 from policy.rollouts.variation import VariationCfg
 from policy.training.checkpoint import Policy
 from policy.training.ppo import ScoreFn

@@ -105,7 +105,7 @@ class RunReader:
             "finished": place.stage == "finished",
             "round": place.round,
             "rounds": cfg.rounds,
-            "rater": cfg.rater,
+            "rater": cfg.rater_words if cfg.program else cfg.rater,
             "criterion": cfg.criterion,
             "answers": None if answered is None else vars(answered),
             "progress": self._progress(cfg, place, trainings, answered),

@@ -128,7 +128,7 @@ class Page:
         return Pose(*motion.pose(at_s), fallen=fallen, way=motion.way(at_s))
 
     def _handle(self, name: str, value: Any) -> None:
-        if name not in ("showing", "idle", "stored", "failed", "told_differed"):
+        if name not in _NOBODY_DID:
             self._sign_of_life = time.monotonic()
         match name:
             case "showing":
@@ -166,6 +166,10 @@ class Page:
                 self._drawn_at = None
             case "reopen":
                 self._reopen(value)
+            case "told_guidelines":
+                self._modal = self._modal or guidelines_dialog(
+                    self.client, self.post, value
+                )
             case "told_differed":
                 self._modal = self._modal or differed_dialog(
                     self.client, self.post, value
@@ -192,6 +196,8 @@ class Page:
         elif name == "here":
             if self._showing is not None and self._showing.question is not None:
                 self._remark(self._remarks.marked(self._clock.time_s))
+                marks = self._showing.question_id, self._remarks.here_s
+                self._shared.marks[self._desk.rater_id] = marks
         elif name == "bad":
             if self._showing is not None and self._showing.question is not None:
                 self._modal = objection_dialog(self.client, self.post)
@@ -279,6 +285,9 @@ class Page:
                 self._show_pair(showing)
                 question = showing.question
                 self._remarks = remarks_of(question and question.remarked)
+                marked, here_s = self._shared.marks.get(self._desk.rater_id, ("", ()))
+                if marked == showing.question_id:
+                    self._remarks = replace(self._remarks, here_s=here_s)
                 self._controls.fill_remarks(self._remarks)
         self.client.flush()
         if first and showing.progress.answered == 0 and self._is_new(showing.question):
@@ -315,8 +324,9 @@ class Page:
 
     def _toggle_guidelines(self) -> None:
         if self._modal is None:
-            text = self._shared.guidelines()
-            self._modal = guidelines_dialog(self.client, self.post, text)
+            self._shared.worker.submit(
+                lambda: self.post("told_guidelines", self._shared.guidelines())
+            )
         else:
             self._close_dialog()
 
@@ -342,6 +352,15 @@ class Page:
             self._modal = None
 
 
+_NOBODY_DID = (
+    "showing",
+    "idle",
+    "stored",
+    "failed",
+    "told_differed",
+    "told_guidelines",
+)
+"""Events that are no sign of life of the rater."""
 _CHANGES = (
     "bad",
     "guidelines",

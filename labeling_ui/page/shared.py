@@ -34,6 +34,9 @@ class Shared:
     picture: Picture | None = None
     """Tells what moved a reward about the last answer, where there is one."""
     habits: dict[str, Habits] = field(default_factory=dict)
+    marks: dict[str, tuple[str | None, tuple[float, ...]]] = field(default_factory=dict)
+    """Of each rater the question whose clips were marked last, and the moments; notes
+    and what decides are kept by the browser."""
     since_utc: datetime = field(default_factory=utc_now)
     """When the server started."""
     welcomed: set[str] = field(default_factory=set)

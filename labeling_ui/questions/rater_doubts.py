@@ -13,7 +13,7 @@ from data.answers.rater_habits import guesses, sides_of
 from .rater_figures import RaterFigures, Row, Share, agreement_of
 
 GOLD = 0.8
-"""Known answers that a rater who looks gives, at least: one of the robots falls."""
+"""Known answers that a rater who looks gives, at least."""
 SELF = 0.65
 """Own answers that such a rater gives again, at least: many pairs are close."""
 _ERRORS = 2.0

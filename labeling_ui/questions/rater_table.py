@@ -24,7 +24,7 @@ _LEGEND = (
     "median time: half of the answers took less",
     "chosen left: of the preferences; sides are drawn by lot, so 50 % is fair",
     "agrees with itself: own pairs that came back, with the sides swapped",
-    "known answers: pairs of which one robot falls (`gaitpref pairs --gold`)",
+    "known answers: as where one robot falls (`gaitpref raters gold` shows them)",
     "agrees with others: answers of two people to one pair that say the same",
     "beyond chance: Krippendorff's alpha; 1 is full agreement, 0 is chance",
     "seconds an answer: medians, the oldest first; a bar that shrinks is a rater who "

@@ -43,7 +43,8 @@ class Guidelines:
         """The Markdown as it is now; the last that could be read while an editor
         writes it, or where it was moved."""
         try:
-            self._last = load_guidelines(self._path)
+            # An editor may have emptied the file, and be about to write it.
+            self._last = load_guidelines(self._path) or self._last
         except GaitprefError as error:
             logger.warning("%s; people see the text of before", error)
         return self._last

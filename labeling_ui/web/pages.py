@@ -181,7 +181,7 @@ def _figure_rows(figures: RaterFigures) -> list[tuple[str, str, str]]:
         (
             "Agrees with the known answer",
             share(figures.gold),
-            "where one robot falls and the other does not",
+            "where everybody sees it who looks, as that one robot falls",
         ),
         (
             "Agrees with others",

@@ -274,7 +274,7 @@ class Proxy:
     async def _guidelines(self, request: web.Request) -> web.StreamResponse:
         if self._login.rater(request) is None:
             return self._to_login()
-        return page(guidelines_page(self._told()))
+        return page(guidelines_page(await asyncio.to_thread(self._told)))
 
     async def _my_figures(self, request: web.Request) -> web.StreamResponse:
         rater = self._login.rater(request)

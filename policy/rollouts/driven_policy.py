@@ -19,7 +19,8 @@ from policy.sim.batch_sim import BatchSim
 from policy.sim.chosen import Listed
 from policy.training.checkpoint import Policy
 
-from .record import LOGGED, Command, episode_of, meta_of
+from .record_cfg import Command
+from .rolled_out import LOGGED, episode_of, meta_of
 from .rollout import RolloutStep, one_step
 
 _FOREVER_S = 1e6

@@ -5,92 +5,26 @@ Shapes: N environments, T steps of an episode.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import torch
 
-from data.episodes.choices import COURSE, told_choices
-from data.episodes.episode import EndReason, Episode, EpisodeMeta
-from data.episodes.episode_records import COMMAND_CHANGE
-from data.files.plain import ADDED_LATER, to_plain
+from data.episodes.choices import told_choices
+from data.episodes.episode import Episode
 from policy.env.env import QuadrupedEnv
-from policy.env.env_cfg import CommandCfg, EnvCfg
 from policy.env.seeding import spawned
 from policy.training.checkpoint import Policy, load_policy
 from policy.training.training_dir import CHECKPOINTS_NAME
 
-from .babble import BABBLE_SHA256, Babble
+from .babble import Babble
+from .record_cfg import Command, RecordCfg, recorded_commands
+from .rolled_out import LOGGED, episode_of, meta_of
 from .rollout import Actor, RolloutStep, first_episodes
-from .variation import VariationCfg, Varied
-
-LONGEST_S = 600.0
-"""Longest episode: it is held in memory until it is written."""
-
-Command = tuple[float, float, float]
-"""Forward m/s, left m/s, yaw rad/s."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class RecordCfg:
-    """What is recorded of a policy."""
-
-    episodes: int = 64
-    """Episodes in all."""
-    episode_s: float = 6.0
-    """Length of an episode that does not fall."""
-    change_s: float | None = field(default=None, metadata=ADDED_LATER)
-    """Time after which the next of the recorded commands is asked for, again and again:
-    a whole manoeuvre. None keeps an episode's command."""
-    checkpoints: int = 3
-    """Earlier checkpoints of the same training that are recorded too."""
-    checkpoint_share: float = 0.5
-    """Share of the episodes that shows them."""
-    noisy_share: float = 0.5
-    """Share of a policy's episodes with exploration noise, so that clips differ."""
-    variation: VariationCfg = field(default=VariationCfg(), metadata=ADDED_LATER)
-    """Other postures, so that clips differ in what a policy never varies itself."""
-    babble_share: float = 0.0
-    """Share of the episodes that shows random rhythms instead of a policy; all do
-    while the policy is untrained, unless the share is 0."""
-    babble_m_s: tuple[float, ...] = (0.1, 0.2, 0.3)
-    """Forward speeds asked of random rhythms, about as fast as some of them go: at
-    speeds none comes near, all clips fail alike."""
-
-    def __post_init__(self) -> None:
-        if self.episodes < 1:
-            raise ValueError(f"episodes must be at least 1, got {self.episodes}")
-        if not self.episode_s > 0:
-            raise ValueError(f"episode_s must be positive, got {self.episode_s}")
-        if self.change_s is not None and not self.change_s > 0:
-            raise ValueError(f"change_s must be positive, got {self.change_s}")
-        if not self.babble_m_s:
-            raise ValueError("babble_m_s needs at least one speed")
-
-    def change_steps(self, control_dt_s: float) -> int:
-        """Control steps from one command to the next; 0 keeps an episode's command."""
-        if self.change_s is None:
-            return 0
-        return max(1, round(self.change_s / control_dt_s))
-
-
-def recorded_commands(
-    cfg: CommandCfg, forward_m_s: tuple[float, ...] | None = None
-) -> list[Command]:
-    """The few commands that are recorded, each once, so that many clips share one."""
-    low, high = cfg.evaluated_m_s
-    speeds = forward_m_s or (low, (low + high) / 2, high)
-    middle = speeds[len(speeds) // 2]
-    commands = [
-        *((speed, 0.0, 0.0) for speed in speeds),
-        (middle, cfg.left_m_s[1], 0.0),
-        (middle, 0.0, cfg.yaw_rad_s[1]),
-    ]
-    return list(dict.fromkeys(commands))
+from .variation import Varied
 
 
 def checkpoint_files(policy_file: Path, count: int) -> list[Path]:
@@ -235,54 +169,6 @@ def _actor(
     return varied, varied.chosen.numpy()
 
 
-def meta_of(
-    policy: Policy | None,
-    env: QuadrupedEnv,
-    *,
-    command: Command,
-    seed: int,
-    index: int = 0,
-    stochastic: bool = False,
-    round: int = 0,
-    change_steps: int = 0,
-    varied: bool = False,
-) -> EpisodeMeta:
-    """What is stored with an episode of `policy`, or of random rhythms, in `env`.
-
-    Args:
-        policy: Who acts; None are random rhythms.
-        env: Where.
-        command: What was asked first.
-        seed: Where its chance came from.
-        index: Which of the environments it is of.
-        stochastic: With exploration noise.
-        round: Of the loop.
-        change_steps: Control steps from one command to the next; 0 keeps the first.
-        varied: In another posture.
-    """
-    cfg = env.cfg
-    return EpisodeMeta(
-        task="walk" if cfg.getup is None else "getup",
-        seed=seed,
-        env_index=index,
-        command=command,
-        policy_sha256=BABBLE_SHA256 if policy is None else policy.sha256,
-        policy_step=0 if policy is None else policy.info.steps,
-        stochastic=stochastic,
-        control_dt_s=cfg.control_dt_s,
-        physics_dt_s=cfg.physics_dt_s,
-        robot=env.robot.name,
-        model_sha256=env.robot.model_sha256,
-        round=round,
-        extra=_extra(
-            cfg,
-            "nothing" if policy is None else policy.info.reward,
-            change_steps=change_steps,
-            varied=varied,
-        ),
-    )
-
-
 def _told(
     steps: Iterator[RolloutStep],
     env: QuadrupedEnv,
@@ -309,61 +195,12 @@ def _told(
             tell(done // change_steps)
 
 
-def _extra(
-    cfg: EnvCfg, trained_against: str, *, change_steps: int, varied: bool
-) -> dict[str, str]:
-    """What is stored with an episode as text."""
-    extra = {"trained_against": trained_against}
-    if change_steps:
-        extra[COMMAND_CHANGE] = str(change_steps)
-    if varied:
-        extra["posture"] = "varied"
-    if cfg.terrain.kind != "flat":
-        extra |= {"terrain": cfg.terrain.kind, "terrain_seed": str(cfg.terrain.seed)}
-    if cfg.course is not None:
-        extra[COURSE] = json.dumps(to_plain(cfg.course, whole=True), sort_keys=True)
-    return extra
-
-
 def _babble(env: QuadrupedEnv, rng: torch.Generator) -> Babble:
     return Babble(
         env.num_envs,
         control_dt_s=env.cfg.control_dt_s,
         action_scale_rad=env.action_scale_rad,
         rng=rng,
-    )
-
-
-LOGGED = ("qpos", "qvel", "obs", "action", "targets", "features", "reward")
-
-
-def episode_of(
-    last: RolloutStep,
-    rows: dict[str, np.ndarray],
-    index: int,
-    meta: EpisodeMeta,
-    mjcf: str,
-) -> Episode:
-    """The first episode of environment `index`: its `rows` [T, ...] up to `last`."""
-    if last.final is None:
-        raise ValueError("recording needs an environment made with keep_final=True")
-    qpos, qvel, obs = (each[index].numpy()[None] for each in last.final)
-    end: EndReason = "truncated"
-    if last.aborted[index]:
-        end = "aborted"
-    elif last.fallen[index]:
-        end = "terminated"
-    return Episode(
-        qpos=np.concatenate([rows["qpos"], qpos]),
-        qvel=np.concatenate([rows["qvel"], qvel]),
-        obs=np.concatenate([rows["obs"], obs]),
-        action=rows["action"],
-        ctrl=rows["targets"],
-        features=rows["features"],
-        reward=rows["reward"],
-        end_reason=end,
-        meta=meta,
-        mjcf=mjcf,
     )
 
 

@@ -20,7 +20,8 @@ from data.errors import GaitprefError
 from data.features import FEATURE_DIM
 from policy.env.env import ONE_OR_TWO
 from policy.env.seeding import spawned
-from policy.rollouts.record import LOGGED, episode_of, recorded_commands
+from policy.rollouts.record_cfg import recorded_commands
+from policy.rollouts.rolled_out import LOGGED, episode_of
 from policy.rollouts.rollout import Actor, first_episodes
 from policy.training.checkpoint import Policy
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from data.answers.answer_records import Answer, Pair, RaterKind, utc_text
+from data.answers.curation import answers_heard
 from data.answers.curation import left_out as unwanted_raters
 from data.answers.rater_habits import Sides, sides_of
 from data.answers.store import AnswerStore
@@ -130,12 +131,8 @@ def count_evidence(
     """How many preferences of a store a fit would use, those left out that are about
     episodes which `dataset` lists no more, or of programs that may not teach."""
     listed = listed_in([] if dataset is None else [dataset])
-    answered, unwanted = store.current_answers(), unwanted_raters(store)
-    here = [
-        (pair, answer)
-        for pair, answer in answered
-        if answer.rater_id not in unwanted and (dataset is None or listed(pair))
-    ]
+    answered = answers_heard(store)
+    here = [row for row in answered if dataset is None or listed(row[0])]
     untaught = () if unchecked else _untaught(here, store.raters())
     doubted = {each.rater_id for each in untaught}
     rows = evidence_of(row for row in here if row[1].rater_id not in doubted)

@@ -17,7 +17,8 @@ from gaitpref.raters.criterion_scores import criterion_context, score_of_criteri
 from gaitpref.raters.simulated import answer_pairs
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot
-from policy.rollouts.record import RecordCfg, record
+from policy.rollouts.record import record
+from policy.rollouts.record_cfg import RecordCfg
 from policy.training.ppo import PpoCfg
 from policy.training.train import train
 from policy.training.train_cfg import TrainCfg

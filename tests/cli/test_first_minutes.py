@@ -58,13 +58,13 @@ def test_a_browser_is_told_the_page(told: Path) -> None:
 def test_open_shows_the_page_that_is_served(
     command: str, told: Path, tmp_path: Path
 ) -> None:
-    """Once it is up, at the port it has."""
-    args = ["play"]
-    if command == "label":
-        dataset = Dataset.create(tmp_path / "set").root
-        args = ["label", "--dataset", str(dataset), "--no-auth"]
+    """Once it is up, at the port it has; both show the walk that ships to who names
+    nothing."""
+    args = [command] if command == "play" else [command, "--no-auth"]
     line = [sys.executable, "-m", "gaitpref", *args, "--port", "0", "--open"]
-    with subprocess.Popen(line, stdout=subprocess.PIPE, text=True) as server:
+    with subprocess.Popen(
+        line, stdout=subprocess.PIPE, text=True, cwd=tmp_path
+    ) as server:
         try:
             assert server.stdout is not None
             url = server.stdout.readline().split()[-1]
@@ -77,6 +77,12 @@ def test_open_shows_the_page_that_is_served(
             assert server.wait(60) == 0
         finally:
             server.kill()
+    if command == "label":
+        first = Dataset.open(tmp_path / "runs/first")
+        shown = {entry.meta.policy_sha256 for entry in first.entries()}
+        assert shown == {sha256_file(WALK)}
+        with first.answers() as store:
+            assert len(store.pairs()) == 40
 
 
 @pytest.mark.parametrize("browsers", ["", "w3m"])

@@ -1,12 +1,14 @@
 """The owner leaves raters out and adds known answers; nothing that was said changes."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
 from data.answers.address import Address
 from data.answers.check import damaged_rows
 from data.answers.curation import (
+    answers_heard,
     ask_known,
     find_pair,
     known_because,
@@ -17,6 +19,7 @@ from data.answers.lines import from_lines, to_lines
 from data.answers.overlap import Overlap
 from data.answers.question_board import QuestionBoard
 from data.answers.store import AnswerStore
+from data.datasets.merged_rows import add_rows, rows_of
 from data.errors import AnswerError
 from rewardmodel.answers.used import count_evidence
 from tests.data.test_answers import fill, make_answer, make_pair
@@ -61,6 +64,8 @@ def test_a_question_whose_answer_is_known_measures_and_teaches_nothing(
     assert store.pair(make_pair(0).pair_id).gold is None
     with pytest.raises(AnswerError, match="in both orders already"):
         ask_known(store, make_pair(0), "a")
+    with pytest.raises(AnswerError, match="is known already"):
+        ask_known(store, known, "a")
 
 
 def test_what_the_owner_says_travels_and_is_whole(
@@ -71,9 +76,26 @@ def test_what_the_owner_says_travels_and_is_whole(
     known = ask_known(store, make_pair(1), "equal")
     assert not list(damaged_rows(store.address))
     with AnswerStore.open(tmp_path_factory.mktemp("other") / "b.sqlite") as other:
+        fill(other)
         from_lines(other, to_lines(store), "archive")
         assert left_out(other) == {"ada"}
         assert other.pair(known.pair_id).gold == "equal"
+
+
+def test_who_is_left_out_is_left_out_where_it_is_merged(tmp_path: Path) -> None:
+    """Also into a store that learned from the rater before."""
+    ours, theirs = (
+        fill(AnswerStore.open(tmp_path / f"{name}.sqlite")) for name in "ab"
+    )
+    for store in (ours, theirs):
+        store.add_answer(make_answer("a0", make_pair(0)))
+    leave_out(theirs, "ada")
+    assert left_out(ours) == frozenset()
+    add_rows(ours, rows_of(theirs, "theirs"), {"aa", "bb"})
+    assert left_out(ours) == {"ada"}
+    assert answers_heard(ours) == []
+    ours.close()
+    theirs.close()
 
 
 def test_whoever_and_whatever_is_not_there_is_named(store: AnswerStore) -> None:

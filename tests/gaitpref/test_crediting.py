@@ -29,7 +29,8 @@ from policy.env.course import CourseCfg, Obstacle
 from policy.env.team_cfg import TeamCfg
 from policy.options.choice_row import ChoiceReward, choice_names
 from policy.robots.shipped import WALK
-from policy.rollouts.record import RecordCfg, record
+from policy.rollouts.record import record
+from policy.rollouts.record_cfg import RecordCfg
 from policy.team.team_record import TeamRecordCfg, record_team
 from policy.team.team_start import as_team
 from policy.training.checkpoint import load_policy

@@ -24,7 +24,8 @@ from gaitpref.cli.main import main
 from gaitpref.formats.pickles import load_plain_pickle
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot
-from policy.rollouts.record import RecordCfg, record
+from policy.rollouts.record import record
+from policy.rollouts.record_cfg import RecordCfg
 from policy.training.ppo import PpoCfg
 from policy.training.train import train
 from policy.training.train_cfg import TrainCfg

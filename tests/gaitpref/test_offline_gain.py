@@ -13,7 +13,8 @@ from gaitpref.training.offline_gain import offline_gain
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot
 from policy.robots.shipped import WALK
-from policy.rollouts.record import RecordCfg, record
+from policy.rollouts.record import record
+from policy.rollouts.record_cfg import RecordCfg
 from policy.training.checkpoint import Policy, load_policy
 from policy.training.ppo import PpoCfg
 from policy.training.train import train

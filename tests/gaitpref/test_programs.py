@@ -30,7 +30,8 @@ from gaitpref.programs.seen_pair import seen_pair
 from gaitpref.programs.vision_rater import MOST_ODD, agreed, answer_in
 from labeling_ui.questions.rater_figures import human_rows
 from policy.robots.shipped import WALK
-from policy.rollouts.record import RecordCfg, record
+from policy.rollouts.record import record
+from policy.rollouts.record_cfg import RecordCfg
 from rewardmodel.answers.answered_pairs import count_evidence, load_pairs
 from rewardmodel.answers.program_agreement import agreements
 from rewardmodel.asking.clip_questions import ClipCfg, ask

@@ -21,7 +21,7 @@ from gaitpref.cli.shared.loop_arguments import resolve
 from gaitpref.loop.loop_cfg import LoopCfg, StepsCfg
 from gaitpref.loop.run import run_loop
 from gaitpref.method.meanwhile import Meanwhile
-from policy.rollouts.record import RecordCfg
+from policy.rollouts.record_cfg import RecordCfg
 from policy.training.ppo import PpoCfg
 
 

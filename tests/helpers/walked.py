@@ -6,7 +6,8 @@ from functools import cache
 
 from data.episodes.episode import Episode
 from policy.robots.shipped import WALK
-from policy.rollouts.record import RecordCfg, record
+from policy.rollouts.record import record
+from policy.rollouts.record_cfg import RecordCfg
 
 
 @cache

@@ -20,7 +20,7 @@ from benchmarks import (
     walk,
 )
 from benchmarks.preference_plan import HELD_BACK, cfg_of, plan
-from benchmarks.preference_table import MARK, between, publish_rows, together
+from benchmarks.preference_table import EARLIER, MARK, between, publish_rows, together
 from benchmarks.wishes import carried_right_foot, nose_up_when_slow
 from data.errors import GaitprefError
 from data.features import FEATURE_DIM, column
@@ -157,17 +157,23 @@ def test_a_table_of_several_seeds(tmp_path: Path) -> None:
     assert many["answers"] == 100
     # Nobody called worse the one that is, and it was not called better.
     assert few["verdicts"] == "2 of 2 better, 0 of 1 worse"
-    (tmp_path / "benchmarks.md").write_text(f"before\n{between(MARK, 'old')}after\n")
-    publish_rows(rows, tmp_path, None)
+    tables = f"{between(MARK, 'old')}{between(EARLIER, 'older')}"
+    (tmp_path / "benchmarks.md").write_text(f"before\n{tables}after\n")
+    earlier = [row | {"answers": answers} for answers in (60, 100) for row in rows[:1]]
+    publish_rows(rows, tmp_path, None, earlier=earlier)
     page = (tmp_path / "benchmarks.md").read_text()
     assert page.startswith("before\n")
     assert page.endswith("\nafter\n")
     assert "old" not in page
     assert "| walk, 40 answers | 3 | 0.50 (0.20 to 0.90) |" in page
+    assert [page.count(f"| walk, {answers} answers |") for answers in (60, 100)] == [
+        1,
+        1,
+    ]
 
 
-def test_what_a_decision_is_worth_stands_in_both_pages(tmp_path: Path) -> None:
-    """Differences in one, the rows with all decisions in the other."""
+def test_what_a_decision_is_worth_stands_in_the_method(tmp_path: Path) -> None:
+    """From rows with it and without it that began with the same walk."""
     row = {
         "task": "trot", "answers": 20, "rater": "perfect", "robot": None,
         "tracking_error_m_s": 0.1, "start_tracking_error_m_s": 0.05, "accuracy": 0.8,
@@ -178,14 +184,11 @@ def test_what_a_decision_is_worth_stands_in_both_pages(tmp_path: Path) -> None:
         for method, fraction in (("default", 0.7), ("linear", 0.4))
         for seed in range(3)
     ]
-    for name, mark in (("method.md", "ablations"), ("benchmarks.md", "present")):
-        (tmp_path / name).write_text(between(mark, ""))
-    ablations.publish(rows, tmp_path)
+    later = [each | {"start_return": 0.5, "fraction": 0.0} for each in rows[:3]]
+    (tmp_path / "method.md").write_text(between("ablations", ""))
+    ablations.publish([*rows, *later], tmp_path)
     worth = (tmp_path / "method.md").read_text()
     assert "| 3 | +0.300 ± 0.000 | +0.000 m/s | open: 3 of 6 pairs |" in worth
-    kept = (tmp_path / "benchmarks.md").read_text()
-    assert "| trot, 20 answers | 3 | 0.80 (0.70 to 0.90) | +0.05 |" in kept
-    assert "linear" not in kept
     (tmp_path / "method.md").write_text("no place for it\n")
     with pytest.raises(GaitprefError, match="has no lines <!-- ablations: begin -->"):
         ablations.publish(rows, tmp_path)

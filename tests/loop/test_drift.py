@@ -28,7 +28,8 @@ from policy.env.feature_row import OBS_DIM
 from policy.env.known_terms import KnownTermsCfg
 from policy.robots.robot import load_robot
 from policy.rollouts.evaluate import rollout_features, summarise
-from policy.rollouts.record import RecordCfg, record
+from policy.rollouts.record import record
+from policy.rollouts.record_cfg import RecordCfg
 from policy.training.checkpoint import holding_home, load_policy
 from policy.training.ppo import PpoCfg
 from policy.training.train import train

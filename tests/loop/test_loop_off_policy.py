@@ -19,7 +19,7 @@ from gaitpref.loop.run_config import read_config
 from gaitpref.loop.run_dir import Round, trained_before
 from policy.offpolicy.sac_cfg import PriorityCfg, SacCfg
 from policy.robots.shipped import WALK
-from policy.rollouts.record import RecordCfg
+from policy.rollouts.record_cfg import RecordCfg
 from policy.sim.making import SimCfg
 from policy.training.checkpoint import load_policy, read_plain, saved_bytes
 from policy.training.ppo import PpoCfg

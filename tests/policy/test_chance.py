@@ -13,7 +13,8 @@ from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg, getup_env
 from policy.env.seeding import spawned
 from policy.robots.robot import load_robot
-from policy.rollouts.record import RecordCfg, record
+from policy.rollouts.record import record
+from policy.rollouts.record_cfg import RecordCfg
 from policy.rollouts.variation import VariationCfg
 from policy.training.ppo import PpoCfg
 from policy.training.train import train

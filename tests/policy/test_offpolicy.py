@@ -23,7 +23,8 @@ from policy.offpolicy.off_policy_runner import OffPolicy
 from policy.offpolicy.ring import Chunk, Ring
 from policy.offpolicy.sac_cfg import SacCfg
 from policy.robots.robot import Robot, load_robot
-from policy.rollouts.record import RecordCfg, record
+from policy.rollouts.record import record
+from policy.rollouts.record_cfg import RecordCfg
 from policy.training.checkpoint import holding_home, load_policy, read_plain
 from policy.training.ppo import IterationStats, PpoCfg
 from policy.training.session import TrainResult

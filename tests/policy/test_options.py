@@ -29,7 +29,8 @@ from policy.options.choosing import ChoosingCfg, Draws, Running, choose, ran
 from policy.options.smdp import targets, termination_loss, upon_arrival
 from policy.robots.hints import RobotError
 from policy.robots.shipped import WALK
-from policy.rollouts.record import RecordCfg, record
+from policy.rollouts.record import record
+from policy.rollouts.record_cfg import RecordCfg
 from policy.training.checkpoint import load_policy, read_plain, saved_bytes
 from policy.training.export_policy import export
 from rewardmodel.fitting.tables import fit_table

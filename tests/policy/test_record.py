@@ -16,7 +16,8 @@ from data.features import FEATURE_DIM, column
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import Robot, load_robot
 from policy.rollouts.evaluate import command_grid, evaluate_actor, summarise
-from policy.rollouts.record import RecordCfg, record, recorded_commands
+from policy.rollouts.record import record
+from policy.rollouts.record_cfg import RecordCfg, recorded_commands
 from policy.rollouts.rollout import hold_home
 from policy.sim.batch_sim import BatchSim
 from policy.training.checkpoint import Policy, load_policy

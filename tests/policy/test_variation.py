@@ -13,7 +13,8 @@ from data.features import column
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import Robot, load_robot
-from policy.rollouts.record import RecordCfg, record
+from policy.rollouts.record import record
+from policy.rollouts.record_cfg import RecordCfg
 from policy.rollouts.rollout import first_episodes, hold_home
 from policy.rollouts.variation import VariationCfg, Varied, joints_per_shift
 from policy.training.ppo import PpoCfg

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from data.datasets.dataset import Dataset
 from gaitpref.cli.options import options
-from gaitpref.cli.shared.dataset_argument import open_dataset
+from gaitpref.cli.shared.dataset_argument import address
 from gaitpref.cli.shared.next_of_answers import next_fit
 from gaitpref.cli.shared.serving import require_port, stoppable, wait_until_stopped
 from gaitpref.console.browser import open_page
@@ -22,7 +22,7 @@ from labeling_ui.web.tokens import TokenStore
 def run(command: options.Label) -> int:
     """Serve the page until it is stopped; gives the exit code."""
     cfg = label_cfg(command)
-    dataset = open_dataset(command)
+    dataset = _dataset(command)
     picture = _pictures(command, dataset)
     with stoppable() as stopped, LabelServer(dataset, cfg, picture=picture) as page:
         for line in greeting(page.notices, dataset.root, cfg):
@@ -32,6 +32,19 @@ def run(command: options.Label) -> int:
         wait_until_stopped(stopped)
     console.next(next_fit(dataset))
     return 0
+
+
+def _dataset(command: options.Label) -> Dataset:
+    """The data set that was named, or the first one of who has none.
+
+    Raises:
+        MissingExtra: what records one is not installed.
+        GaitprefError: it cannot be used.
+    """
+    answers = address(command.answers)
+    if command.dataset is None:
+        return require("gaitpref.cli.shared.first_clips", "train").first_clips(answers)
+    return Dataset.open(command.dataset, answers=answers)
 
 
 def _pictures(command: options.Label, dataset: Dataset) -> Picture | None:
@@ -48,7 +61,7 @@ def _pictures(command: options.Label, dataset: Dataset) -> Picture | None:
     from gaitpref.report.page_pictures import answer_picture
 
     require_fitting(load_crediting(command.reward), dataset)
-    return partial(answer_picture, command.dataset, command.reward)
+    return partial(answer_picture, dataset.root, command.reward)
 
 
 def label_cfg(serving: options.Serving) -> LabelCfg:

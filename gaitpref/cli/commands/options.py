@@ -25,7 +25,8 @@ from gaitpref.options.train_options import (
 from policy.env.course import CourseCfg, Obstacle, stands_on
 from policy.options.choice_row import TASK, ChoiceReward, written_reward
 from policy.options.choosing import ChoosingCfg
-from policy.rollouts.record import RecordCfg, record
+from policy.rollouts.record import record
+from policy.rollouts.record_cfg import RecordCfg
 from policy.training.checkpoint import load_policy
 from policy.training.training_dir import POLICY_NAME
 

@@ -24,6 +24,10 @@ from rewardmodel.models.storage import load_reward
 
 FEW = 0.8
 """Share of pairs that differ visibly, below which it is said what helps."""
+_AT_ONCE = (
+    "they were drawn at random; a loop chooses the next by what answers so far leave "
+    "open"
+)
 _MORE = (
     "the others are hard to tell apart: record other postures and rhythms as well "
     "(`gaitpref record --method style`, or `--varied 0.5`), or more policies"
@@ -56,6 +60,8 @@ def run(command: options.Pairs) -> int:
         added = store.add_pairs([*chosen, *gold])
     of_these = f", {len(gold)} of them with a known answer" if command.gold else ""
     console.print(f"{added} pairs were added to {command.dataset}{of_these}")
+    if command.strategy is None and model is None:
+        console.print(_AT_ONCE)
     console.print(visible.told_of(chosen))
     if visible.share(chosen) < FEW:
         teams = any(entry.meta.is_team for entry in dataset.entries())
@@ -88,7 +94,7 @@ def _chosen(
         known=known,
         model=model,
         round_number=round,
-        # As the loop asks, where nobody says otherwise.
+        # As a loop from scratch asks, where nobody says otherwise.
         uniform_share=0.0 if command.strategy else own.uniform_share,
         strategy=strategy,
         told_apart=visible if visible.least > 0 else None,

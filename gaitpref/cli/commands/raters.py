@@ -89,13 +89,15 @@ def _list(command: options.Raters, dataset: Dataset, tokens: TokenStore) -> None
     known, now = tokens.names(), datetime.now(UTC)
     with dataset.answers_copy() as store:
         seen = {name: seen_of(store, name, now) for name in known}
+        out = curation.left_out(store)
     raters = [
-        {"name": name, "since": token.created_utc, **asdict(seen[name])}
+        {"name": name, "since": token.created_utc, "left_out": name in out}
+        | asdict(seen[name])
         for name, token in known.items()
     ]
     lines = [
         f"{name:<20} {seen[name].answers:>6} answers, {seen[name].words(now)}, token "
-        f"of {token.created_utc[:10]}"
+        f"of {token.created_utc[:10]}" + ", left out" * (name in out)
         for name, token in known.items()
     ]
     hint = f"nobody has a token; `gaitpref raters --dataset {dataset.root} add NAME`"
@@ -147,14 +149,18 @@ def _gold(command: options.Raters, dataset: Dataset) -> None:
 
 def _stats(command: options.Raters, dataset: Dataset) -> None:
     with dataset.answers_copy() as store:
-        rows = human_rows(store)
+        rows, out = human_rows(store), curation.left_out(store)
     names = sorted({answer.rater_id for _, answer in rows})
     raters = [figures(rows, name) for name in names]
     together = all_figures(rows)
     doubted = {each.rater_id: doubts(rows, each) for each in raters}
     values = {
         "raters": [
-            _as_json(of_rater) | {"doubts": doubted[of_rater.rater_id]}
+            _as_json(of_rater)
+            | {
+                "doubts": doubted[of_rater.rater_id],
+                "left_out": of_rater.rater_id in out,
+            }
             for of_rater in raters
         ],
         "all": _as_json(together),
@@ -162,6 +168,7 @@ def _stats(command: options.Raters, dataset: Dataset) -> None:
     }
     lines = table_of([*raters, together])
     lines += [told for name in names for told in doubted[name]]
+    lines += [f"{name} is left out: the answers teach nothing" for name in sorted(out)]
     lines += [f"wrong with pairs: {said} ({n} x)" for said, n in objections(rows)[:10]]
     _show(command, values, lines)
 

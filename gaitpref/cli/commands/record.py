@@ -11,7 +11,8 @@ from gaitpref.cli.shared.next_of_answers import next_pairs
 from gaitpref.console.progress import console, counting_bar
 from gaitpref.training.by_method import recorded_by
 from policy.robots.shipped import WALK
-from policy.rollouts.record import LONGEST_S, RecordCfg, record
+from policy.rollouts.record import record
+from policy.rollouts.record_cfg import LONGEST_S, RecordCfg
 from policy.rollouts.variation import VariationCfg
 from policy.training.checkpoint import load_policy
 

@@ -42,7 +42,7 @@ from policy.env.known_terms import KnownTermsCfg
 from policy.env.team_cfg import TeamCfg
 from policy.robots.robot import Robot
 from policy.robots.shipped import WALK
-from policy.rollouts.record import LONGEST_S
+from policy.rollouts.record_cfg import LONGEST_S
 from policy.team.team_env import team_runner
 from policy.team.team_record import LAZY, TeamRecordCfg, record_team
 from policy.team.team_start import as_team

@@ -201,8 +201,9 @@ class Label(Serving):
     """Serve the labeling page of a data set: people see two clips and say which is
     better."""
 
-    dataset: Path
-    """Data set directory with pairs."""
+    dataset: Path | None = None
+    """Data set directory with pairs; by default runs/first, which is made of the walk
+    that ships where it is not there yet."""
     reward: Path | None = None
     """A reward of `fit`, `team fit` or `options`: after an answer, key 6 also draws
     what of the pair moved it. A loop shows its newest. Leave it out where people are to

@@ -36,8 +36,8 @@ class Pairs:
     would tell most about the reward (bald), or where the better clip may beat the best
     known (improvement); the pairs farthest apart (of all, or of those whose answer is
     open), those that stand for most others, or a determinantal batch that is both
-    unsure and various. By default as the loop does it: where --reward is given every
-    fifth at random and the others by disagreement, else all at random."""
+    unsure and various. By default where --reward is given every fifth at random and
+    the others by disagreement, as a loop from scratch asks, else all at random."""
     reward: Path | None = None
     """Learned reward whose ensemble is asked; disagreement, entropy, bald, improvement
     and kcenter-entropy need it, kcenter and dpp take it into account."""
