@@ -160,9 +160,9 @@ def worths(rows: Sequence[Row]) -> list[Worth]:
     found = []
     for method in dict.fromkeys(name for name, _ in ABLATIONS):
         pairs = [
-            (begun[0], by_key["default", *begun], row)
-            for (name, *begun), row in sorted(by_key.items())
-            if name == method and ("default", *begun) in by_key
+            (place, by_key["default", place, seed, start], row)
+            for (name, place, seed, start), row in sorted(by_key.items())
+            if name == method and ("default", place, seed, start) in by_key
         ]
         if pairs:
             found.append(
