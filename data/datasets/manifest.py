@@ -184,7 +184,8 @@ def _decode_entry(file: dict[str, Any], name: str) -> EpisodeEntry:
             f"{rollout_path(sha256)!r}; do not use a manifest from a stranger"
         )
     num_bytes, num_steps = file["bytes"], file["num_steps"]
-    if not (type(num_bytes) is int and type(num_steps) is int and num_steps > 0):
+    counts = (num_bytes, num_steps)
+    if not all(type(count) is int and count > 0 for count in counts):
         raise ValueError(f"{path} has {num_bytes!r} bytes and {num_steps!r} steps")
     if end_reason not in END_REASONS:
         raise ValueError(f"{path} has the end_reason {end_reason!r}")

@@ -69,8 +69,8 @@ def add_rows(
     Raises:
         AnswerError: an answer contradicts what is there, or the data base fails.
     """
-    answered = rows.answered
-    here = {p.pair_id for p in rows.pairs if {p.a.rollout, p.b.rollout} <= set(hashes)}
+    answered, known = rows.answered, frozenset(hashes)
+    here = {p.pair_id for p in rows.pairs if {p.a.rollout, p.b.rollout} <= known}
     chosen = [(p, a) for p, a in answered if p.pair_id in here and wanted(p, a)]
     chosen = _with_corrected(chosen, answered)
     used = {pair.pair_id for pair, _ in chosen} | (here if keep_open_pairs else set())

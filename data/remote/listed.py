@@ -63,13 +63,15 @@ def listed(place: Place) -> Listed:
 
 
 def _listed(place: Place) -> Listed:
+    # Who pushes sends answers last: those that are there are about episodes that are
+    # listed by now, and none is taken for one about nothing.
+    answers = {name: _rows(place, name) for name in sorted(place.sizes(ANSWERS))}
     manifests = tuple(sorted(place.sizes(MANIFESTS)))
     entries: dict[str, EpisodeEntry] = {}
     for name in manifests:
         content = named(place, name, MANIFEST_BYTES)
         entries |= decode_manifest(content, f"{place.name}/{name}")
-    names = sorted(place.sizes(ANSWERS))
-    return Listed(entries, manifests, {name: _rows(place, name) for name in names})
+    return Listed(entries, manifests, answers)
 
 
 def named(place: Place, name: str, limit: int) -> bytes:

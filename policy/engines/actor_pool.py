@@ -168,6 +168,9 @@ class ActorPool:
         silent_since_s = time.monotonic()
         while True:
             self.ask(most)
+            if not self._asked:
+                # Of nothing to wait for, Ray answers at once.
+                time.sleep(_LOOK_S)
             ready, _ = self._ray.wait(list(self._asked), num_returns=1, timeout=_LOOK_S)
             for answer in ready:
                 sent = self._taken(answer)
@@ -190,7 +193,11 @@ class ActorPool:
         except errors.RayTaskError as error:
             # What the actor itself raised is told as if it had been raised here.
             raise error.cause from None
-        except (errors.RayActorError, errors.ObjectLostError) as error:
+        except (
+            errors.RayActorError,
+            errors.ObjectLostError,
+            errors.OutOfMemoryError,
+        ) as error:
             self._replace(actor, error)
             return None
         if sent.origin.sequence != sequence or sequence <= self._used[actor]:
@@ -221,7 +228,7 @@ class ActorPool:
             ) from None
         self.counts.replaced += 1
         self._tell(f"actor {actor} died and is replaced ({reason})")
-        # The first time at once; a machine in trouble is given time.
+        # The first time soon; a machine in trouble is given time.
         seat.not_before_s = time.monotonic() + min(2.0 ** (seat.deaths - 2), 30.0)
         seat.handle = self._started(actor)
 

@@ -39,6 +39,7 @@ class VTracePpo(RewardPpo):
     def __init__(self, *arguments: Any, **settings: Any) -> None:
         super().__init__(*arguments, **settings)
         self._seen: dict[int, tuple[Tensor, Tensor]] = {}
+        self._last: dict[int, int] = {}
 
     def adopt(self, rollouts: Sequence[Trajectory]) -> TensorDict:
         """Take `rollouts` for one, side by side; gives the observations after them."""
@@ -112,7 +113,14 @@ class VTracePpo(RewardPpo):
         before = []
         for each in rollouts:
             features, starts = map(torch.tensor, (each.features, each.starts))
-            held = self._seen.get(each.origin.actor, _nothing(rows, len(starts[0])))
+            held = self._seen.get(each.origin.actor)
+            # A rollout that came too late was dropped, and is missing in between.
+            if (
+                held is None
+                or each.origin.sequence != self._last[each.origin.actor] + 1
+            ):
+                held = _nothing(rows, len(starts[0]))
+            self._last[each.origin.actor] = each.origin.sequence
             before.append(held)
             self._seen[each.origin.actor] = (
                 torch.cat([held[0], features])[-rows:],

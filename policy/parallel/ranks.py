@@ -179,16 +179,15 @@ def joined() -> Iterator[Ranks]:
     """The ranks that torchrun started, this process being one of them.
 
     They speak through gloo about what is in memory, and through NCCL about what is on
-    a GPU.
+    a GPU, where each has one of its own: all of them, or none can be heard.
 
     Raises:
         RankLost: another one died, or was not heard of for ten minutes.
     """
     backend = "gloo"
-    local = int(os.environ["LOCAL_RANK"])
-    if local < torch.cuda.device_count():
+    if int(os.environ["LOCAL_WORLD_SIZE"]) <= torch.cuda.device_count():
         backend = "cpu:gloo,cuda:nccl"
-        torch.cuda.set_device(local)
+        torch.cuda.set_device(int(os.environ["LOCAL_RANK"]))
     with others_alive():
         dist.init_process_group(backend, timeout=_TIMEOUT)
         waiting = dist.new_group(backend="gloo", timeout=_PATIENCE)

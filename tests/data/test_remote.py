@@ -119,14 +119,18 @@ def everything(dataset: Dataset) -> tuple[object, list[str]]:
 
 
 def answered(dataset: Dataset, answer_id: str, rater: str, **changes: str) -> None:
-    """One more answer to the first pair, of a person."""
+    """One more answer of a person, to the first pair where no other is named."""
     with dataset.answers() as store:
         store.add_rater(rater, "human")
-        values = {"choice": "a", "shown_left": "a", "created_utc": NOW} | changes
+        values = {
+            "pair_id": store.pairs()[0].pair_id,
+            "choice": "a",
+            "shown_left": "a",
+            "created_utc": NOW,
+        } | changes
         store.add_answer(
             Answer(
                 answer_id=answer_id,
-                pair_id=store.pairs()[0].pair_id,
                 rater_id=rater,
                 **values,  # type: ignore[arg-type]
             )
@@ -206,6 +210,39 @@ def test_of_two_who_push_at_once_nothing_is_lost(
     shared("push", copy.root, bucket, store)
     names = sorted(name.partition("/")[0] for name in objects(store, bucket))
     assert names == ["answers", "manifests", *["rollouts"] * 3]
+
+
+@pytest.mark.parametrize("before", ["answers", "manifests"])
+def test_what_another_pushes_while_the_list_is_read_is_kept(
+    tmp_path: Path, before: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Between one folder and the next, whichever is looked at first."""
+    place = Place(str(tmp_path / "there"))
+    ours, theirs = make_dataset(tmp_path / "ours"), make_dataset(tmp_path / "theirs")
+    push(ours, place)
+    (new,) = theirs.add_episodes([make_episode(3, 7, meta=META)])
+    pair = Pair.make(
+        Clip(new.sha256, 0, 2), Clip(new.sha256, 2, 2), strategy="x", round=0
+    )
+    with theirs.answers() as store:
+        store.add_pairs([pair])
+    answered(theirs, "theirs", "eve", pair_id=pair.pair_id)
+    answered(ours, "ours", "eve")
+    sizes, pushed = Place.sizes, []
+
+    def slow(self: Place, folder: str) -> dict[str, int]:
+        if folder == before and not pushed:
+            pushed.append(True)
+            push(theirs, Place(str(tmp_path / "there")))
+        return sizes(self, folder)
+
+    monkeypatch.setattr(Place, "sizes", slow)
+    push(ours, place)
+    assert pushed
+    pull(place, tmp_path / "copy")
+    with Dataset.open(tmp_path / "copy").answers_copy() as store:
+        found = {answer.answer_id for _, answer in store.all_answers()}
+    assert {"ours", "theirs"} <= found
 
 
 def test_corrections_travel(tmp_path: Path) -> None:

@@ -69,7 +69,7 @@ def test_without_lag_an_actor_and_a_learner_are_ppo(robot: Robot) -> None:
         chance = torch.get_rng_state()
         together.learn(iteration + 1, lambda stats: True)
         torch.set_rng_state(chance)
-        sent = actor.rollout(weights_of({"actor": apart.alg.actor}), iteration, 0)
+        sent = actor.rollout(weights_of({"actor": apart.alg.actor}), 0, iteration)
         with torch.inference_mode():
             last = apart.alg.adopt([sent])
             apart.figures()
@@ -84,6 +84,21 @@ def test_without_lag_an_actor_and_a_learner_are_ppo(robot: Robot) -> None:
             found = getattr(apart.alg, name).state_dict()
             for key, value in getattr(together.alg, name).state_dict().items():
                 assert found[key].allclose(value, atol=1e-5), (iteration, name, key)
+
+
+def test_what_a_dropped_rollout_held_is_not_looked_back_at(robot: Robot) -> None:
+    """What was before it is no neighbour of what comes after it."""
+    runner = learner(robot)
+    actor, weights = Actor(plan(robot)), weights_of({"actor": runner.alg.actor})
+    first, _, third, fourth = (actor.rollout(weights, 0, n) for n in range(4))
+    with torch.inference_mode():
+        runner.alg.adopt([first])
+        runner.alg.adopt([third])
+        assert not runner.alg.before[0].any()
+        runner.alg.adopt([fourth])
+    rows = len(runner.alg.before[0])
+    seen = torch.tensor(third.features)[-rows:]
+    assert runner.alg.before[0].equal(seen)
 
 
 def test_older_rollouts_count_less(robot: Robot) -> None:
