@@ -139,7 +139,7 @@ def test_what_cannot_be_filmed_is_said(
         ("--out a.gif --width-px 5000", "16 to 4096"),
         ("--out a.gif --speed 0", "speed of 0.01"),
         (f"--out a.gif --dataset {dataset}", "either --clip or --pair"),
-        (f"--out a.gif --dataset {dataset} --pair zz", "0 pairs"),
+        (f"--out a.gif --dataset {dataset} --pair zz", "0 of 12 pairs begin"),
     ):
         assert main(["film", *line.split()]) == 2
         assert said in capsys.readouterr().err
