@@ -200,6 +200,12 @@ def markdown(found: Sequence[Worth]) -> str:
         f"| {statistics.fmean(each.errors_m_s):+.3f} m/s | {each.verdict} |"
         for each in found
     ]
+    known = {each.method for each in found}
+    lines += [
+        f"| {LEFT_OUT[name]} (`{name}`) | | 0 | | | open |"
+        for name in dict.fromkeys(name for name, _ in ABLATIONS)
+        if name not in known
+    ]
     return "\n".join(lines)
 
 

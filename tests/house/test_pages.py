@@ -118,6 +118,12 @@ def test_a_how_to_is_read_in_two_minutes() -> None:
     assert long == set()
 
 
+def test_the_method_is_read_in_ten_minutes() -> None:
+    """Lines of tables counted without their bars."""
+    text = (ROOT / "docs/method.md").read_text()
+    assert 1000 < len(text.replace("|", " ").split()) <= 2000
+
+
 def test_a_page_that_the_code_names_is_there() -> None:
     named = {
         (path.relative_to(ROOT).as_posix(), name)
