@@ -30,8 +30,13 @@ def read_onnx(content: bytes) -> Found:
     Raises:
         NetworkError: it cannot be followed; what it is is named first.
     """
-    import onnx
-
+    try:
+        import onnx
+    except ModuleNotFoundError:
+        raise NetworkError(
+            "reading ONNX needs the package onnx, which is not installed: pip install "
+            "-e '.[onnx]' -c constraints.txt"
+        ) from None
     try:
         model = onnx.load_model_from_string(content)
     except Exception as error:
@@ -43,6 +48,11 @@ def read_onnx(content: bytes) -> Found:
     for node in graph.node:
         if node.op_type != "Constant":
             require_known(node.op_type)
+        if not node.output:
+            raise NetworkError(
+                f"its operation {node.op_type} has no output, each has one or more: "
+                "export the network anew"
+            )
     name, obs_dim = _input(graph, tensors)
     nodes: list[Node] = []
     for node in graph.node:
