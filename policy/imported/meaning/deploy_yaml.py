@@ -14,7 +14,7 @@ import numpy as np
 from data.features import JOINTS
 from policy.law.law import LawError
 
-from .draft import Draft, twelve
+from .draft import Draft, order_of, twelve
 from .plain_yaml import at, read_plain_yaml
 from .term_names import term_of
 
@@ -28,11 +28,7 @@ def read_deploy(path: Path) -> Draft:
         LawError: it is none.
     """
     told = read_plain_yaml(path)
-    motors = told.get("joint_ids_map")
-    if not isinstance(motors, list) or sorted(map(str, motors)) != sorted(
-        map(str, range(12))
-    ):
-        raise LawError(f"{path}: joint_ids_map must be an order of 12 motors")
+    motors = order_of(told.get("joint_ids_map"), f"{path}: joint_ids_map")
     order = np.array(motors, dtype=int)
     action = at(told, "actions", "JointPositionAction")
     if not isinstance(action, dict):
