@@ -99,8 +99,8 @@ def _size(func: Any, args: Any, kwargs: Any) -> int:
     args, kwargs = tree_map_only(Tensor, lambda t: t.to("meta"), (args, kwargs))
     try:
         made = tree_leaves(func(*args, **kwargs))
-    except NotImplementedError:
-        # What depends on values, as where they are not 0: all of them at most.
+    except RuntimeError:
+        # It depends on values, as where they are not 0 (all of them at most), or fails.
         return sum(each.numel() * max(1, each.ndim) for each in given)
     return sum(each.numel() for each in made if isinstance(each, Tensor))
 
