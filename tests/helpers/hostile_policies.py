@@ -174,11 +174,11 @@ BESIDE: dict[str, tuple[Callable[[Path], None], str]] = {
             "deploy.yaml",
             _deploy(observations={"base_ang_vel": {"history_length": float("inf")}}),
         ),
-        "infinity",
+        "inf",
     ),
     "endless decimation": (
         beside("env.yaml", env_yaml(decimation=float("inf"))),
-        "infinity",
+        "inf",
     ),
     "endless decimation of rl_sar": (_rl_sar(decimation=float("inf")), "decimation"),
     "one history": (_rl_sar(observations_history=6), "observations_history"),
