@@ -30,6 +30,7 @@ from gaitpref.cli import main as cli
 from gaitpref.cli.commands import label as label_command
 from gaitpref.cli.commands.looking import play as play_command
 from tests.helpers.command_table import Typed, make_world
+from tests.helpers.hostile_policies import ALONE
 
 MEMORY_BYTES = 1_500 * 2**20
 """What a command may take in all; torch alone takes 0.4 GB."""
@@ -449,6 +450,11 @@ POLICIES: dict[str, Make] = {
     "a list as large as it says": _write(b"\x80\x02X\xff\xff\xff\x7f"),
 }
 
+OTHERS: dict[str, Make] = {
+    name: lambda path, sound, make=make: make(path) for name, (make, _) in ALONE.items()
+}
+"""Policies of others; what lies beside them is attacked in the tests."""
+
 
 def attacks() -> Iterator[Attack]:
     """All of them."""
@@ -475,6 +481,10 @@ def attacks() -> Iterator[Attack]:
         "report": ("run/rounds/00/report.json", "report --run {run}"),
         "robot": ("go1.xml", inspect),
         "guidelines": ("guidelines.md", label),
+        "policy of others": (
+            "theirs/policy.onnx",
+            "policy import {theirs} --explain",
+        ),
         "queries": (
             "queries/episodes.json",
             "data import uni-rlhf {queries} --dataset {dataset}",
@@ -486,6 +496,7 @@ def attacks() -> Iterator[Attack]:
         "episode": EPISODES,
         "bag": EPISODES,
         "policy": POLICIES,
+        "policy of others": OTHERS,
         "configuration": {name: _write(text) for name, text in YAMLS.items()},
         "map": {name: _write(text) for name, text in TOMLS.items()},
         "robot": {name: _write(text) for name, text in ROBOTS.items()},

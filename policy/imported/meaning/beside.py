@@ -54,6 +54,18 @@ def meaning_of(file: Path, metadata: Mapping[str, str]) -> Draft | None:
     """
     if (draft := of_metadata(metadata)) is not None:
         return draft
+    try:
+        return _beside(file)
+    except (TypeError, ValueError, LookupError, ArithmeticError, AttributeError) as bad:
+        # Of another's file anything can be of any kind.
+        told = " ".join(str(bad).split())[:160]
+        raise LawError(
+            f"what lies beside {file} has a value of the wrong kind ({told}): correct "
+            "it, or move it away and say the law with --law"
+        ) from None
+
+
+def _beside(file: Path) -> Draft | None:
     readers: tuple[tuple[str, Callable[[Path], Draft]], ...] = (
         ("deploy.yaml", read_deploy),
         ("IO_descriptors.yaml", read_descriptors),

@@ -185,7 +185,40 @@ def twelve(value: Any, name: str) -> Vector:
     values = value if isinstance(value, list | tuple) else [value] * 12
     if len(values) != 12 or not all(_number(v) for v in values):
         raise LawError(f"{name} must be a number or 12 of them, got {str(value)[:80]}")
-    return tuple(float(v) for v in values)
+    try:
+        return tuple(float(v) for v in values)
+    except OverflowError:
+        raise LawError(f"{name} has a number that is too large") from None
+
+
+def order_of(value: Any, name: str) -> list[int]:
+    """A list of the numbers 0 to 11 in an order of its own.
+
+    Raises:
+        LawError: it is something else.
+    """
+    whole = isinstance(value, list) and all(type(each) is int for each in value)
+    if not whole or sorted(value) != list(range(12)):
+        raise LawError(
+            f"{name} must have each of 0 to 11 once, for 12 joints, got "
+            f"{str(value)[:80]}"
+        )
+    return value
+
+
+def whole_of(value: Any, name: str) -> int | None:
+    """A whole number of at least 1; None and 0 are not said.
+
+    Raises:
+        LawError: it is something else.
+    """
+    if value is None or value == 0:
+        return None
+    if not _number(value) or not 1 <= value <= 1000 or value != int(value):
+        raise LawError(
+            f"{name} must be a whole number from 1 to 1000, got {str(value)[:40]}"
+        )
+    return int(value)
 
 
 def _number(value: Any) -> bool:

@@ -13,7 +13,7 @@ from data.files.files import read_text
 from data.files.limits import TEXT_BYTES
 from policy.law.law import WIDTHS, LawError
 
-from .draft import NEEDED, Draft, twelve
+from .draft import NEEDED, Draft, twelve, whole_of
 from .term_names import term_of
 
 _VECTORS = (
@@ -100,7 +100,7 @@ def _terms(path: Path, entries: Any) -> Any:
                 str(entry.get("name", "")),
                 scale=entry.get("scale"),
                 clip=entry.get("clip"),
-                frames=entry.get("frames"),
+                frames=whole_of(entry.get("frames"), f"{path}: frames"),
             )
         )
     return tuple(found)

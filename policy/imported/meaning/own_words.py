@@ -37,6 +37,12 @@ def of_metadata(metadata: Mapping[str, str]) -> Draft | None:
         return twelve([_value(v) for v in _split(metadata[key])], key)
 
     names = _split(metadata["observation_names"])
+    joints = _split(metadata["joint_names"])
+    if len(joints) != 12:
+        raise LawError(
+            f"the metadata's joint_names must be 12 joints, got {len(joints)}: "
+            "export the policy of a quadruped"
+        )
 
     def of_terms(key: str) -> list[Any]:
         found = [
@@ -56,7 +62,7 @@ def of_metadata(metadata: Mapping[str, str]) -> Draft | None:
     )
     return Draft(
         source="the ONNX's own metadata",
-        joints=tuple(_split(metadata["joint_names"])),
+        joints=tuple(joints),
         terms=terms,
         newest_first=False,
         by_term=True,
@@ -86,7 +92,7 @@ def of_own(text: str, source: str) -> Draft:
     try:
         told = json.loads(text)["law_record"]
         law = from_plain(Law, told)
-    except (KeyError, TypeError, ValueError, RecursionError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
         raise LawError(
             f"{source}: it names no law ({type(error).__name__}: {str(error)[:80]}); "
             "export the policy again"
@@ -97,9 +103,8 @@ def of_own(text: str, source: str) -> Draft:
 
 def _split(text: str) -> list[str]:
     """Parts between commas that are in no brackets."""
-    return [
-        part.strip() for part in re.split(r",(?![^\[(]*[\])])", text) if part.strip()
-    ]
+    parts = re.findall(r"(?:[^,\[(]|[\[(][^\])]*)+", text)
+    return [part.strip() for part in parts if part.strip()]
 
 
 def _value(text: str) -> Any:
@@ -108,5 +113,5 @@ def _value(text: str) -> Any:
         return None
     try:
         return json.loads(text.replace("(", "[").replace(")", "]"))
-    except ValueError:
+    except (ValueError, RecursionError):
         raise LawError(f"the metadata has {text[:40]!r} where a number is") from None

@@ -15,9 +15,33 @@ from data.files.files import read_text
 from data.files.limits import TEXT_BYTES
 from policy.law.law import LawError
 
+MOST_VALUES = 500_000
+"""Values in a file, each as often as aliases repeat it; an env.yaml has thousands."""
+
 
 class _Loader(yaml.SafeLoader):
-    """Knows the tags of Python as what they hold."""
+    """Knows the tags of Python as what they hold.
+
+    Isaac Lab writes aliases, so they are followed; nine lines of them can stand for a
+    billion values, so they are counted.
+    """
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._count = 0
+        self._counts: dict[int, int] = {}
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        refers, before = self.check_event(yaml.AliasEvent), self._count
+        node = super().compose_node(parent, index)
+        if refers and id(node) not in self._counts:
+            raise yaml.YAMLError("an alias refers to what it stands in")
+        self._count += self._counts[id(node)] if refers else 1
+        if self._count > MOST_VALUES:
+            raise yaml.YAMLError(f"with its aliases it has over {MOST_VALUES:,} values")
+        if not refers:
+            self._counts[id(node)] = self._count - before
+        return node
 
 
 def _held(loader: yaml.SafeLoader, suffix: str, node: yaml.Node) -> Any:

@@ -12,7 +12,7 @@ from typing import Any
 
 from policy.law.law import LawError
 
-from .draft import Draft, twelve
+from .draft import Draft, order_of, twelve, whole_of
 from .plain_yaml import read_plain_yaml
 from .term_names import term_name, term_of
 
@@ -34,12 +34,10 @@ def read_rl_sar(config: Path, base: Path) -> Draft:
     told = _one_section(config)
     robot = _one_section(base)
     both = {**robot, **told}
-    names, mapping = robot.get("joint_names"), both.get("joint_mapping")
+    names = robot.get("joint_names")
     if not isinstance(names, list) or len(names) != 12:
         raise LawError(f"{base}: joint_names must be 12 names")
-    if sorted(mapping if isinstance(mapping, list) else []) != list(range(12)):
-        raise LawError(f"{config}: joint_mapping must be an order of 12 joints")
-    assert isinstance(mapping, list)
+    mapping = order_of(both.get("joint_mapping"), f"{config}: joint_mapping")
     newest_first, frames = _history(config, both.get("observations_history"))
     observed = both.get("observations")
     if not isinstance(observed, list):
@@ -65,7 +63,7 @@ def read_rl_sar(config: Path, base: Path) -> Draft:
         kd_nm_s_per_rad=twelve(both.get("rl_kd"), "rl_kd"),
         torque_limit_nm=twelve(both.get("torque_limits"), "torque_limits"),
         physics_dt_s=_number(both.get("dt")),
-        substeps=int(_number(both.get("decimation")) or 0) or None,
+        substeps=whole_of(both.get("decimation"), f"{base}: decimation"),
     )
 
 
@@ -81,10 +79,10 @@ def _history(path: Path, ages: Any) -> tuple[bool, int]:
     """Whether the newest frame is first, and how many there are."""
     if not ages:
         return False, 1
-    count = len(ages)
-    if ages == list(range(count)):
+    count = len(ages) if isinstance(ages, list) else 0
+    if count and ages == list(range(count)):
         return True, count
-    if ages == list(range(count - 1, -1, -1)):
+    if count and ages == list(range(count - 1, -1, -1)):
         return False, count
     raise LawError(
         f"{path}: observations_history must be frames that follow one another, got "

@@ -30,12 +30,7 @@ def read_onnx(content: bytes) -> Found:
     Raises:
         NetworkError: it cannot be followed; what it is is named first.
     """
-    import onnx
-
-    try:
-        model = onnx.load_model_from_string(content)
-    except Exception as error:
-        raise NetworkError(f"it is no ONNX model ({type(error).__name__})") from None
+    onnx, model = _loaded(content)
     graph = model.graph
     if len(graph.node) > MOST_NODES:
         raise NetworkError(f"a network of {len(graph.node)} operations is too long")
@@ -43,6 +38,11 @@ def read_onnx(content: bytes) -> Found:
     for node in graph.node:
         if node.op_type != "Constant":
             require_known(node.op_type)
+        if not node.output:
+            raise NetworkError(
+                f"its operation {node.op_type} has no output, each has one or more: "
+                "export the network anew"
+            )
     name, obs_dim = _input(graph, tensors)
     nodes: list[Node] = []
     for node in graph.node:
@@ -70,6 +70,22 @@ def read_onnx(content: bytes) -> Found:
     )
     metadata = {prop.key: prop.value for prop in model.metadata_props}
     return Found(kind="ONNX", recipe=recipe, tensors=tensors, metadata=metadata)
+
+
+def _loaded(content: bytes) -> tuple[Any, Any]:
+    """The package and the model in `content`."""
+    try:
+        import onnx
+    except ModuleNotFoundError:
+        raise NetworkError(
+            "reading ONNX needs the package onnx, which is not installed: pip install "
+            "-e '.[onnx]' -c constraints.txt"
+        ) from None
+    try:
+        model = onnx.load_model_from_string(content)
+    except Exception as error:
+        raise NetworkError(f"it is no ONNX model ({type(error).__name__})") from None
+    return onnx, model
 
 
 def _tensor(name: str, proto: Any, onnx: Any) -> Tensor:

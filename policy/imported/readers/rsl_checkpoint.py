@@ -161,7 +161,7 @@ def _refuse_others(states: Mapping[str, Tensor]) -> None:
 
 def _layers(states: Mapping[str, Tensor], prefix: str) -> list[tuple[str, str]]:
     """Names of weight and bias of every layer, checked to follow one another."""
-    pattern = re.compile(rf"^{prefix}\.(\d+)\.weight$")
+    pattern = re.compile(rf"^{prefix}\.(\d{{1,9}})\.weight$")
     numbers = sorted(int(m.group(1)) for name in states if (m := pattern.match(name)))
     layers = [(f"{prefix}.{n}.weight", f"{prefix}.{n}.bias") for n in numbers]
     if not layers:
@@ -188,10 +188,15 @@ def _normaliser(
         if mean is not None and std is not None:
             return (f"{prefix}_mean", mean), (f"{prefix}_std", std)
     older = payload.get("obs_norm_state_dict")
-    if isinstance(older, Mapping) and isinstance(older.get("_mean"), Tensor):
-        named = "obs_norm_state_dict/"
-        return (f"{named}_mean", older["_mean"]), (f"{named}_std", older["_std"])
-    return None
+    if not isinstance(older, Mapping) or not isinstance(older.get("_mean"), Tensor):
+        return None
+    if not isinstance(older.get("_std"), Tensor):
+        raise NetworkError(
+            "its obs_norm_state_dict has a _mean and no tensor _std: save both, or "
+            "export the policy as TorchScript or ONNX"
+        )
+    named = "obs_norm_state_dict/"
+    return (f"{named}_mean", older["_mean"]), (f"{named}_std", older["_std"])
 
 
 def _std(states: Mapping[str, Tensor]) -> Tensor | None:

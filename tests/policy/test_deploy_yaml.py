@@ -1,0 +1,44 @@
+"""What `params/deploy.yaml` says of the observation, beside its terms."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from policy.imported.meaning.deploy_yaml import read_deploy
+from policy.law.law import LawError
+
+
+def _told(path: Path, **observations: object) -> Path:
+    told = {
+        "joint_ids_map": list(range(12)),
+        "step_dt": 0.02,
+        "stiffness": 20.0,
+        "damping": 0.5,
+        "default_joint_pos": 0.5,
+        "actions": {"JointPositionAction": {"scale": 0.25}},
+        "observations": observations,
+    }
+    path.write_text(yaml.safe_dump(told, sort_keys=False))
+    return path
+
+
+def test_its_switches_are_no_terms(tmp_path: Path) -> None:
+    """Frames come together, oldest first; what is clipped after it was scaled by 0.25
+    has bounds four times as wide before."""
+    term = {"scale": [0.25] * 3, "clip": [-2.0, 3.0], "history_length": 5}
+    switches = {"use_gym_history": True, "scale_first": True}
+    path = tmp_path / "deploy.yaml"
+    draft = read_deploy(_told(path, **switches, base_ang_vel=term))
+    assert (draft.by_term, draft.newest_first) == (False, False)
+    assert draft.terms is not None
+    (found,) = draft.terms
+    assert (found.name, found.frames, found.clip) == ("base_ang_vel", 5, (-8.0, 12.0))
+    off = read_deploy(_told(path, scale_first=False, base_ang_vel=term))
+    assert off.by_term
+    assert off.terms is not None
+    assert off.terms[0].clip == (-2.0, 3.0)
+    with pytest.raises(LawError, match="use_gym_history must be true or false"):
+        read_deploy(_told(path, use_gym_history=3, base_ang_vel=term))
