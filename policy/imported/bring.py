@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -39,6 +41,8 @@ class Understood:
     found: Found
     draft: Draft
     """With rules in the place of what nobody said."""
+    in_order: Callable[[tuple[str, ...]], Draft]
+    """The draft with joints in another order, which what was said by name follows."""
 
 
 def understand(
@@ -64,15 +68,28 @@ def understand(
     if activation is None and preset is not None:
         activation = "elu"
     found = read_network(file, activation)
-    draft = PRESETS[preset] if preset else meaning_of(file, found.metadata or {})
+    in_order = partial(_draft, file, found, said, preset)
+    draft = in_order(None if said is None else said.joints)
+    return Understood(file=file, found=found, draft=draft, in_order=in_order)
+
+
+def _draft(
+    file: Path,
+    found: Found,
+    said: Draft | None,
+    preset: str | None,
+    joints: tuple[str, ...] | None,
+) -> Draft:
+    """All that is known, with rules in the place of what nobody said."""
+    draft = (
+        PRESETS[preset] if preset else meaning_of(file, found.metadata or {}, joints)
+    )
     draft = draft or Draft(source=f"nothing beside {file.name}")
     if said is not None:
         draft = said.over(draft)
     if found.guessed:
         draft = replace(draft, guessed={**draft.guessed, **found.guessed})
-    return Understood(
-        file=file, found=found, draft=with_guesses(draft, found.recipe.obs_dim)
-    )
+    return with_guesses(draft, found.recipe.obs_dim)
 
 
 def embodied(known: Understood, robot_xml: Path | None) -> tuple[Law, Robot, EnvCfg]:

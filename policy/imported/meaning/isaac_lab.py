@@ -10,9 +10,11 @@ import re
 from pathlib import Path
 from typing import Any
 
+from data.features import JOINTS
 from policy.law.law import LawError, Vector
 
 from .draft import BY_TYPE, Draft, twelve
+from .joint_names import canonical_joints
 from .plain_yaml import at, read_plain_yaml
 from .term_names import term_of
 
@@ -20,8 +22,12 @@ _ORDER = "hips, thighs, calves, each FL FR RL RR: Isaac Sim's order, which no fi
 _PATTERN_CHARS = 200
 
 
-def read_env(path: Path) -> Draft:
+def read_env(path: Path, joints: tuple[str, ...] = BY_TYPE) -> Draft:
     """The law of an env.yaml, and of an agent.yaml beside it.
+
+    Args:
+        path: The env.yaml.
+        joints: The order of the policy, in which its numbers are put by their names.
 
     Raises:
         LawError: it is none.
@@ -32,7 +38,8 @@ def read_env(path: Path) -> Draft:
         raise LawError(
             f"{path}: it has no scene.robot and actions.joint_pos, as Isaac Lab writes"
         )
-    names = [f"{joint}_joint" for joint in BY_TYPE]
+    joints = canonical_joints(joints, JOINTS)
+    names = [f"{joint}_joint" for joint in joints]
     pose = _by_name(at(robot, "init_state", "joint_pos"), names, 0.0, path)
     actuators = at(robot, "actuators") or {}
     if not isinstance(actuators, dict):
@@ -43,7 +50,7 @@ def read_env(path: Path) -> Draft:
         offset = _by_name(action.get("offset", 0.0), names, 0.0, path)
     return Draft(
         source=f"{path.parent.name}/{path.name}",
-        joints=BY_TYPE,
+        joints=joints,
         terms=_terms(path, at(told, "observations", "policy")),
         newest_first=False,
         by_term=True,

@@ -1,0 +1,63 @@
+"""What lies beside a policy of others is read as it was meant, or refused by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+import yaml
+
+from policy.imported.alternatives import tried
+from policy.imported.bring import understand
+from policy.imported.meaning.draft import BY_TYPE, LEFT_FIRST
+
+POSE = {".*L_hip_joint": 0.1, ".*R_hip_joint": -0.1, ".*thigh_joint": 0.8}
+POSE[".*calf_joint"] = -1.5
+
+
+def _run(folder: Path, **changes: Any) -> Path:
+    """A run directory of Isaac Lab: a checkpoint and its env.yaml."""
+    generator = torch.Generator().manual_seed(0)
+    states = {
+        "actor.0.weight": 0.01 * torch.randn(12, 48, generator=generator),
+        "actor.0.bias": torch.zeros(12),
+        "std": torch.ones(12),
+    }
+    folder.mkdir(exist_ok=True)
+    torch.save({"model_state_dict": states, "iter": 1}, folder / "model_1.pt")
+    terms = ("base_lin_vel", "base_ang_vel", "projected_gravity", "generated_commands")
+    terms += ("joint_pos_rel", "joint_vel_rel", "last_action")
+    gains = {"joint_names_expr": [".*"], "stiffness": 25.0, "damping": 0.5}
+    tree: dict[str, Any] = {
+        "scene": {
+            "robot": {
+                "init_state": {"joint_pos": POSE},
+                "actuators": {"legs": gains},
+            }
+        },
+        "actions": {"joint_pos": {"scale": 0.25}},
+        "observations": {"policy": {n: {"func": f"mdp:{n}"} for n in terms}},
+    }
+    (folder / "params").mkdir(exist_ok=True)
+    (folder / "params" / "env.yaml").write_text(yaml.safe_dump(tree | changes))
+    return folder
+
+
+@pytest.mark.parametrize("law", [False, True])
+def test_numbers_by_name_follow_another_order_of_the_joints(
+    law: bool, tmp_path: Path
+) -> None:
+    """Whether it is tried, or said in a TOML."""
+    run = _run(tmp_path / "run")
+    (tmp_path / "law.toml").write_text(f"joints = {list(LEFT_FIRST)}")
+    known = understand(run, law=tmp_path / "law.toml" if law else None)
+    draft = known.draft if law else known.in_order(LEFT_FIRST)
+    assert draft.joints == LEFT_FIRST
+    assert draft.default_joint_pos_rad == (0.1, 0.8, -1.5, -0.1, 0.8, -1.5) * 2
+    assert draft.action_offset_rad == draft.default_joint_pos_rad
+    if not law:
+        assert known.draft.joints == BY_TYPE
+        # With a hip's angle in a knee, it falls before it has stood.
+        assert all("standing" not in line for line in tried(known, None))
