@@ -10,8 +10,9 @@ import torch
 import yaml
 
 from policy.imported.alternatives import tried
-from policy.imported.bring import understand
-from policy.imported.meaning.draft import BY_TYPE, LEFT_FIRST
+from policy.imported.bring import embodied, understand
+from policy.imported.meaning.draft import BY_TYPE, LEFT_FIRST, RIGHT_FIRST
+from policy.law.law import LawError
 
 POSE = {".*L_hip_joint": 0.1, ".*R_hip_joint": -0.1, ".*thigh_joint": 0.8}
 POSE[".*calf_joint"] = -1.5
@@ -61,3 +62,45 @@ def test_numbers_by_name_follow_another_order_of_the_joints(
         assert known.draft.joints == BY_TYPE
         # With a hip's angle in a knee, it falls before it has stood.
         assert all("standing" not in line for line in tried(known, None))
+
+
+MJLAB: dict[str, Any] = {"scene": {"entities": {"robot": {}}}}
+OBSERVED = ("base_lin_vel", "base_ang_vel", "projected_gravity", "command")
+OBSERVED += ("joint_pos", "joint_vel", "last_action")
+
+
+def test_a_whole_law_or_an_exported_onnx_does_without_an_env_yaml(
+    tmp_path: Path,
+) -> None:
+    """mjlab writes another env.yaml; --explain leaves open what it cannot read."""
+    run = _run(tmp_path / "run", **MJLAB)
+    with pytest.raises(LawError, match=r"no scene\.robot .* --law takes it"):
+        understand(run)
+    assert "no scene.robot" in understand(run, explain=True).draft.source
+    lines = ["default_joint_pos_rad = 0.1", "action_scale_rad = 0.25"]
+    lines += ["kp_nm_per_rad = 20", "kd_nm_s_per_rad = 0.5"]
+    lines += [f'[[terms]]\nname = "{name}"' for name in OBSERVED]
+    (tmp_path / "law.toml").write_text("\n".join(lines))
+    embodied(understand(run, law=tmp_path / "law.toml"), None)
+    _exported(run / "run.onnx")
+    draft = understand(run).draft
+    assert draft.joints == RIGHT_FIRST
+    assert draft.kp_nm_per_rad == (15.9,) * 12
+
+
+def _exported(path: Path) -> None:
+    """An ONNX with the metadata of mjlab."""
+    onnx = pytest.importorskip("onnx", reason="the extra onnx is not installed")
+    helper, sizes = onnx.helper, {"obs": [None, 48], "actions": [None, 12]}
+    values = [helper.make_tensor_value_info(n, 1, s) for n, s in sizes.items()]
+    weight = helper.make_tensor("w", 1, [48, 12], [0.0] * 48 * 12)
+    node = helper.make_node("MatMul", ["obs", "w"], ["actions"])
+    graph = helper.make_graph([node], "run", values[:1], values[1:], [weight])
+    model = helper.make_model(graph)
+    told = {"joint_names": ",".join(RIGHT_FIRST)}
+    told["observation_names"] = ",".join(OBSERVED)
+    numbers = {"default_joint_pos": "0.1", "action_scale": "0.3"}
+    numbers |= {"joint_stiffness": "15.9", "joint_damping": "1.0"}
+    told |= {name: ",".join([value] * 12) for name, value in numbers.items()}
+    helper.set_model_props(model, told)
+    onnx.save_model(model, path)

@@ -36,7 +36,8 @@ def read_env(path: Path, joints: tuple[str, ...] = BY_TYPE) -> Draft:
     robot, action = at(told, "scene", "robot"), at(told, "actions", "joint_pos")
     if not isinstance(robot, dict) or not isinstance(action, dict):
         raise LawError(
-            f"{path}: it has no scene.robot and actions.joint_pos, as Isaac Lab writes"
+            f"{path}: it has no scene.robot and actions.joint_pos, as Isaac Lab "
+            "writes: say the law in a TOML (--explain prints one, --law takes it)"
         )
     joints = canonical_joints(joints, JOINTS)
     names = [f"{joint}_joint" for joint in joints]
