@@ -104,3 +104,16 @@ def _exported(path: Path) -> None:
     told |= {name: ",".join([value] * 12) for name, value in numbers.items()}
     helper.set_model_props(model, told)
     onnx.save_model(model, path)
+
+
+def test_names_that_fit_no_joint_are_told(tmp_path: Path) -> None:
+    """ANYmal's spelling left every angle at 0."""
+    robot = {
+        "init_state": {"joint_pos": {".*HAA": 0.0, ".*F_HFE": 0.4}},
+        "actuators": {
+            "legs": {"joint_names_expr": [".*"], "stiffness": 80.0, "damping": 2.0}
+        },
+    }
+    run = _run(tmp_path / "run", scene={"robot": robot})
+    with pytest.raises(LawError, match=r"HFE' fits none .* --law takes it"):
+        understand(run)

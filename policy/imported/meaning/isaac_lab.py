@@ -213,9 +213,15 @@ def _by_name(value: Any, names: list[str], otherwise: float, path: Path) -> Vect
     for pattern, number in value.items():
         if (plain := _number(number)) is None:
             raise LawError(f"{path}: {str(pattern)[:40]} must be a number")
-        for index, name in enumerate(names):
-            if _fits(str(pattern), name, path):
-                found[index] = plain
+        fits = [i for i, name in enumerate(names) if _fits(str(pattern), name, path)]
+        if not fits:
+            raise LawError(
+                f"{path}: {str(pattern)[:40]!r} fits none of the joints "
+                f"{', '.join(names[:3])}, ...: say the law in a TOML (--explain prints "
+                "one, --law takes it)"
+            )
+        for index in fits:
+            found[index] = plain
     return tuple(found)
 
 
