@@ -19,6 +19,7 @@ from .plain_yaml import at, read_plain_yaml
 from .term_names import term_of
 
 _ORDER = "hips, thighs, calves, each FL FR RL RR: Isaac Sim's order, which no file says"
+_ABSOLUTE = ("joint_pos", "joint_pos_limit_normalized")
 _PATTERN_CHARS = 200
 
 
@@ -170,6 +171,12 @@ def _terms(path: Path, group: Any) -> Any:
         if not isinstance(value, dict) or "func" not in value:
             continue
         func = str(value["func"])
+        if re.split(r"[:.]", func)[-1] in _ABSOLUTE:
+            raise LawError(
+                f"{path}: the policy sees {func[-60:]!r}, angles that are not measured "
+                "from the default pose, which is not followed here: give one trained "
+                "with joint_pos_rel"
+            )
         # The function says it more surely than the name somebody gave the term.
         known = func if func.endswith(("_rel", "_vel", "_gravity", "_scan")) else name
         terms.append(
