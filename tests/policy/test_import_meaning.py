@@ -117,3 +117,20 @@ def test_names_that_fit_no_joint_are_told(tmp_path: Path) -> None:
     run = _run(tmp_path / "run", scene={"robot": robot})
     with pytest.raises(LawError, match=r"HFE' fits none .* --law takes it"):
         understand(run)
+
+
+@pytest.mark.parametrize("func", ["joint_pos", "joint_pos_limit_normalized"])
+def test_angles_from_elsewhere_than_the_pose_are_refused(
+    func: str, tmp_path: Path
+) -> None:
+    """Isaac Lab has three functions for the term that its users call joint_pos."""
+    told = {"joint_pos": {"func": f"isaaclab.envs.mdp.observations:{func}"}}
+    run = _run(tmp_path / "run", observations={"policy": told})
+    with pytest.raises(LawError, match="not measured from the default pose"):
+        understand(run)
+
+
+def test_walk_these_ways_is_refused_by_name(tmp_path: Path) -> None:
+    """Its 15 commands, clock and action before the last have no terms here."""
+    with pytest.raises(LawError, match=r"walk-these-ways .* 15 commands, a clock"):
+        understand(_run(tmp_path / "run"), preset="walk-these-ways")
