@@ -283,7 +283,9 @@ _OPS: dict[str, Callable[..., Any]] = {
     "Silu": _of_one(_F.silu),
     "Mish": _of_one(_F.mish),
     "Gelu": lambda at, x: _F.gelu(x, approximate=at.get("approximate", "none")),
-    "Softplus": _of_one(_F.softplus),
+    "Softplus": lambda at, x: _F.softplus(
+        x, at.get("beta", 1.0), at.get("threshold", 20.0)
+    ),
     "Tanh": _of_one(torch.tanh),
     "Sigmoid": _of_one(torch.sigmoid),
     "Softmax": lambda at, x: x.softmax(at.get("axis", -1)),

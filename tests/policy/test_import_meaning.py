@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
 import yaml
+from torch import Tensor, nn
 
 from policy.imported.alternatives import tried
 from policy.imported.bring import embodied, understand
 from policy.imported.meaning.draft import BY_TYPE, LEFT_FIRST, RIGHT_FIRST
+from policy.imported.readers.script_file import read_script
 from policy.law.law import LawError
 
 POSE = {".*L_hip_joint": 0.1, ".*R_hip_joint": -0.1, ".*thigh_joint": 0.8}
@@ -134,3 +137,33 @@ def test_walk_these_ways_is_refused_by_name(tmp_path: Path) -> None:
     """Its 15 commands, clock and action before the last have no terms here."""
     with pytest.raises(LawError, match=r"walk-these-ways .* 15 commands, a clock"):
         understand(_run(tmp_path / "run"), preset="walk-these-ways")
+
+
+class _Layer(nn.Module):
+    def __init__(self, then: str) -> None:
+        super().__init__()
+        self.then = then
+        self.w, self.b = nn.Parameter(torch.randn(12, 48)), nn.Parameter(torch.ones(12))
+
+    def forward(self, x: Tensor) -> Tensor:
+        if self.then == "matmul":
+            return torch.matmul(x, self.w.t()) + self.b
+        y = torch.addmm(self.b, x, self.w.t(), beta=0.5, alpha=2.0)
+        if self.then == "gelu":
+            return torch.nn.functional.gelu(y, approximate="tanh")
+        return torch.nn.functional.softplus(y, beta=3.0, threshold=0.5)
+
+
+@pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
+@pytest.mark.parametrize("then", ["matmul", "gelu", "softplus"])
+def test_what_torchscript_gives_beyond_tensors_counts(then: str) -> None:
+    """The width, the weights that train and the actions are those of the module."""
+    module, file = _Layer(then), io.BytesIO()
+    torch.jit.save(torch.jit.trace(module, torch.zeros(1, 48)), file)
+    found = read_script(file.getvalue())
+    assert found.recipe.obs_dim == 48
+    assert {each.name for each in found.recipe.weights} >= {"w", "b"}
+    obs = torch.randn(5, 48)
+    with torch.no_grad():
+        wanted = module(obs).numpy()
+        assert found.network()(obs).numpy() == pytest.approx(wanted, abs=1e-4)
