@@ -291,6 +291,8 @@ _OPS: dict[str, Callable[..., Any]] = {
     "Softmax": lambda at, x: x.softmax(at.get("axis", -1)),
     "Sqrt": _of_one(torch.sqrt),
     "Exp": _of_one(torch.exp),
+    "Erf": _of_one(torch.erf),
+    "Pow": _of_two(torch.pow),
     "Neg": _of_one(torch.neg),
     "Identity": _of_one(lambda x: x),
     "Dropout": lambda at, x, *rest: x,

@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from policy.imported.alternatives import tried
 from policy.imported.bring import embodied, understand
 from policy.imported.meaning.draft import BY_TYPE, LEFT_FIRST, RIGHT_FIRST
+from policy.imported.readers.onnx_file import read_onnx
 from policy.imported.readers.script_file import read_script
 from policy.law.law import LawError
 
@@ -167,3 +168,30 @@ def test_what_torchscript_gives_beyond_tensors_counts(then: str) -> None:
     with torch.no_grad():
         wanted = module(obs).numpy()
         assert found.network()(obs).numpy() == pytest.approx(wanted, abs=1e-4)
+
+
+def test_gelu_and_layer_norm_in_pieces_are_followed() -> None:
+    """As exporters write them where an ONNX's version has no operation for them."""
+    onnx = pytest.importorskip("onnx", reason="the extra onnx is not installed")
+    helper = onnx.helper
+    steps = "ReduceMean obs=m; Sub obs m=d; Pow d two=q; ReduceMean q=v; Add v eps=e"
+    steps += "; Sqrt e=s; Div d s=n; MatMul n w=y; Div y root=r; Erf r=f; Add f one=g"
+    steps += "; Mul y g=h; Mul h half=actions"
+    nodes = []
+    for step in steps.split("; "):
+        given, _, output = step.partition("=")
+        op, *inputs = given.split()
+        more = {"axes": [-1]} if op == "ReduceMean" else {}
+        nodes.append(helper.make_node(op, inputs, [output], **more))
+    weight, obs = torch.randn(48, 12), torch.randn(5, 48)
+    numbers = {"two": 2.0, "eps": 1e-5, "root": 2**0.5, "one": 1.0, "half": 0.5}
+    stored = [helper.make_tensor(n, 1, [], [v]) for n, v in numbers.items()]
+    stored.append(helper.make_tensor("w", 1, [48, 12], weight.flatten().tolist()))
+    sizes = {"obs": [None, 48], "actions": [None, 12]}
+    values = [helper.make_tensor_value_info(n, 1, s) for n, s in sizes.items()]
+    graph = helper.make_graph(nodes, "pieces", values[:1], values[1:], stored)
+    network = read_onnx(helper.make_model(graph).SerializeToString()).network()
+    norm, gelu = nn.functional.layer_norm, nn.functional.gelu
+    wanted = gelu(norm(obs, (48,)) @ weight).numpy()
+    with torch.no_grad():
+        assert network(obs).numpy() == pytest.approx(wanted, abs=1e-4)
