@@ -26,7 +26,7 @@ _ORDERS = {
 
 def tried(known: Understood, robot_xml: Path | None) -> Iterator[str]:
     """What a policy does with each other value of what was guessed, a line each."""
-    for told, draft in _others(known.draft):
+    for told, draft in _others(known):
         try:
             law, robot, cfg = embodied(replace(known, draft=draft), robot_xml)
         except GaitprefError as error:
@@ -43,11 +43,12 @@ def tried(known: Understood, robot_xml: Path | None) -> Iterator[str]:
         yield f"{told}: {_in_words(rows)}"
 
 
-def _others(draft: Draft) -> Iterator[tuple[str, Draft]]:
+def _others(known: Understood) -> Iterator[tuple[str, Draft]]:
+    draft = known.draft
     if "joints" in draft.guessed:
         for told, order in _ORDERS.items():
             if order != draft.joints:
-                yield f"joints {told}", replace(draft, joints=order)
+                yield f"joints {told}", replace(known.in_order(order), joints=order)
     if "by_term" in draft.guessed or "newest_first" in draft.guessed:
         for by_term, newest in product((True, False), repeat=2):
             changes: dict[str, Any] = {"by_term": by_term, "newest_first": newest}

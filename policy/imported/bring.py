@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import torch
 
+from data.errors import GaitprefError
 from data.files.files import read_file, sha256_bytes, write_atomically
 from data.files.limits import POLICY_BYTES
 from policy.env.env_cfg import EnvCfg
@@ -20,9 +23,9 @@ from policy.training.ppo import PpoCfg
 from policy.training.training_dir import POLICY_NAME
 
 from .meaning.beside import activation_beside, meaning_of, policy_file
-from .meaning.draft import Draft, complete, with_guesses
+from .meaning.draft import NEEDED, Draft, complete, with_guesses
 from .meaning.law_toml import read_law_toml
-from .meaning.trainer_laws import PRESETS
+from .meaning.trainer_laws import PRESETS, UNFOLLOWED
 from .readers.found import Found
 from .readers.network_file import read_network
 from .trial import measure
@@ -39,10 +42,16 @@ class Understood:
     found: Found
     draft: Draft
     """With rules in the place of what nobody said."""
+    in_order: Callable[[tuple[str, ...]], Draft]
+    """The draft with joints in another order, which what was said by name follows."""
 
 
 def understand(
-    path: Path, *, law: Path | None = None, preset: str | None = None
+    path: Path,
+    *,
+    law: Path | None = None,
+    preset: str | None = None,
+    explain: bool = False,
 ) -> Understood:
     """The network of a file or run directory, and what its numbers mean.
 
@@ -50,10 +59,14 @@ def understand(
         path: The file, or the directory of its training.
         law: A TOML that says more than what lies beside the file, or otherwise.
         preset: Take the law of this trainer instead of what lies beside the file.
+        explain: Leave open what cannot be read beside the file, and say why. A law
+            with all that is needed does so too.
 
     Raises:
         GaitprefError: the file or what lies beside it cannot be used.
     """
+    if preset in UNFOLLOWED:
+        raise LawError(f"the preset {preset} {UNFOLLOWED[preset]}")
     if preset is not None and preset not in PRESETS:
         raise LawError(
             f"there is no preset {preset!r}; there are: {', '.join(PRESETS)}"
@@ -64,15 +77,53 @@ def understand(
     if activation is None and preset is not None:
         activation = "elu"
     found = read_network(file, activation)
-    draft = PRESETS[preset] if preset else meaning_of(file, found.metadata or {})
-    draft = draft or Draft(source=f"nothing beside {file.name}")
+    whole = said is not None and all(getattr(said, n) is not None for n in NEEDED)
+    beside = partial(_beside, file, found, explain or whole)
+    in_order = partial(_draft, found, said, PRESETS[preset] if preset else beside)
+    draft = in_order(None if said is None else said.joints)
+    return Understood(file=file, found=found, draft=draft, in_order=in_order)
+
+
+def _draft(
+    found: Found,
+    said: Draft | None,
+    trained: Draft | Callable[[tuple[str, ...] | None], Draft],
+    joints: tuple[str, ...] | None,
+) -> Draft:
+    """All that is known, with rules in the place of what nobody said."""
+    draft = trained if isinstance(trained, Draft) else trained(joints)
     if said is not None:
         draft = said.over(draft)
     if found.guessed:
         draft = replace(draft, guessed={**draft.guessed, **found.guessed})
-    return Understood(
-        file=file, found=found, draft=with_guesses(draft, found.recipe.obs_dim)
-    )
+    return with_guesses(draft, found.recipe.obs_dim)
+
+
+def _beside(
+    file: Path, found: Found, dispensable: bool, joints: tuple[str, ...] | None
+) -> Draft:
+    """What the file says or what lies beside it; nothing, if that is `dispensable`."""
+    try:
+        metadata = found.metadata or _exported(file, found.recipe.obs_dim)
+        draft = meaning_of(file, metadata, joints)
+    except LawError as error:
+        if not dispensable:
+            raise
+        return Draft(source=f"nothing that can be read ({error})")
+    return draft or Draft(source=f"nothing beside {file.name}")
+
+
+def _exported(file: Path, obs_dim: int) -> Mapping[str, str]:
+    """What the one ONNX beside a checkpoint, exported of such a network, says of it."""
+    folders = (file.parent, file.parent / "exported")
+    models = [model for folder in folders for model in folder.glob("*.onnx")]
+    if file in models or len(models) != 1:
+        return {}
+    try:
+        found = read_network(models[0])
+    except (GaitprefError, ImportError):
+        return {}
+    return (found.metadata or {}) if found.recipe.obs_dim == obs_dim else {}
 
 
 def embodied(known: Understood, robot_xml: Path | None) -> tuple[Law, Robot, EnvCfg]:

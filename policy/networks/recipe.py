@@ -283,12 +283,16 @@ _OPS: dict[str, Callable[..., Any]] = {
     "Silu": _of_one(_F.silu),
     "Mish": _of_one(_F.mish),
     "Gelu": lambda at, x: _F.gelu(x, approximate=at.get("approximate", "none")),
-    "Softplus": _of_one(_F.softplus),
+    "Softplus": lambda at, x: _F.softplus(
+        x, at.get("beta", 1.0), at.get("threshold", 20.0)
+    ),
     "Tanh": _of_one(torch.tanh),
     "Sigmoid": _of_one(torch.sigmoid),
     "Softmax": lambda at, x: x.softmax(at.get("axis", -1)),
     "Sqrt": _of_one(torch.sqrt),
     "Exp": _of_one(torch.exp),
+    "Erf": _of_one(torch.erf),
+    "Pow": _of_two(torch.pow),
     "Neg": _of_one(torch.neg),
     "Identity": _of_one(lambda x: x),
     "Dropout": lambda at, x, *rest: x,

@@ -284,6 +284,11 @@ def _pickled(place: Path) -> None:
     np.savez(place / "x.npz", qpos=np.array([os.system], dtype=object))
 
 
+def _of_two_lengths(place: Path) -> None:
+    rows = {"qpos": np.zeros((501, 19)), "torque": np.zeros((500, 12))}
+    np.savez(place / "x.npz", **rows)  # type: ignore[arg-type]
+
+
 def _linked(place: Path) -> None:
     with h5py.File(place / "x.minari", "w") as file:
         file["qpos"] = h5py.ExternalLink("/etc/passwd", "/")
@@ -310,6 +315,7 @@ def _ragged(place: Path) -> None:
 
 
 QPOS = STATES + 'rate_hz = 50\nqpos = "qpos"\n'
+TORQUES = QPOS + 'joint_torque = "torque"\n'
 
 
 @pytest.mark.parametrize(
@@ -327,6 +333,7 @@ QPOS = STATES + 'rate_hz = 50\nqpos = "qpos"\n'
         ("npz", _npz_of("qpos.npy", _array_head((2**40, 19))), QPOS, "claims to be"),
         ("npz", _npz_of("qpos.npy", _array_head(())), QPOS, "a row of numbers"),
         ("npz", _pickled, QPOS, "got object"),
+        ("npz", _of_two_lengths, TORQUES, "(qpos 501, torque 500)"),
         ("minari", _linked, QPOS, "has none of the columns"),
         ("minari", _virtual, QPOS, "lies in another file"),
         ("minari", _sparse, QPOS, "the limit is"),

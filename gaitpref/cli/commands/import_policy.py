@@ -15,7 +15,9 @@ from policy.training.training_dir import POLICY_NAME
 
 def run(command: options.Policy) -> int:
     """Import the policy; gives the exit code."""
-    known = understand(command.file, law=command.law, preset=command.preset)
+    known = understand(
+        command.file, law=command.law, preset=command.preset, explain=command.explain
+    )
     if command.explain:
         say(law_toml(known.draft))
         return 0

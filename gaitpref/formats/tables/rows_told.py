@@ -53,6 +53,13 @@ def recordings_of_table(
     Raises:
         LogError: a column is missing or of another width, or nothing can be used.
     """
+    rows = {name: len(values) for name, values in table.columns.items()}
+    if len(set(rows.values())) > 1:
+        told = ", ".join(f"{name[:60]} {count}" for name, count in rows.items())
+        raise LogError(
+            f"the columns of {table.name} must have a row for each moment, and are "
+            f"of different lengths ({told[:300]}): cut them to the same moments"
+        )
     times_s = _times(table, columns)
     if len(times_s) < MIN_SAMPLES:
         raise LogError(

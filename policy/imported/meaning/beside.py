@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 
 from policy.law.law import LawError
 
 from .deploy_yaml import read_deploy
-from .draft import Draft
+from .draft import BY_TYPE, Draft
 from .isaac_lab import activation_of, read_descriptors, read_env
 from .own_words import of_metadata, read_own
 from .rl_sar import read_rl_sar
@@ -46,8 +47,15 @@ def policy_file(path: Path) -> Path:
     )
 
 
-def meaning_of(file: Path, metadata: Mapping[str, str]) -> Draft | None:
+def meaning_of(
+    file: Path, metadata: Mapping[str, str], joints: tuple[str, ...] | None = None
+) -> Draft | None:
     """The first law that is found: in the file, or beside it.
+
+    Args:
+        file: The policy.
+        metadata: What it says of itself.
+        joints: Their order, for what says numbers by name and no order.
 
     Raises:
         LawError: it cannot be read.
@@ -69,7 +77,7 @@ def _beside(file: Path) -> Draft | None:
     readers: tuple[tuple[str, Callable[[Path], Draft]], ...] = (
         ("deploy.yaml", read_deploy),
         ("IO_descriptors.yaml", read_descriptors),
-        ("env.yaml", read_env),
+        ("env.yaml", partial(read_env, joints=joints or BY_TYPE)),
     )
     for name, read in readers:
         for place in _places(file):

@@ -10,18 +10,25 @@ import re
 from pathlib import Path
 from typing import Any
 
+from data.features import JOINTS
 from policy.law.law import LawError, Vector
 
 from .draft import BY_TYPE, Draft, twelve
+from .joint_names import canonical_joints
 from .plain_yaml import at, read_plain_yaml
 from .term_names import term_of
 
 _ORDER = "hips, thighs, calves, each FL FR RL RR: Isaac Sim's order, which no file says"
+_ABSOLUTE = ("joint_pos", "joint_pos_limit_normalized")
 _PATTERN_CHARS = 200
 
 
-def read_env(path: Path) -> Draft:
+def read_env(path: Path, joints: tuple[str, ...] = BY_TYPE) -> Draft:
     """The law of an env.yaml, and of an agent.yaml beside it.
+
+    Args:
+        path: The env.yaml.
+        joints: The order of the policy, in which its numbers are put by their names.
 
     Raises:
         LawError: it is none.
@@ -30,9 +37,11 @@ def read_env(path: Path) -> Draft:
     robot, action = at(told, "scene", "robot"), at(told, "actions", "joint_pos")
     if not isinstance(robot, dict) or not isinstance(action, dict):
         raise LawError(
-            f"{path}: it has no scene.robot and actions.joint_pos, as Isaac Lab writes"
+            f"{path}: it has no scene.robot and actions.joint_pos, as Isaac Lab "
+            "writes: say the law in a TOML (--explain prints one, --law takes it)"
         )
-    names = [f"{joint}_joint" for joint in BY_TYPE]
+    joints = canonical_joints(joints, JOINTS)
+    names = [f"{joint}_joint" for joint in joints]
     pose = _by_name(at(robot, "init_state", "joint_pos"), names, 0.0, path)
     actuators = at(robot, "actuators") or {}
     if not isinstance(actuators, dict):
@@ -43,7 +52,7 @@ def read_env(path: Path) -> Draft:
         offset = _by_name(action.get("offset", 0.0), names, 0.0, path)
     return Draft(
         source=f"{path.parent.name}/{path.name}",
-        joints=BY_TYPE,
+        joints=joints,
         terms=_terms(path, at(told, "observations", "policy")),
         newest_first=False,
         by_term=True,
@@ -162,6 +171,12 @@ def _terms(path: Path, group: Any) -> Any:
         if not isinstance(value, dict) or "func" not in value:
             continue
         func = str(value["func"])
+        if re.split(r"[:.]", func)[-1] in _ABSOLUTE:
+            raise LawError(
+                f"{path}: the policy sees {func[-60:]!r}, angles that are not measured "
+                "from the default pose, which is not followed here: give one trained "
+                "with joint_pos_rel"
+            )
         # The function says it more surely than the name somebody gave the term.
         known = func if func.endswith(("_rel", "_vel", "_gravity", "_scan")) else name
         terms.append(
@@ -205,9 +220,15 @@ def _by_name(value: Any, names: list[str], otherwise: float, path: Path) -> Vect
     for pattern, number in value.items():
         if (plain := _number(number)) is None:
             raise LawError(f"{path}: {str(pattern)[:40]} must be a number")
-        for index, name in enumerate(names):
-            if _fits(str(pattern), name, path):
-                found[index] = plain
+        fits = [i for i, name in enumerate(names) if _fits(str(pattern), name, path)]
+        if not fits:
+            raise LawError(
+                f"{path}: {str(pattern)[:40]!r} fits none of the joints "
+                f"{', '.join(names[:3])}, ...: say the law in a TOML (--explain prints "
+                "one, --law takes it)"
+            )
+        for index in fits:
+            found[index] = plain
     return tuple(found)
 
 

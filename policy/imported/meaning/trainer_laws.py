@@ -119,3 +119,10 @@ PRESETS: dict[str, Draft] = {
 """Sources: legged_gym a1_config.py and unitree_rl_gym go2_config.py; Isaac Lab
 velocity_env_cfg.py with unitree.py; unitree_rl_lab and unitree_rl_mjlab deploy.yaml of
 their Go2; metadata of mjlab 1.6's Go1, whose numbers have three digits."""
+
+UNFOLLOWED = {
+    "walk-these-ways": "is not followed here: its policies see 15 commands, a clock "
+    "and the action before the last, for which an observation here has no terms; give "
+    "a policy that sees a command of three numbers",
+}
+"""Trainers whose policies cannot be taken, and why."""

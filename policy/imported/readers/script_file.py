@@ -28,8 +28,6 @@ _SAME = {
     "aten::sqrt": "Sqrt",
     "aten::exp": "Exp",
     "aten::neg": "Neg",
-    "aten::gelu": "Gelu",
-    "aten::softplus": "Softplus",
     "aten::matmul": "MatMul",
     "aten::mm": "MatMul",
     "aten::mul": "Mul",
@@ -37,7 +35,8 @@ _SAME = {
     "aten::minimum": "Min",
     "aten::maximum": "Max",
 }
-"""Operations that only are called otherwise; of their arguments the tensors count."""
+"""Operations that only are called otherwise, and take nothing but tensors."""
+_OF_TWO = ("MatMul", "Mul", "Div", "Min", "Max")
 _PASSED = frozenset(
     {
         "aten::contiguous",
@@ -178,11 +177,12 @@ class _Translation:
         return Found(kind="TorchScript", recipe=recipe, tensors=self._tensors)
 
     def _trained(self) -> set[str]:
-        layers = {"Gemm", "MatMul"}
+        layers = {"Gemm", "MatMul", "Transpose"}
+        products = {node.output for node in self._nodes if node.op == "MatMul"}
         return {
             name
             for node in self._nodes
-            if node.op in layers
+            if node.op in layers or (node.op == "Add" and products & {*node.inputs})
             for name in node.inputs
             if name in self._tensors
         }
@@ -190,9 +190,14 @@ class _Translation:
     def _obs_dim(self) -> int:
         """Width of the observations: what the first layer behind them takes."""
         same = {INPUT}
+        shapes = {name: tuple(each.shape) for name, each in self._tensors.items()}
         for node in self._nodes:
-            if node.op == "Gemm" and node.inputs[0] in same:
-                return int(self._tensors[node.inputs[1]].shape[1])
+            if node.op == "Transpose" and node.inputs[0] in shapes:
+                shapes[node.output] = shapes[node.inputs[0]][::-1]
+            if node.op in ("Gemm", "MatMul") and node.inputs[0] in same:
+                weight = shapes.get(node.inputs[1], ())
+                if len(weight) == 2:
+                    return weight[1 if node.attributes.get("transB") else 0]
             if node.op in ("Sub", "Div", "Clip", "Identity") and node.inputs[0] in same:
                 other = self._tensors.get(node.inputs[-1])
                 if other is not None and other.ndim and other.shape[-1] > 1:
@@ -277,16 +282,23 @@ class _Translation:
         return _Value(output)
 
     def _operation(self, kind: str, given: list[Any]) -> _Value:
-        if kind in _SAME:
-            op = _SAME[kind]
-            two = op in ("MatMul", "Mul", "Div", "Min", "Max")
-            return self._add(op, given[: 2 if two else 1])
+        op = _SAME.get(kind)
+        # What is given beyond the tensors changes the operation.
+        if op and len(given) == (2 if op in _OF_TWO else 1):
+            return self._add(op, given)
         match kind, given:
+            case "aten::gelu", [x, *approximate]:
+                how = {"approximate": approximate[0]} if approximate else {}
+                return self._add("Gelu", [x], **how)
+            case "aten::softplus", [x, beta, threshold]:
+                how = {"beta": float(beta), "threshold": float(threshold)}
+                return self._add("Softplus", [x], **how)
             case "aten::linear", [x, weight, bias]:
                 layer = [x, weight] if bias is None else [x, weight, bias]
                 return self._add("Gemm", layer, transB=1)
-            case "aten::addmm", [bias, x, weight, *_]:
-                return self._add("Gemm", [x, weight, bias])
+            case "aten::addmm", [bias, x, weight, beta, alpha]:
+                how = {"alpha": float(alpha), "beta": float(beta)}
+                return self._add("Gemm", [x, weight, bias], **how)
             case "aten::t", [x]:
                 return self._add("Transpose", [x], perm=[1, 0])
             case (("aten::elu" | "aten::elu_"), [x, alpha, *_]):

@@ -1,0 +1,197 @@
+"""What lies beside a policy of others is read as it was meant, or refused by name."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+import yaml
+from torch import Tensor, nn
+
+from policy.imported.alternatives import tried
+from policy.imported.bring import embodied, understand
+from policy.imported.meaning.draft import BY_TYPE, LEFT_FIRST, RIGHT_FIRST
+from policy.imported.readers.onnx_file import read_onnx
+from policy.imported.readers.script_file import read_script
+from policy.law.law import LawError
+
+POSE = {".*L_hip_joint": 0.1, ".*R_hip_joint": -0.1, ".*thigh_joint": 0.8}
+POSE[".*calf_joint"] = -1.5
+
+
+def _run(folder: Path, **changes: Any) -> Path:
+    """A run directory of Isaac Lab: a checkpoint and its env.yaml."""
+    generator = torch.Generator().manual_seed(0)
+    states = {
+        "actor.0.weight": 0.01 * torch.randn(12, 48, generator=generator),
+        "actor.0.bias": torch.zeros(12),
+        "std": torch.ones(12),
+    }
+    folder.mkdir(exist_ok=True)
+    torch.save({"model_state_dict": states, "iter": 1}, folder / "model_1.pt")
+    terms = ("base_lin_vel", "base_ang_vel", "projected_gravity", "generated_commands")
+    terms += ("joint_pos_rel", "joint_vel_rel", "last_action")
+    gains = {"joint_names_expr": [".*"], "stiffness": 25.0, "damping": 0.5}
+    tree: dict[str, Any] = {
+        "scene": {
+            "robot": {
+                "init_state": {"joint_pos": POSE},
+                "actuators": {"legs": gains},
+            }
+        },
+        "actions": {"joint_pos": {"scale": 0.25}},
+        "observations": {"policy": {n: {"func": f"mdp:{n}"} for n in terms}},
+    }
+    (folder / "params").mkdir(exist_ok=True)
+    (folder / "params" / "env.yaml").write_text(yaml.safe_dump(tree | changes))
+    return folder
+
+
+@pytest.mark.parametrize("law", [False, True])
+def test_numbers_by_name_follow_another_order_of_the_joints(
+    law: bool, tmp_path: Path
+) -> None:
+    """Whether it is tried, or said in a TOML."""
+    run = _run(tmp_path / "run")
+    (tmp_path / "law.toml").write_text(f"joints = {list(LEFT_FIRST)}")
+    known = understand(run, law=tmp_path / "law.toml" if law else None)
+    draft = known.draft if law else known.in_order(LEFT_FIRST)
+    assert draft.joints == LEFT_FIRST
+    assert draft.default_joint_pos_rad == (0.1, 0.8, -1.5, -0.1, 0.8, -1.5) * 2
+    assert draft.action_offset_rad == draft.default_joint_pos_rad
+    if not law:
+        assert known.draft.joints == BY_TYPE
+        # With a hip's angle in a knee, it falls before it has stood.
+        assert all("standing" not in line for line in tried(known, None))
+
+
+MJLAB: dict[str, Any] = {"scene": {"entities": {"robot": {}}}}
+OBSERVED = ("base_lin_vel", "base_ang_vel", "projected_gravity", "command")
+OBSERVED += ("joint_pos", "joint_vel", "last_action")
+
+
+def test_a_whole_law_or_an_exported_onnx_does_without_an_env_yaml(
+    tmp_path: Path,
+) -> None:
+    """mjlab writes another env.yaml; --explain leaves open what it cannot read."""
+    run = _run(tmp_path / "run", **MJLAB)
+    with pytest.raises(LawError, match=r"no scene\.robot .* --law takes it"):
+        understand(run)
+    assert "no scene.robot" in understand(run, explain=True).draft.source
+    lines = ["default_joint_pos_rad = 0.1", "action_scale_rad = 0.25"]
+    lines += ["kp_nm_per_rad = 20", "kd_nm_s_per_rad = 0.5"]
+    lines += [f'[[terms]]\nname = "{name}"' for name in OBSERVED]
+    (tmp_path / "law.toml").write_text("\n".join(lines))
+    embodied(understand(run, law=tmp_path / "law.toml"), None)
+    _exported(run / "run.onnx")
+    draft = understand(run).draft
+    assert draft.joints == RIGHT_FIRST
+    assert draft.kp_nm_per_rad == (15.9,) * 12
+
+
+def _exported(path: Path) -> None:
+    """An ONNX with the metadata of mjlab."""
+    onnx = pytest.importorskip("onnx", reason="the extra onnx is not installed")
+    helper, sizes = onnx.helper, {"obs": [None, 48], "actions": [None, 12]}
+    values = [helper.make_tensor_value_info(n, 1, s) for n, s in sizes.items()]
+    weight = helper.make_tensor("w", 1, [48, 12], [0.0] * 48 * 12)
+    node = helper.make_node("MatMul", ["obs", "w"], ["actions"])
+    graph = helper.make_graph([node], "run", values[:1], values[1:], [weight])
+    model = helper.make_model(graph)
+    told = {"joint_names": ",".join(RIGHT_FIRST)}
+    told["observation_names"] = ",".join(OBSERVED)
+    numbers = {"default_joint_pos": "0.1", "action_scale": "0.3"}
+    numbers |= {"joint_stiffness": "15.9", "joint_damping": "1.0"}
+    told |= {name: ",".join([value] * 12) for name, value in numbers.items()}
+    helper.set_model_props(model, told)
+    onnx.save_model(model, path)
+
+
+def test_names_that_fit_no_joint_are_told(tmp_path: Path) -> None:
+    """ANYmal's spelling left every angle at 0."""
+    robot = {
+        "init_state": {"joint_pos": {".*HAA": 0.0, ".*F_HFE": 0.4}},
+        "actuators": {
+            "legs": {"joint_names_expr": [".*"], "stiffness": 80.0, "damping": 2.0}
+        },
+    }
+    run = _run(tmp_path / "run", scene={"robot": robot})
+    with pytest.raises(LawError, match=r"HFE' fits none .* --law takes it"):
+        understand(run)
+
+
+@pytest.mark.parametrize("func", ["joint_pos", "joint_pos_limit_normalized"])
+def test_angles_from_elsewhere_than_the_pose_are_refused(
+    func: str, tmp_path: Path
+) -> None:
+    """Isaac Lab has three functions for the term that its users call joint_pos."""
+    told = {"joint_pos": {"func": f"isaaclab.envs.mdp.observations:{func}"}}
+    run = _run(tmp_path / "run", observations={"policy": told})
+    with pytest.raises(LawError, match="not measured from the default pose"):
+        understand(run)
+
+
+def test_walk_these_ways_is_refused_by_name(tmp_path: Path) -> None:
+    """Its 15 commands, clock and action before the last have no terms here."""
+    with pytest.raises(LawError, match=r"walk-these-ways .* 15 commands, a clock"):
+        understand(_run(tmp_path / "run"), preset="walk-these-ways")
+
+
+class _Layer(nn.Module):
+    def __init__(self, then: str) -> None:
+        super().__init__()
+        self.then = then
+        self.w, self.b = nn.Parameter(torch.randn(12, 48)), nn.Parameter(torch.ones(12))
+
+    def forward(self, x: Tensor) -> Tensor:
+        if self.then == "matmul":
+            return torch.matmul(x, self.w.t()) + self.b
+        y = torch.addmm(self.b, x, self.w.t(), beta=0.5, alpha=2.0)
+        if self.then == "gelu":
+            return torch.nn.functional.gelu(y, approximate="tanh")
+        return torch.nn.functional.softplus(y, beta=3.0, threshold=0.5)
+
+
+@pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
+@pytest.mark.parametrize("then", ["matmul", "gelu", "softplus"])
+def test_what_torchscript_gives_beyond_tensors_counts(then: str) -> None:
+    """The width, the weights that train and the actions are those of the module."""
+    module, file = _Layer(then), io.BytesIO()
+    torch.jit.save(torch.jit.trace(module, torch.zeros(1, 48)), file)
+    found = read_script(file.getvalue())
+    assert found.recipe.obs_dim == 48
+    assert {each.name for each in found.recipe.weights} >= {"w", "b"}
+    obs = torch.randn(5, 48)
+    with torch.no_grad():
+        wanted = module(obs).numpy()
+        assert found.network()(obs).numpy() == pytest.approx(wanted, abs=1e-4)
+
+
+def test_gelu_and_layer_norm_in_pieces_are_followed() -> None:
+    """As exporters write them where an ONNX's version has no operation for them."""
+    onnx = pytest.importorskip("onnx", reason="the extra onnx is not installed")
+    helper = onnx.helper
+    steps = "ReduceMean obs=m; Sub obs m=d; Pow d two=q; ReduceMean q=v; Add v eps=e"
+    steps += "; Sqrt e=s; Div d s=n; MatMul n w=y; Div y root=r; Erf r=f; Add f one=g"
+    steps += "; Mul y g=h; Mul h half=actions"
+    nodes = []
+    for step in steps.split("; "):
+        given, _, output = step.partition("=")
+        op, *inputs = given.split()
+        more = {"axes": [-1]} if op == "ReduceMean" else {}
+        nodes.append(helper.make_node(op, inputs, [output], **more))
+    weight, obs = torch.randn(48, 12), torch.randn(5, 48)
+    numbers = {"two": 2.0, "eps": 1e-5, "root": 2**0.5, "one": 1.0, "half": 0.5}
+    stored = [helper.make_tensor(n, 1, [], [v]) for n, v in numbers.items()]
+    stored.append(helper.make_tensor("w", 1, [48, 12], weight.flatten().tolist()))
+    sizes = {"obs": [None, 48], "actions": [None, 12]}
+    values = [helper.make_tensor_value_info(n, 1, s) for n, s in sizes.items()]
+    graph = helper.make_graph(nodes, "pieces", values[:1], values[1:], stored)
+    network = read_onnx(helper.make_model(graph).SerializeToString()).network()
+    norm, gelu = nn.functional.layer_norm, nn.functional.gelu
+    wanted = gelu(norm(obs, (48,)) @ weight).numpy()
+    with torch.no_grad():
+        assert network(obs).numpy() == pytest.approx(wanted, abs=1e-4)
