@@ -139,6 +139,14 @@ def _laughing(start: str) -> str:
     return "\n".join([*lines, start.format("*a8")])
 
 
+def _nested(levels: int) -> str:
+    """A pattern that tries very many ways to fail."""
+    pattern = ".{1,9}"
+    for _ in range(levels):
+        pattern = f"(?:{pattern}){{1,9}}"
+    return pattern + "!"
+
+
 ALONE: dict[str, tuple[Callable[[Path], None], str]] = {
     "concat": (_doubled, "numbers"),
     "commas": (_spoken(joint_names="a," * 500_000), "joints"),
@@ -159,6 +167,8 @@ ALONE: dict[str, tuple[Callable[[Path], None], str]] = {
 }
 """Hostile in the file of the policy itself, and what is said of it."""
 BESIDE: dict[str, tuple[Callable[[Path], None], str]] = {
+    "pattern in patterns": (beside("env.yaml", env_yaml(_nested(10))), "pattern"),
+    "may be there": (beside("env.yaml", env_yaml(".?" * 60 + "!")), "pattern"),
     "aliases": (
         beside("deploy.yaml", _laughing("joint_ids_map: {}")),
         "alias",

@@ -23,10 +23,15 @@ def test_a_hostile_policy_is_told_in_one_line(
     file = tmp_path / "run" / ("model_1.pt" if "normal" in name else "policy.onnx")
     file.parent.mkdir()
     make(file)
-    assert main(["policy", "import", str(file), "--explain"]) == 2
+    command = ["policy", "import", str(file)]
+    assert main([*command, "--out", str(tmp_path / "out")]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1
     assert told in lines[0]
+    # The draft says it too, where it is only what lies beside the policy.
+    explained = main([*command, "--explain"])
+    said = capsys.readouterr()
+    assert told in " ".join((said.out if explained == 0 else said.err).split())
 
 
 def test_aliases_as_isaac_lab_writes_them_are_followed(tmp_path: Path) -> None:

@@ -94,8 +94,10 @@ def test_what_a_dropped_rollout_held_is_not_looked_back_at(robot: Robot) -> None
     with torch.inference_mode():
         runner.alg.adopt([first])
         runner.alg.adopt([third])
+        assert runner.alg.before is not None
         assert not runner.alg.before[0].any()
         runner.alg.adopt([fourth])
+    assert runner.alg.before is not None
     rows = len(runner.alg.before[0])
     seen = torch.tensor(third.features)[-rows:]
     assert runner.alg.before[0].equal(seen)

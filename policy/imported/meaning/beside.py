@@ -63,7 +63,7 @@ def meaning_of(
     if (draft := of_metadata(metadata)) is not None:
         return draft
     try:
-        return _beside(file)
+        return _beside(file, joints)
     except (TypeError, ValueError, LookupError, ArithmeticError, AttributeError) as bad:
         # Of another's file anything can be of any kind.
         told = " ".join(str(bad).split())[:160]
@@ -73,7 +73,7 @@ def meaning_of(
         ) from None
 
 
-def _beside(file: Path) -> Draft | None:
+def _beside(file: Path, joints: tuple[str, ...] | None) -> Draft | None:
     readers: tuple[tuple[str, Callable[[Path], Draft]], ...] = (
         ("deploy.yaml", read_deploy),
         ("IO_descriptors.yaml", read_descriptors),

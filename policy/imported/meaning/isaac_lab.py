@@ -21,6 +21,7 @@ from .term_names import term_of
 _ORDER = "hips, thighs, calves, each FL FR RL RR: Isaac Sim's order, which no file says"
 _ABSOLUTE = ("joint_pos", "joint_pos_limit_normalized")
 _PATTERN_CHARS = 200
+_REPEATED_GROUP = re.compile(r"\)\s*[*+{]")
 
 
 def read_env(path: Path, joints: tuple[str, ...] = BY_TYPE) -> Draft:
@@ -233,9 +234,20 @@ def _by_name(value: Any, names: list[str], otherwise: float, path: Path) -> Vect
 
 
 def _fits(pattern: str, name: str, path: Path) -> bool:
-    # A long expression of a stranger could be matched for ever.
-    if len(pattern) > _PATTERN_CHARS or pattern.count("*") + pattern.count("+") > 4:
-        raise LawError(f"{path}: {pattern[:40]!r} is too long for a name of joints")
+    # A stranger's expression could be matched for ever: repetitions in a repetition,
+    # many in a row, or many alternatives are more ways than can be tried.
+    open_ends = sum(map(pattern.replace("(?", "(").count, "*+?{"))
+    if (
+        len(pattern) > _PATTERN_CHARS
+        or open_ends > 4
+        or pattern.count("|") > 12
+        or _REPEATED_GROUP.search(pattern)
+    ):
+        raise LawError(
+            f"{path}: {pattern[:40]!r} is no plain pattern of joint names, with at "
+            f"most {_PATTERN_CHARS} letters, 4 of * + ? {{ and none after a group: "
+            "write names or .*"
+        )
     try:
         return re.fullmatch(pattern, name) is not None
     except re.error:
