@@ -93,7 +93,7 @@ def test_the_owner_says_who_teaches_and_what_is_known(
     assert raters(root, "gold") == 0
     shown = capsys.readouterr()
     assert "  B is better, as the owner says so; nobody was asked yet\n" in shown.out
-    assert "--out known.gif` shows the first" in shown.out + shown.err
+    assert "--out known.gif` shows it" in shown.out + shown.err
     assert raters(root, "gold", "--json") == 0
     (told,) = json.loads(capsys.readouterr().out)["known"]
     assert (told["known"], told["given"]) == ("b", {"hits": 0, "of": 0})

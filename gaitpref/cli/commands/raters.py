@@ -13,6 +13,7 @@ from data.errors import GaitprefError
 from data.files.shown import shown
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.dataset_argument import open_dataset
+from gaitpref.cli.shared.next_of_answers import next_fit
 from gaitpref.console.extras import require
 from gaitpref.console.progress import console
 from gaitpref.console.terminal import say
@@ -116,6 +117,8 @@ def _teaching(command: options.Raters, dataset: Dataset) -> None:
         {"name": name, "left_out": out, "answers": answers},
         [f"the {answers} answers of {name} {told}"],
     )
+    if not command.json:
+        console.next(next_fit(dataset))
 
 
 def _gold(command: options.Raters, dataset: Dataset) -> None:
@@ -131,19 +134,26 @@ def _gold(command: options.Raters, dataset: Dataset) -> None:
         told = "asks about the same clips, swapped; it measures raters, teaches nothing"
         values = {"pair_id": added.pair_id, "known": added.gold}
         _show(command, values, [f"{added.pair_id[:12]} {told}"])
+        _next_film(command, added.pair_id)
         return
     with dataset.answers_copy() as store:
         found = known_answers(store.pairs(), human_rows(store))
     values = [asdict(of_pair) for of_pair in found]
     lines = [str(of_pair) for of_pair in found]
-    if not found:
-        root = command.dataset
-        lines = [f"no answer is known; `gaitpref pairs --dataset {root} --gold 2`"]
-    _show(command, {"known": values}, lines)
-    if found and not command.json:
+    _show(command, {"known": values}, lines or ["no answer is known"])
+    if found:
+        _next_film(command, found[0].pair_id)
+    elif not command.json:
         console.next(
-            f"`gaitpref film --dataset {command.dataset} --pair "
-            f"{found[0].pair_id[:12]} --out known.gif` shows the first"
+            f"`gaitpref pairs --dataset {command.dataset} --gold 2` adds two questions"
+        )
+
+
+def _next_film(command: options.Raters, pair_id: str) -> None:
+    if not command.json:
+        console.next(
+            f"`gaitpref film --dataset {command.dataset} --pair {pair_id[:12]} "
+            "--out known.gif` shows it"
         )
 
 
