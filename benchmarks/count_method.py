@@ -96,7 +96,8 @@ class Settings:
         themselves; None where there is no such class."""
         if name not in self._classes:
             return None
-        module, node = self._classes[name][0]
+        # A command may be called so too, and has few options.
+        module, node = max(self._classes[name], key=lambda it: len(self._fields(*it)))
         own = self._fields(module, node)
         return {"fields": len(own), "leaves": self._leaves(module, node, ())}
 
