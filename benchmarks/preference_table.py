@@ -231,7 +231,8 @@ def publish_rows(
     plot(summary, docs / PLOT)
     page = docs / PAGE
     if not page.exists():
-        write_atomically(page, between(MARK, "").encode())
+        both = between(MARK, "") + between(EARLIER, "")
+        write_atomically(page, both.encode())
     write_between(page, MARK, f"{table}\n\n![Fraction against answers]({PLOT})")
     if earlier:
         again = set(map(_key, summary))

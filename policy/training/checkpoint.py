@@ -25,6 +25,9 @@ from policy.env.course import AHEAD_DIM
 from policy.env.env_cfg import EnvCfg
 from policy.env.feature_row import OBS_DIM
 from policy.law.origin import Origin
+from policy.networks.brought_model import BroughtModel
+from policy.networks.recipe import NetworkError
+from policy.networks.tried import tried
 from policy.networks.two_model import TwoModel
 from policy.options.gaits_model import GaitsModel
 from policy.robots.robot import Robot, load_robot_xml
@@ -212,6 +215,11 @@ def load_policy(path: Path) -> Policy:
             "of this version of gaitpref"
         )
     actor.load_state_dict(weights)
+    if isinstance(actor, BroughtModel):
+        try:
+            tried(actor.mlp, torch.zeros(1, dim))
+        except NetworkError as error:
+            raise PolicyError(f"{path}: {error}") from None
     return Policy(actor, info, sha256_bytes(content))
 
 

@@ -6,6 +6,8 @@ layout says: another order of joints, scales, frames.
 
 from __future__ import annotations
 
+import itertools
+import json
 import pickle
 import warnings
 from dataclasses import replace
@@ -31,7 +33,7 @@ from policy.law.law import WIDTHS, LawError, Term
 from policy.law.own_law import OWN_TERMS
 from policy.networks.recipe import NetworkError
 from policy.robots.robot import load_robot
-from policy.training.checkpoint import Policy, load_policy
+from policy.training.checkpoint import Policy, PolicyError, load_policy
 from policy.training.ppo import PpoCfg
 from policy.training.setup import setting_of
 from policy.training.train import train
@@ -339,6 +341,25 @@ def test_our_own_export_comes_back_and_walks_as_before(
         # Damping that was the joints' own is the motors' now, and in their torques.
         paths.append(torch.stack(rows)[..., : column("joint_torque").start].numpy())
     assert paths[1] == pytest.approx(paths[0], abs=1e-2)
+    hostile = _doubling(tmp_path / "in" / "policy.pt", tmp_path / "hostile.pt")
+    with pytest.raises(
+        PolicyError, match=r"hostile\.pt: its operations make more than"
+    ):
+        load_policy(hostile)
+
+
+def _doubling(source: Path, hostile: Path) -> Path:
+    """The policy file `source` with operations that fill any memory."""
+    payload = torch.load(source, weights_only=True)
+    told = json.loads(payload["infos"]["gaitpref"])
+    names = [told["ppo"]["recipe"]["nodes"][0]["inputs"][0], *map(str, range(40))]
+    told["ppo"]["recipe"]["nodes"] += [
+        {"op": "Concat", "inputs": [a, a], "output": b, "attributes": {"axis": 1}}
+        for a, b in itertools.pairwise(names)
+    ]
+    payload["infos"]["gaitpref"] = json.dumps(told)
+    torch.save(payload, hostile)
+    return hostile
 
 
 def _file_of(policy: Policy) -> bytes:

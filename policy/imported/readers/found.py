@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import torch
 from torch import Tensor
-from torch.utils._python_dispatch import TorchDispatchMode
-from torch.utils._pytree import tree_leaves, tree_map_only
 
 from data.files.weights import not_finite
 from policy.networks.recipe import (
@@ -19,6 +16,7 @@ from policy.networks.recipe import (
     RecipeNetwork,
     Stored,
 )
+from policy.networks.tried import tried
 
 UNORDERED = tuple(range(12))
 """The order of actions before it is known which joint is which."""
@@ -69,42 +67,6 @@ def stored(name: str, value: Tensor) -> Stored:
     return Stored(name=name, shape=tuple(value.shape), dtype=dtype)  # type: ignore[arg-type]
 
 
-class _Bounded(TorchDispatchMode):
-    """Adds up what operations make, and stops them before it is too much: a few can
-    double their values until no memory holds them."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.numbers = 0
-
-    def __torch_dispatch__(
-        self, func: Any, types: Any, args: Any = (), kwargs: Any = None
-    ) -> Any:
-        kwargs = kwargs or {}
-        if not all(returned.alias_info for returned in func._schema.returns):
-            self.numbers += _size(func, args, kwargs)
-        if self.numbers > MOST_NUMBERS:
-            raise NetworkError(
-                f"its operations make more than {MOST_NUMBERS:,} numbers of a few "
-                "observations: give a network of plain layers"
-            )
-        return func(*args, **kwargs)
-
-
-def _size(func: Any, args: Any, kwargs: Any) -> int:
-    """Numbers that an operation will make."""
-    given = [each for each in tree_leaves((args, kwargs)) if isinstance(each, Tensor)]
-    if not given:
-        return 0
-    args, kwargs = tree_map_only(Tensor, lambda t: t.to("meta"), (args, kwargs))
-    try:
-        made = tree_leaves(func(*args, **kwargs))
-    except RuntimeError:
-        # It depends on values, as where they are not 0 (all of them at most), or fails.
-        return sum(each.numel() * max(1, each.ndim) for each in given)
-    return sum(each.numel() for each in made if isinstance(each, Tensor))
-
-
 def checked(found: Found) -> Found:
     """`found`, which was tried on observations of zeros.
 
@@ -117,24 +79,7 @@ def checked(found: Found) -> Found:
         raise NetworkError(f"it takes {found.recipe.obs_dim:,} numbers, a policy few")
     network = found.network()
     for count in (1, 3):
-        try:
-            with torch.no_grad(), _Bounded():
-                actions = network(torch.zeros(count, found.recipe.obs_dim))
-        except NetworkError:
-            raise
-        except (
-            RuntimeError,
-            ValueError,
-            TypeError,
-            LookupError,
-            ArithmeticError,
-            AttributeError,
-        ) as error:
-            told = " ".join(str(error).split())[:160]
-            raise NetworkError(
-                f"its operations do not fit {count} observations of "
-                f"{found.recipe.obs_dim} numbers ({told})"
-            ) from None
+        actions = tried(network, torch.zeros(count, found.recipe.obs_dim))
         if actions.shape != (count, 12) or not actions.isfinite().all():
             raise NetworkError(
                 f"it gives {tuple(actions.shape)} actions for {count} observations "
