@@ -166,10 +166,6 @@ class Page:
                 self._drawn_at = None
             case "reopen":
                 self._reopen(value)
-            case "told_guidelines":
-                self._modal = self._modal or guidelines_dialog(
-                    self.client, self.post, value
-                )
             case "told_differed":
                 self._modal = self._modal or differed_dialog(
                     self.client, self.post, value
@@ -324,9 +320,9 @@ class Page:
 
     def _toggle_guidelines(self) -> None:
         if self._modal is None:
-            self._shared.worker.submit(
-                lambda: self.post("told_guidelines", self._shared.guidelines())
-            )
+            # At once: who answers before they are there would be held up by them.
+            text = self._shared.guidelines()
+            self._modal = guidelines_dialog(self.client, self.post, text)
         else:
             self._close_dialog()
 
@@ -358,7 +354,6 @@ _NOBODY_DID = (
     "stored",
     "failed",
     "told_differed",
-    "told_guidelines",
 )
 """Events that are no sign of life of the rater."""
 _CHANGES = (

@@ -19,6 +19,7 @@ LOGGERS = (
     "labeling_ui.page.store_thread",
     "labeling_ui.site",
     "labeling_ui.web.front_door",
+    "labeling_ui.web.guidelines",
     "labeling_ui.web.login",
     "labeling_ui.web.proxy",
     "labeling_ui.web.visit",
