@@ -128,7 +128,7 @@ class Page:
         return Pose(*motion.pose(at_s), fallen=fallen, way=motion.way(at_s))
 
     def _handle(self, name: str, value: Any) -> None:
-        if name not in _NOBODY_DID:
+        if name not in ("showing", "idle", "stored", "failed", "told_differed"):
             self._sign_of_life = time.monotonic()
         match name:
             case "showing":
@@ -348,14 +348,6 @@ class Page:
             self._modal = None
 
 
-_NOBODY_DID = (
-    "showing",
-    "idle",
-    "stored",
-    "failed",
-    "told_differed",
-)
-"""Events that are no sign of life of the rater."""
 _CHANGES = (
     "bad",
     "guidelines",

@@ -4,6 +4,7 @@ How long something takes is measured where the page promises it, with room for a
 that is busy with other things.
 """
 
+import re
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -36,6 +37,7 @@ else:
 pytestmark = pytest.mark.browser
 
 NOTE = "B drags a foot"
+SAID = re.compile("^Because of feet(, marked .*)?: now answer")
 BACK_S = 5.0
 """What the page promises, once the server is there again."""
 SLOWER = 4.0
@@ -77,7 +79,7 @@ def remark(page: "Page") -> None:
     """Say all that can be said before an answer, and go on writing."""
     page.keyboard.press("8")
     page.keyboard.press("b")
-    page.get_by_text("Because of feet: now answer").wait_for()
+    page.get_by_text(SAID).wait_for()
     page.locator("#root textarea").click()
     page.keyboard.type(NOTE)
 
@@ -88,6 +90,8 @@ def test_after_an_outage_it_goes_on_where_it_was(
     """It says so, stops its clock, and keeps what was written, before and meanwhile; a
     key pressed meanwhile is told as not stored. Ten minutes pass in a moment."""
     with at_work(browser, tmp_path) as (site, wire, page):
+        page.keyboard.press("x")
+        page.get_by_text("Marked").first.wait_for()
         remark(page)
         asked = page.locator("[data-gp-question]").get_attribute("data-gp-question")
         wire.cut()
@@ -109,7 +113,9 @@ def test_after_an_outage_it_goes_on_where_it_was(
         assert time.monotonic() - joined_s < SLOWER * BACK_S
         page.get_by_text("The connection is back. Not stored").wait_for()
         page.locator("input[value='fairly sure [8]']").first.wait_for()
-        page.get_by_text("Because of feet: now answer").wait_for()
+        page.get_by_text(
+            re.compile("^Because of feet, marked .*: now answer")
+        ).wait_for()
         now = page.locator("[data-gp-question]").get_attribute("data-gp-question")
         assert now == asked
         assert site.answers() == []
@@ -118,6 +124,7 @@ def test_after_an_outage_it_goes_on_where_it_was(
         (answer,) = site.answers()
         assert answer.note == NOTE + " and slips"
         assert (answer.confidence, answer.why) == (0.6, "feet")
+        assert len(answer.here_s) == 1
 
 
 def test_a_line_that_died_while_the_laptop_slept(
