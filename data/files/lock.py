@@ -72,6 +72,11 @@ def _locked(directory: Path, lock: Path, tell: Callable[[str], None]) -> int:
         except FileNotFoundError:
             # The writer before removed the directory, which it had made, meanwhile.
             continue
+        except FileExistsError as error:
+            # As above, between a look at the directory and the next.
+            if os.path.isdir(error.filename) or not os.path.lexists(error.filename):
+                continue
+            raise
         try:
             require_file_mode(lock, os.fstat(descriptor).st_mode)
         except BaseException:

@@ -83,6 +83,37 @@ def test_a_pipe_in_place_of_the_lock_is_told_and_stays(tmp_path: Path) -> None:
     assert (tmp_path / LOCK_NAME).is_fifo()
 
 
+def test_a_directory_that_goes_while_it_is_made_is_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The writer before removes it after it was found and before it is looked at."""
+    there = tmp_path / "there"
+    there.mkdir()
+    is_dir = Path.is_dir
+
+    def gone(path: Path) -> bool:
+        if path == there:
+            monkeypatch.undo()
+            there.rmdir()
+        return is_dir(path)
+
+    monkeypatch.setattr(Path, "is_dir", gone)
+    with only_writer(there, print):
+        assert (there / LOCK_NAME).exists()
+
+
+def test_what_is_no_directory_is_told(tmp_path: Path) -> None:
+    """A file, and a link that leads nowhere: nothing is tried without end."""
+    (tmp_path / "file").touch()
+    (tmp_path / "link").symlink_to(tmp_path / "nowhere")
+    for name in ("file", "link", "link/below", "file/below"):
+        with (
+            pytest.raises((FileExistsError, NotADirectoryError)),
+            only_writer(tmp_path / name, print),
+        ):
+            pass
+
+
 def test_many_who_come_at_once_write_one_after_the_other(tmp_path: Path) -> None:
     """The lock is removed each time, and never two hold it: the counter is right."""
     child = """

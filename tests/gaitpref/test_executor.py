@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from gaitpref.executor.pieces import DEVICES, Executor, Piece, PieceError, in_or
 from gaitpref.executor.processes import Processes
 from gaitpref.executor.ray_tasks import RayTasks
 from tests.helpers.one_ray import one_ray
+from tests.helpers.waiting import wait_for
 
 LONGEST_S = 300
 """What takes longer hangs."""
@@ -233,14 +234,6 @@ def test_who_is_killed_leaves_no_process_behind(tmp_path: Path) -> None:
         process.kill()
     pid = int(note.read_text())
     wait_for(lambda: not alive(pid))
-
-
-def wait_for(reached: Callable[[], bool]) -> None:
-    """Until something is so."""
-    deadline_s = time.monotonic() + LONGEST_S
-    while not reached():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.02)
 
 
 def alive(pid: int) -> bool:

@@ -8,8 +8,7 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from gaitpref.cli.shared.sweep_arguments import sweep_cells
 from gaitpref.sweep.sweep_cell import run_cell
 from tests.helpers.one_ray import one_ray
 from tests.helpers.small_sweep import made_by, small_plan
+from tests.helpers.waiting import wait_for
 
 FOREIGN = "cells/high_step-seed2/notes.txt"
 LONGEST_S = 300
@@ -169,11 +169,3 @@ def children(parent: int) -> list[int]:
             if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes():
                 found.append(int(pid))
     return found
-
-
-def wait_for(reached: Callable[[], bool]) -> None:
-    """Until something is so."""
-    deadline_s = time.monotonic() + LONGEST_S
-    while not reached():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.005)
