@@ -1,13 +1,14 @@
 """What every kind of reward model can be asked.
 
-Shapes: M ensemble members, T steps, N sequences, D descriptors, K steps or points of a
-range, G descriptors that have a curve, L lift-offs.
+Shapes: M ensemble members, B clips, T steps, N sequences, D descriptors, K steps or
+points of a range, G descriptors that have a curve, L lift-offs.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -90,6 +91,27 @@ class Scorer(nn.Module):
             before: [..., L] lift-offs before them, where somebody knows.
         """
         return self(steps)
+
+    def worths(
+        self,
+        steps: Tensor,
+        scored: Tensor | None,
+        before: Tensor | None,
+        rng: np.random.Generator,
+    ) -> tuple[Tensor, Tensor] | None:
+        """What clips, as those of `of_clips`, are worth to some who could have answered
+        as was answered, and the share of their answers that are random.
+
+        Args:
+            steps: [B, T, D] the clips.
+            scored: Steps that count.
+            before: Lift-offs before them.
+            rng: Draws who.
+
+        Returns:
+            Logits [M, B] and shares [M]; None where these are the members, and alike.
+        """
+        return None
 
     def lasting(self, steps: Tensor) -> Tensor:
         """Raw rewards [M, K] of steps [K, D], each as if it lasted."""

@@ -19,11 +19,8 @@ from torch import Tensor
 
 from data.episodes.clips import Clip
 from rewardmodel.answers.clip_batch import ClipRows, read_clips
-from rewardmodel.descriptors.normaliser import fill_missing
 from rewardmodel.models.model import RewardModel
-from rewardmodel.posterior.curve_scorer import PosteriorScorer
 
-_PARTICLES = 400
 _TARGETS = 300
 """Targets of either half."""
 _LEAST = 1e-9
@@ -41,17 +38,8 @@ class Information:
         self, clips: Sequence[Clip], candidates: np.ndarray, rng: np.random.Generator
     ) -> np.ndarray:
         batch = read_clips(clips, self.clip_rows)
-        scorer, questions = self.model.scorer, torch.from_numpy(candidates)
-        if not isinstance(scorer, PosteriorScorer):
-            worth = self.model.clip_returns(batch)
-            share = torch.full((len(worth),), self.model.provenance.cfg.error_share)
-            return information(worth, share, questions, rng).numpy()
-        chosen = torch.from_numpy(rng.permutation(scorer.num_particles)[:_PARTICLES])
-        steps = fill_missing(self.model.standardised(batch.features))
-        worth = scorer.worth(steps, batch.scored, batch.lift_offs_before, chosen)
-        worth -= self.model.provenance.cfg.fall_logit * batch.fell
-        share = scorer.error_share[chosen]
-        return information(worth, share, questions, rng).numpy()
+        worth, share = self.model.clip_worths(batch, rng)
+        return information(worth, share, torch.from_numpy(candidates), rng).numpy()
 
 
 def information(

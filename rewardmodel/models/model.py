@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -187,6 +188,19 @@ class RewardModel(nn.Module):
         """Mean raw reward [M, B] of clips, less the fixed price of a fall."""
         return self._returns(self.scorer, clips)
 
+    def clip_worths(
+        self, clips: ClipBatch, rng: np.random.Generator
+    ) -> tuple[Tensor, Tensor]:
+        """What clips are worth to some who could have answered as was answered: logits
+        [M, B], and the share [M] of their answers that are random. `rng` draws who."""
+        cfg = self.provenance.cfg
+        told = self.scorer.worths(*self._laid(clips), rng)
+        if told is None:
+            returns = self.clip_returns(clips)
+            return returns, torch.full((len(returns),), cfg.error_share)
+        worth, share = (each.cpu() for each in told)
+        return worth - cfg.fall_logit * clips.fell, share
+
     def _returns(self, scorer: Scorer, clips: ClipBatch) -> Tensor:
         rewards = self._of_clips(scorer, clips).cpu()
         price = self.provenance.cfg.fall_logit
@@ -208,13 +222,16 @@ class RewardModel(nn.Module):
         return self.reward_of(paid), self.spread_of(raw)
 
     def _of_clips(self, scorer: Scorer, clips: ClipBatch) -> Tensor:
-        """Raw reward [M, B, T], where the model lives, of clips on the CPU; descriptors
-        a clip lacks are at their mean."""
+        """Raw reward [M, B, T], where the model lives, of clips on the CPU."""
+        return scorer.of_clips(*self._laid(clips))
+
+    def _laid(self, clips: ClipBatch) -> tuple[Tensor, Tensor, Tensor | None]:
+        """What a scorer wants of clips; descriptors a clip lacks are at their mean."""
         device, before = self.reward_mean.device, clips.lift_offs_before
         steps = fill_missing(self.standardised(clips.features.to(device)))
         if before is not None:
             before = before.to(device)
-        return scorer.of_clips(steps, clips.scored.to(device), before)
+        return steps, clips.scored.to(device), before
 
 
 def _in_clips(scorer: Scorer, pairs: StandardisedPairs) -> Tensor:

@@ -46,11 +46,17 @@ class CautiousReward:
     all."""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.model.scorer, LinearScorer):
-            raise TypeError(
-                "only a linear reward is paid weight by weight, this one is of kind "
-                f"{self.model.provenance.cfg.kind}"
-            )
+        _ = self._scorer
+
+    @property
+    def _scorer(self) -> LinearScorer:
+        scorer = self.model.scorer
+        if isinstance(scorer, LinearScorer):
+            return scorer
+        raise TypeError(
+            "only a linear reward is paid weight by weight, this one is of kind "
+            f"{self.model.provenance.cfg.kind}"
+        )
 
     @property
     def history_steps(self) -> int:
@@ -65,8 +71,7 @@ class CautiousReward:
         return self.model.centred(paid)
 
     def _weights(self) -> Tensor:
-        scorer = self.model.scorer
-        assert isinstance(scorer, LinearScorer)
+        scorer = self._scorer
         weights = careful_weights(scorer, self.caution)
         if self.sure:
             weights = surely_paid(weights, self.sure * scorer.weights.std(dim=0))

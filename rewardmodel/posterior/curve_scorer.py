@@ -1,10 +1,12 @@
 """The reward of a posterior: in the mean over it, a curve for every habit.
 
-Shapes: N particles, M members, T steps, D descriptors, G habits, K nodes or points.
+Shapes: N particles, M members, B clips, T steps, D descriptors, G habits, K nodes or
+points.
 """
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -17,6 +19,8 @@ from rewardmodel.scorer import Additive, SequenceScorer
 
 from .hypotheses import SLOTS, Hypotheses
 
+_ASKED = 400
+"""Particles whose worths of clips are told."""
 _IS_CONTACT = torch.tensor([name in {c.name for c in CONTACTS} for name in HABITS])
 
 
@@ -131,18 +135,18 @@ class PosteriorScorer(CurvesScorer):
         """Half of the particles think of more."""
         return round(float(self.error_share.median()), 3)
 
-    @property
-    def num_particles(self) -> int:
-        return len(self.weight)
-
-    def worth(
-        self, steps: Tensor, scored: Tensor, before: Tensor | None, chosen: Tensor
-    ) -> Tensor:
-        """[M, B] what `chosen` particles [M] think of standardised clips [B, T, D], in
-        logits."""
+    def worths(
+        self,
+        steps: Tensor,
+        scored: Tensor | None,
+        before: Tensor | None,
+        rng: np.random.Generator,
+    ) -> tuple[Tensor, Tensor]:
+        chosen = torch.from_numpy(rng.permutation(len(self.weight))[:_ASKED])
         places = self.ranges.places(steps, scored=scored, before=before)
         table = table_of(self.opinion[chosen], self.weight[chosen])
-        return table.flatten(1) @ occupancy(places, scored).flatten(1).mT
+        worth = table.flatten(1) @ occupancy(places, scored).flatten(1).mT
+        return worth, self.error_share[chosen]
 
     @property
     def table(self) -> Tensor:
