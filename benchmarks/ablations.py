@@ -58,6 +58,9 @@ ABLATIONS: tuple[tuple[str, tuple[Place, ...]], ...] = (
     ("not-steady", WALKS),
     ("keep-noise", WALKS),
     ("not-sure", (("walk", 100, "perfect"), ("walk", 40, "perfect"))),
+    ("trusting", (("walk", 100, "mistakes20"), ("brisk_walk", 100, "mistakes20"))),
+    ("even", (*STYLES, *WALKS)),
+    ("half-noisy", WALKS),
 )
 """What is left out, and where; in the order of running."""
 LEFT_OUT = {
@@ -77,6 +80,9 @@ LEFT_OUT = {
     "not-steady": "unsteady walks disliked before any answer",
     "keep-noise": "the schedule of exploration noise",
     "not-sure": "only what is surely liked is paid",
+    "trusting": "whether answers err is found out",
+    "even": "many answers in the first round",
+    "half-noisy": "every clip from scratch with exploration noise",
 }
 """What each method lacks, and has instead."""
 KEPT_FOR = {

@@ -111,7 +111,10 @@ METHODS: dict[str, Change] = {
     "unjudged": lambda method: replace(method, accept=None),
     "no-posture": lambda method: _showing(method, posture_share=0.0),
     "no-rhythms": lambda method: _showing(method, rhythm_share=0.0),
+    "half-noisy": lambda method: _showing(method, noisy_share=0.5),
     "no-earlier": lambda method: _showing(method, earlier_share=0.0),
+    "even": lambda method: _asked_evenly(method),
+    "trusting": lambda method: _fitting(method, adapt=False),
     "weight-1": lambda method: replace(method, weight=1.0),
     # Others' methods on the same walks, clips, steps and answers, with the settings of
     # their papers: B-Pref (arXiv 2111.03026), SURF (2203.10050), RIME (2402.17257).
@@ -162,9 +165,18 @@ def _showing(method: Method, **changes: Any) -> Method:
     return replace(method, clips=replace(method.clips, **changes))
 
 
+def _fitting(method: Method, **changes: Any) -> Method:
+    return replace(method, reward=replace(method.reward, **changes))
+
+
 def _expecting(method: Method, **changes: Any) -> Method:
-    linear = replace(method.reward.linear, **changes)
-    return replace(method, reward=replace(method.reward, linear=linear))
+    return _fitting(method, linear=replace(method.reward.linear, **changes))
+
+
+def _asked_evenly(method: Method) -> Method:
+    """As many answers a round: from scratch there are four here, of a style two."""
+    share = 0.25 if method.tracking is None else 0.5
+    return replace(method, budget=replace(method.budget, first_share=share))
 
 
 @dataclass(frozen=True, kw_only=True)
