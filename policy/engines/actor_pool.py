@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -21,6 +21,7 @@ from .trajectory import Sent
 
 _MOST_DEATHS = 5
 """Of an actor without a rollout in between: it will not do better."""
+_TOTALS = ("used", "dropped", "replaced", "bytes")
 _LOOK_S = 1.0
 _SILENCE_S = 60.0
 
@@ -47,17 +48,22 @@ def seed_of_actor(seed: int, actor: int, sequence: int) -> int:
 class RemoteActor:
     """An actor in a process of its own, which also says where it is."""
 
-    def __init__(self, plan: Plan) -> None:
-        self._actor = plan.begin()
+    def __init__(self, plan: Plan, wanted: dict[str, str]) -> None:
+        self._actor, self._wanted = plan.begin(), wanted
 
-    def where(self) -> tuple[str, dict[str, str]]:
-        """Its machine, and the versions there."""
-        return socket.gethostname(), versions()
+    def require_same_versions(self) -> None:
+        """
+        Raises:
+            ActorsError: its machine has others than the learner's.
+        """
+        require_same_versions(self._wanted, versions(), socket.gethostname())
 
     def collect(
         self, method: str, weights: Weights, version: int, sequence: int
     ) -> Sent:
         """What the method of that name collects with `weights`."""
+        # One that was replaced may be elsewhere.
+        self.require_same_versions()
         return getattr(self._actor, method)(weights, version, sequence)
 
 
@@ -72,7 +78,7 @@ class _Seat:
 
 @dataclass
 class Counts:
-    """What became of rollouts."""
+    """What became of rollouts since a training began."""
 
     used: int = 0
     dropped: int = 0
@@ -86,6 +92,18 @@ class Counts:
     collect_s: float = 0.0
     """Of the rollout used last."""
 
+    def snapshot(self) -> dict[str, int]:
+        """What a training that goes on must know."""
+        return {name: getattr(self, name) for name in _TOTALS}
+
+    @classmethod
+    def restored(cls, snapshot: Mapping[str, int]) -> Counts:
+        """Those of a snapshot; none where an older version kept none."""
+        found = cls()
+        for name in _TOTALS:
+            setattr(found, name, snapshot.get(name, 0))
+        return found
+
 
 class ActorPool:
     """Actors that are given weights, and rollouts to collect, by number."""
@@ -98,6 +116,7 @@ class ActorPool:
         *,
         method: str,
         most_lag: int,
+        counts: Counts,
         tell: Callable[[str], None],
     ) -> None:
         """Start an actor for each of `sequences`, the numbers of their last rollouts.
@@ -107,18 +126,22 @@ class ActorPool:
             plan: Makes what an actor has to know.
             method: Of the actor, which collects.
             most_lag: Versions between the newest weights and those of a rollout.
+            counts: Of the training so far; they go on.
             tell: Gets a line about who died.
+
+        Raises:
+            ActorsError: one cannot begin, or its machine has other versions.
         """
         self._ray, self._plan, self._tell = ray, plan, tell
         self._method, self._most_lag = method, most_lag
         self._sequences = list(sequences)
         self._kind = ray.remote(num_cpus=1, max_restarts=0)(RemoteActor)
-        self.counts = Counts()
+        self.counts, self._versions = counts, versions()
         self._weights, self.version = None, 0
         self._asked: dict[Any, tuple[int, int]] = {}
         self._seats = [_Seat(self._started(each)) for each in range(len(sequences))]
         self._used = list(sequences)
-        self._require_same_versions()
+        self._wait_for_all()
 
     @property
     def sequences(self) -> dict[int, int]:
@@ -233,11 +256,13 @@ class ActorPool:
         seat.handle = self._started(actor)
 
     def _started(self, actor: int) -> Any:
-        return self._kind.remote(self._plan(actor, self._sequences[actor]))
+        return self._kind.remote(
+            self._plan(actor, self._sequences[actor]), self._versions
+        )
 
-    def _require_same_versions(self) -> None:
+    def _wait_for_all(self) -> None:
         errors = self._ray.exceptions
-        asked = [seat.handle.where.remote() for seat in self._seats]
+        asked = [seat.handle.require_same_versions.remote() for seat in self._seats]
         while True:
             placed, waiting = self._ray.wait(
                 asked, num_returns=len(asked), timeout=_SILENCE_S
@@ -247,7 +272,7 @@ class ActorPool:
             self._tell(f"{len(waiting)} actors wait for cores of the Ray they run on")
         for answer in placed:
             try:
-                node, found = self._ray.get(answer)
+                self._ray.get(answer)
             except errors.RayTaskError as error:
                 raise error.cause from None
             except errors.RayActorError as error:
@@ -256,4 +281,3 @@ class ActorPool:
                     f"an actor cannot begin ({reason[-200:]}): `ray status` tells "
                     "whether that Ray still runs, and what it has left"
                 ) from None
-            require_same_versions(found, node)

@@ -39,18 +39,19 @@ def versions() -> dict[str, str]:
     return {"Python": platform.python_version(), **found}
 
 
-def require_same_versions(theirs: dict[str, str], node: str) -> None:
-    """Go on only if a machine has the versions of this one.
+def require_same_versions(
+    ours: dict[str, str], theirs: dict[str, str], node: str
+) -> None:
+    """Go on only if a machine has the versions of the learner's.
 
     Raises:
         ActorsError: one differs.
     """
-    ours = versions()
     for name, version in ours.items():
         if theirs.get(name) != version:
             raise ActorsError(
-                f"{node} has {name} {theirs.get(name, 'not at all')}, this machine "
-                f"{version}: install the same on both, as with constraints.txt"
+                f"{node} has {name} {theirs.get(name, 'not at all')}, the learner's "
+                f"machine {version}: install the same on both, as with constraints.txt"
             )
 
 

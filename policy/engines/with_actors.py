@@ -16,7 +16,7 @@ from policy.training.ppo import IterationStats, Runner
 from policy.training.train_cfg import TrainCfg
 
 from .actor import ActorPlan, weights_of
-from .actor_pool import ActorPool, seed_of_actor
+from .actor_pool import ActorPool, Counts, seed_of_actor
 from .actors_cfg import ActorsCfg, ActorsError
 from .asynchronous import absorb, apply_gradients
 from .learner import VTracePpo
@@ -60,6 +60,7 @@ class ActorsRunner(Runner):
         self._envs = actors.share_of(cfg.ppo.num_envs)
         self._seed, self._tell = seed, tell
         self._sequences: dict[int, int] = {}
+        self._counts = Counts()
 
     @property
     def told(self) -> dict[str, Any]:
@@ -70,16 +71,22 @@ class ActorsRunner(Runner):
         """Prepare the first iteration: actors begin by themselves."""
 
     def snapshot(self) -> dict[str, Any]:
-        """How far each actor has come, and the learner's chance.
+        """How far each actor has come, what became of what it sent, and the learner's
+        chance.
 
         Their environments are theirs: a training that goes on begins new episodes.
         """
-        return {"torch_rng": torch.get_rng_state(), "sequences": dict(self._sequences)}
+        return {
+            "torch_rng": torch.get_rng_state(),
+            "sequences": dict(self._sequences),
+            "counts": self._counts.snapshot(),
+        }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Go on from what `snapshot` gave, among other things."""
         torch.set_rng_state(snapshot["torch_rng"])
         self._sequences = dict(snapshot["sequences"])
+        self._counts = Counts.restored(snapshot.get("counts", {}))
 
     def learn(
         self,
@@ -175,6 +182,7 @@ class ActorsRunner(Runner):
             [self._sequences.get(actor, 0) for actor in range(count)],
             method="gradient" if gradients else "rollout",
             most_lag=self._actors.most_lag * (count if gradients else 1),
+            counts=self._counts,
             tell=self._tell,
         )
 

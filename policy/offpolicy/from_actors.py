@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 
 from policy.engines.actor import weights_of
-from policy.engines.actor_pool import ActorPool, seed_of_actor
+from policy.engines.actor_pool import ActorPool, Counts, seed_of_actor
 from policy.engines.actors_cfg import ActorsCfg
 from policy.engines.ray_cluster import ray_for
 from policy.engines.trajectory import Origin
@@ -61,6 +61,7 @@ class FromActors:
         self._learner, self._ring = learner, ring
         self._seed, self._tell = seed, tell
         self._sequences: dict[int, int] = {}
+        self._counts = Counts()
         self._last: dict[int, Origin] = {}
         """What came last into the columns of each seat, since this process began."""
         self._pool: ActorPool | None = None
@@ -69,15 +70,19 @@ class FromActors:
         """Actors begin by themselves."""
 
     def snapshot(self) -> dict[str, Any]:
-        """How far each actor has come.
+        """How far each actor has come, and what became of what it sent.
 
         Their environments are theirs: a training that goes on begins new episodes.
         """
-        return {"sequences": dict(self._sequences)}
+        return {
+            "sequences": dict(self._sequences),
+            "counts": self._counts.snapshot(),
+        }
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
         """Go on from what `snapshot` gave, among other things."""
         self._sequences = dict(snapshot["sequences"])
+        self._counts = Counts.restored(snapshot.get("counts", {}))
 
     @contextmanager
     def running(self) -> Iterator[None]:
@@ -96,6 +101,7 @@ class FromActors:
                 [self._sequences.get(actor, 0) for actor in numbers],
                 method="steps",
                 most_lag=_NEVER_TOO_OLD,
+                counts=self._counts,
                 tell=self._tell,
             )
             try:

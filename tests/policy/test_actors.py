@@ -137,4 +137,7 @@ def test_a_learner_that_is_killed_goes_on(tmp_path: Path) -> None:
     )
     assert again.returncode == 0
     assert load_policy(out / "policy.pt").info.steps == int(steps)
-    assert read_plain(out / "resume.pt")["sequences"][0] > state["sequences"][0]
+    after = read_plain(out / "resume.pt")
+    assert after["sequences"][0] > state["sequences"][0]
+    # One rollout an iteration, whoever was the learner.
+    assert after["counts"]["used"] == int(steps) // (8 * 24)

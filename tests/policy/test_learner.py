@@ -174,6 +174,8 @@ def test_what_actors_cannot_do_is_told(
 
 
 def test_machines_with_other_versions_are_named() -> None:
-    require_same_versions(versions(), "node-a")
-    with pytest.raises(ActorsError, match=r"node-b has mujoco 3\.1, this machine 4"):
-        require_same_versions(versions() | {"mujoco": "3.1"}, "node-b")
+    ours = versions()
+    require_same_versions(ours, versions(), "node-a")
+    told = r"node-b has mujoco 3\.1, the learner's machine 4"
+    with pytest.raises(ActorsError, match=told):
+        require_same_versions(ours, ours | {"mujoco": "3.1"}, "node-b")
