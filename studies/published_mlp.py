@@ -40,7 +40,7 @@ def published_leads(
         seed: First weights and batches.
         most_epochs: When it ends at the latest.
     """
-    rows = torch.from_numpy(segments.rows)
+    rows = torch.from_numpy(segments.rows).float()
     with torch.random.fork_rng():
         torch.manual_seed(seed)
         members = [_network(rows.shape[-1]) for _ in range(MEMBERS)]

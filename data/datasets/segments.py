@@ -59,7 +59,7 @@ class Segments:
     ids: tuple[str, ...]
     names: tuple[str, ...]
     rows: np.ndarray
-    """[S, T, F] float32, NaN behind the last step of a segment."""
+    """[S, T, F] float, NaN behind the last step of a segment."""
 
     def __post_init__(self) -> None:
         if self.rows.ndim != 3 or self.rows.shape[::2] != (
@@ -202,7 +202,9 @@ def _target(text: str) -> float:
 
 def _from_npz(content: bytes) -> Segments:
     with np.load(BytesIO(content), allow_pickle=False) as arrays:
-        rows = np.asarray(arrays["rows"], dtype=np.float32)
+        rows = arrays["rows"]
+        if rows.dtype != np.float32:
+            rows = rows.astype(np.float64)
         if rows.ndim != 3:
             raise ValueError(f"rows must be [S, T, F], got {list(rows.shape)}")
         count, _, columns = rows.shape
@@ -212,7 +214,7 @@ def _from_npz(content: bytes) -> Segments:
             if "names" in arrays
             else [f"column {number}" for number in range(columns)]
         )
-        return Segments(tuple(map(str, ids)), tuple(map(str, names)), rows)
+        return Segments(tuple(map(_word, ids)), tuple(map(_word, names)), rows)
 
 
 def _from_csv(content: bytes) -> Segments:
@@ -227,27 +229,47 @@ def _from_csv(content: bytes) -> Segments:
             values.append([float(line[i]) for i in kept])
         except ValueError as error:
             raise ValueError(f"line {number}: a cell is no number: {error}") from None
-    table = np.array(values, dtype=np.float32).reshape(len(values), len(kept))
+    table = np.array(values).reshape(len(values), len(kept))
     return _in_order(ids, [names[i] for i in kept], table)
 
 
 def _from_parquet(content: bytes) -> Segments:
     try:
-        from pyarrow import parquet
+        from pyarrow import parquet, types
     except ModuleNotFoundError:
         raise TableError(
             "Parquet tables need the package pyarrow: pip install -e '.[parquet]' -c "
             "constraints.txt; or give an .npz or a .csv"
         ) from None
-    table: Any = parquet.read_table(BytesIO(content))
-    _segment_column(table.column_names)
-    names = [name for name in table.column_names if name not in (_SEGMENT, _STEP)]
-    ids = table[_SEGMENT].to_pylist()
+    try:
+        table: Any = parquet.read_table(BytesIO(content))
+        _segment_column(table.column_names)
+        names = [name for name in table.column_names if name not in (_SEGMENT, _STEP)]
+        for name in names:
+            kind = table.schema.field(name).type
+            if not any(
+                is_one(kind)
+                for is_one in (types.is_integer, types.is_floating, types.is_boolean)
+            ):
+                raise ValueError(f"the column {name!r} holds {kind}, and no numbers")
+        ids = table[_SEGMENT].to_pylist()
+        columns = [table[name].to_numpy() for name in names]
+    except OSError as error:
+        # So pyarrow calls damage.
+        raise ValueError(error) from None
     if None in ids:
         raise ValueError("a row has no segment")
-    columns = [table[name].to_numpy() for name in names]
-    values = np.array(columns, dtype=np.float32).T.reshape(len(ids), len(names))
-    return _in_order(list(map(str, ids)), names, values)
+    values = np.array(columns, dtype=np.float64).T.reshape(len(ids), len(names))
+    return _in_order(list(map(_word, ids)), names, values)
+
+
+def _word(value: Any) -> str:
+    """An id or a name as it is written in a table of text: 1 for 1.0."""
+    if isinstance(value, bytes):
+        return value.decode()
+    if isinstance(value, float) and value.is_integer():
+        return str(int(value))
+    return str(value)
 
 
 def _segment_column(names: Sequence[str]) -> int:
@@ -274,7 +296,7 @@ def _in_order(ids: Sequence[str], names: Sequence[str], values: np.ndarray) -> S
             f"the mean: cut it to the length of the others"
         )
     shape = (len(places), longest, len(names))
-    rows = np.full(shape, np.nan, dtype=np.float32)
+    rows = np.full(shape, np.nan)
     for index, own in enumerate(places.values()):
         rows[index, : len(own)] = values[own]
     return Segments(tuple(places), tuple(names), rows)

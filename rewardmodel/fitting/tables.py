@@ -3,8 +3,7 @@
 Each column and its square, standardised, is what a reward sees of a step. Nothing is
 expected of any of them before the answers.
 
-Shapes: B answers, S segments, T steps, F columns, D = 2 F descriptors, M members,
-R raters.
+Shapes: B answers, S segments, T steps, F columns, D = 2 F descriptors, M members.
 """
 
 from __future__ import annotations
@@ -45,6 +44,9 @@ TABLE_KINDS: tuple[TableKind, ...] = get_args(TableKind)
 TABLE_FIT = FitCfg(linear=LinearCfg(unsteady_logit=0.0), fall_logit=0.0)
 """How segments are fitted."""
 _SHARES = (0.02, 0.1, 0.2, 0.3, 0.5, 0.7, 0.95)
+"""Of random answers that a rater may have, each as probable."""
+_LEAST_FORESEEN = 10
+"""Preferences of a rater, foreseen by models, below which nothing is said of errors."""
 
 
 class PreparedTable(Prepared):
@@ -100,8 +102,9 @@ def described(segments: Segments) -> tuple[Tensor, Tensor]:
     """Descriptors [S, T, D] of segments, and which steps there are, [S, T] bool."""
     rows = torch.from_numpy(segments.rows).nan_to_num()
     scored = torch.from_numpy(segments.valid)
-    std, mean = torch.std_mean(rows[scored], dim=0, correction=0)
-    usual = (rows - mean) / std.clamp_min(1e-6)
+    # What is far from 0, as a time of day or a place on a map, differs by little of it.
+    rows -= rows[scored].mean(dim=0)
+    usual = (rows / rows[scored].std(dim=0, correction=0).clamp_min(1e-6)).float()
     return torch.cat([usual, usual.square()], dim=-1) * scored[..., None], scored
 
 
@@ -219,19 +222,21 @@ def _pairs(
 def _raters(
     answers: Sequence[TableAnswer], foreseen: Prediction, temperature: float
 ) -> tuple[tuple[str, float], ...]:
-    """Share of each rater's preferences that is most likely random, beside what models
-    foresaw of them; nothing of one rater alone."""
+    """Share of each rater's preferences that is random, as expected after what models
+    foresaw of them; of one rater alone, and of who answered too little, nothing."""
     names = sorted({answer.rater for answer in answers})
     if len(names) < 2:
         return ()
+    shares = torch.tensor(_SHARES)
     right = (foreseen.logit / temperature).sigmoid()
     found = []
     for name in names:
         own = torch.tensor([a.rater == name and a.target != 0.5 for a in answers])
+        if int(own.sum()) < _LEAST_FORESEEN:
+            continue
         target = torch.tensor([answer.target for answer in answers])[own]
         likely = torch.where(target > 0.5, right[own], 1 - right[own])
-        heights = [
-            float(((1 - share) * likely + share / 2).log().sum()) for share in _SHARES
-        ]
-        found.append((name, _SHARES[max(range(len(_SHARES)), key=heights.__getitem__)]))
+        each = (1 - shares[:, None]) * likely + shares[:, None] / 2
+        belief = each.log().sum(dim=1).softmax(dim=0)
+        found.append((name, round(float(belief @ shares), 3)))
     return tuple(found)

@@ -6,6 +6,7 @@ import csv
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ import pytest
 from data.datasets.segments import Segments, TableError, read_answers, read_segments
 from gaitpref.cli.main import main
 from rewardmodel.errors import RewardError
-from rewardmodel.fitting.tables import fit_table
+from rewardmodel.fitting.tables import described, fit_table
 
 SEGMENTS, STEPS = 60, 7
 NAMES = ("speed", "tilt", "noise")
@@ -178,8 +179,10 @@ def test_tables_that_hold_none_are_refused(
 
 
 @pytest.mark.parametrize("damage", ["cut", "flipped"])
-def test_a_damaged_archive_is_one_line(folder: Path, damage: str) -> None:
-    path, content = folder / "s.npz", bytearray((folder / "s.npz").read_bytes())
+@pytest.mark.parametrize("end", ["npz", "parquet"])
+def test_a_damaged_archive_is_one_line(folder: Path, end: str, damage: str) -> None:
+    path = folder / f"s.{end}"
+    content = bytearray(path.read_bytes())
     if damage == "cut":
         content = content[: len(content) // 2]
     else:
@@ -187,6 +190,53 @@ def test_a_damaged_archive_is_one_line(folder: Path, damage: str) -> None:
     path.write_bytes(content)
     with pytest.raises(TableError, match="holds no segments"):
         read_segments(path)
+
+
+def test_any_byte_of_a_parquet_file_may_be_wrong(folder: Path) -> None:
+    """It is read, or refused in our words."""
+    content = (folder / "s.parquet").read_bytes()
+    refused = 0
+    for place in range(0, len(content), max(1, len(content) // 150)):
+        damaged = bytearray(content)
+        damaged[place] ^= 0x40
+        (folder / "s.parquet").write_bytes(damaged)
+        try:
+            read_segments(folder / "s.parquet")
+        except TableError:
+            refused += 1
+    assert refused > 10
+
+
+def test_numbers_far_from_zero_keep_what_they_differ_by(folder: Path) -> None:
+    """As seconds since 1970, of which a float of 32 bits tells minutes apart."""
+    segments, far = read_segments(folder / "s.npz"), folder / "far.npz"
+    rows = segments.rows.astype(np.float64)
+    rows[..., 2] += 1.7e9
+    np.savez(far, rows=rows, names=NAMES, ids=segments.ids)
+    steps, there = described(read_segments(far))
+    usual, _ = described(segments)
+    np.testing.assert_allclose(steps[there], usual[there], atol=1e-3)
+
+
+def test_ids_are_what_a_table_of_text_calls_them(folder: Path) -> None:
+    rows = made()[:2]
+    np.savez(folder / "a.npz", rows=rows, ids=np.array([1.0, 2.0]))
+    np.savez(folder / "b.npz", rows=rows, ids=np.array([b"1", b"2"]))
+    for name in ("a", "b"):
+        assert read_segments(folder / f"{name}.npz").ids == ("1", "2")
+    flat = {"segment": [b"1", b"2"], "when": np.array([0, 1], dtype="datetime64[s]")}
+    pq.write_table(pa.table(flat), folder / "c.parquet")
+    with pytest.raises(TableError, match=r"'when' holds timestamp\[.*s\], and no n"):
+        read_segments(folder / "c.parquet")
+
+
+def test_of_a_rater_with_few_answers_nothing_is_said(folder: Path) -> None:
+    """One answer that is not foreseen makes nobody careless."""
+    segments = read_segments(folder / "s.npz")
+    answers = read_answers(folder / "answers.csv", segments)
+    once = replace(answers[0], rater="eve", target=1 - answers[0].target)
+    report = fit_table(segments, [*answers, once], "linear", seed=0).report
+    assert [name for name, _ in report.raters] == ["ada", "bob"]
 
 
 def test_what_a_spreadsheet_saves_is_read(folder: Path) -> None:
