@@ -27,8 +27,7 @@ GROUP = "group:"
 
 def grouping_of(pairs: AnsweredPairs) -> Grouping:
     """The groups of those who answered `pairs`."""
-    names = sorted(set(pairs.raters))
-    with working(f"comparing the wishes of {len(names)} raters"):
+    with working(f"comparing the wishes of {len(set(pairs.raters))} raters"):
         return group_raters(pairs, STYLE.reward, seed=0)
 
 
@@ -51,6 +50,7 @@ def told_of_groups(dataset: Dataset) -> tuple[dict[str, Any], list[str]]:
             for group in found.groups
         ],
         "changed": [asdict(each) for each in found.changed],
+        "untold": list(found.untold),
     }
     return values, lines
 
@@ -88,7 +88,11 @@ def answers_for(pairs: AnsweredPairs, whom: Sequence[str]) -> AnsweredPairs:
             continue
         grouping = grouping or grouping_of(pairs)
         group = grouping.group_of(name.removeprefix(GROUP))
-        assert group is not None
+        if group is None:
+            raise RewardError(
+                f"--for {name}: of so many raters only those with most answers are "
+                "compared; give the name of one of these, or of raters"
+            )
         chosen.update(group.raters)
     part = pairs.subset(torch.tensor([rater in chosen for rater in pairs.raters]))
     # Whoever compares the label set sees that it is another.
@@ -119,8 +123,10 @@ def _lines(found: Grouping) -> Iterator[str]:
         first = found.groups[0].raters[0]
         yield (
             f"`gaitpref fit --for {GROUP}{first}` learns what one group wants, without "
-            f"--for what all share"
+            f"--for what most want"
         )
+    if found.untold:
+        yield f"with too few answers to be compared: {', '.join(found.untold)}"
     for each in found.changed:
         yield (
             f"{each.rater} seems to want something else since answer {each.after + 1} "

@@ -142,9 +142,11 @@ def findings_of_fit(report: FitReport, sides: Sequence[Sides]) -> Findings:
 
 
 def about_raters(report: FitReport, sides: Sequence[Sides]) -> list[str]:
-    """Raters who seem not to look: a side of the screen decides, or nothing does."""
+    """Raters who seem not to look, for whom a side of the screen decides, or nothing
+    that decides for others."""
     guessing = [
-        f"{rater} answers as if at random, in {share:.0%} of the cases"
+        f"{rater} answers as if at random, in {share:.0%} of the cases, or wants "
+        "something else than most (`gaitpref raters --dataset DIR groups` tells)"
         for rater, share in report.raters
         if share >= HARDLY_LOOKS
     ]

@@ -23,7 +23,6 @@ from torch import Tensor
 from rewardmodel.answers.answered_pairs import AnsweredPairs
 from rewardmodel.answers.likelihood import guesses_of
 from rewardmodel.cfg import FitCfg
-from rewardmodel.errors import RewardError
 from rewardmodel.opinions.opinions import SHAPES, habit_of
 from rewardmodel.opinions.pool import Pool
 from rewardmodel.opinions.ranges import HABITS
@@ -35,12 +34,12 @@ from .sampler import Posterior, sampled
 _ODDS_ALIKE = math.log(1000.0)
 """Logarithm of how much likelier it is, before any answer, that two want the same."""
 _ENOUGH = 40
-"""Answers of a rater that are looked at, of more every second, third, ..."""
+"""Answers of a rater that are looked at, of more as many, spread over all."""
 _LEAST_TO_CHANGE = 12
 """Answers before and after a change of taste that can tell of it."""
 _PARTICLES = 1000
 _MOST_RATERS = 12
-"""Who can be compared within minutes: every two are."""
+"""Who can be compared within minutes: every two are, those who answered most."""
 _NAMED = 0.3
 """Share of the particles from which on a habit is named."""
 
@@ -83,9 +82,11 @@ class Grouping:
     groups: tuple[Group, ...]
     """The largest first."""
     changed: tuple[Changed, ...]
+    untold: tuple[str, ...] = ()
+    """Who answered least, beyond as many as can be compared."""
 
     def group_of(self, rater: str) -> Group | None:
-        """The group that a rater is in."""
+        """The group that a rater is in; None of one that was not compared."""
         return next((group for group in self.groups if rater in group.raters), None)
 
 
@@ -101,16 +102,9 @@ def group_raters(
         pairs: Answers, with their times where changes are looked for.
         cfg: What is expected of wishes and raters.
         seed: Every draw.
-
-    Raises:
-        RewardError: there are too many raters.
     """
-    names = sorted(set(pairs.raters))
-    if len(names) > _MOST_RATERS:
-        raise RewardError(
-            f"{len(names)} raters are too many to compare each with each; split the "
-            f"data set, or merge fewer, up to {_MOST_RATERS}"
-        )
+    most = sorted(set(pairs.raters), key=lambda name: (-pairs.raters.count(name), name))
+    names = sorted(most[:_MOST_RATERS])
     told = _Told(pairs, cfg, seed)
 
     @cache
@@ -133,6 +127,7 @@ def group_raters(
     return Grouping(
         groups=tuple(sorted(found, key=lambda g: (-len(g.raters), g.raters))),
         changed=tuple(filter(None, (_change_of(told, name) for name in names))),
+        untold=tuple(sorted(most[_MOST_RATERS:])),
     )
 
 
@@ -161,24 +156,37 @@ class _Told:
         self._opinions = pool.opinions
         self._answers = answers_seen(described.standardised(pool.normaliser), pool, cfg)
 
-    def rows(self, of: frozenset[str], *, every: bool = False) -> list[int]:
-        """Answers of some raters in the order they came, `_ENOUGH` of each, or all."""
-        found = []
-        for name in sorted(of):
-            own = [row for row in self._place if self.raters[row] == name]
-            found += own if every else own[:: -(-len(own) // _ENOUGH)]
+    def rows(self, of: frozenset[str]) -> list[int]:
+        """Answers of some raters in the order they came, `_ENOUGH` of each."""
+        found = [row for name in sorted(of) for row in spread(self.all_of(name))]
         return sorted(found, key=self._place.__getitem__)
 
-    def posterior(self, rows: Sequence[int]) -> Posterior:
-        """What these answers leave of the wishes."""
+    def all_of(self, name: str) -> list[int]:
+        """Answers of a rater in the order they came."""
+        return [row for row in self._place if self.raters[row] == name]
+
+    def posterior(self, rows: Sequence[int], *, tires_after: int = 0) -> Posterior:
+        """What these answers leave of the wishes.
+
+        Args:
+            rows: The answers.
+            tires_after: Of so many of one rater; the later may err more or less often.
+        """
         part = self._answers.part(torch.tensor(rows))
         names = sorted({self.raters[row] for row in rows})
         rater = torch.tensor([names.index(self.raters[row]) for row in rows])
+        if tires_after:
+            rater[tires_after:] += 1
         part = replace(part, errors=replace(part.errors, rater=rater))
         generator = torch.Generator().manual_seed(self._seed)
         careless = self._cfg.reliability.careless
-        found = sampled(self._opinions, careless, part, _PARTICLES, generator)
-        return found
+        return sampled(self._opinions, careless, part, _PARTICLES, generator)
+
+
+def spread(rows: Sequence[int], most: int = _ENOUGH) -> list[int]:
+    """All of them, or `most` spread evenly over them."""
+    count = min(len(rows), most)
+    return [rows[place * len(rows) // count] for place in range(count)]
 
 
 def _described(told: _Told, group: frozenset[str]) -> Group:
@@ -217,20 +225,24 @@ _WAYS = _ways()
 
 
 def _change_of(told: _Told, rater: str) -> Changed | None:
-    """The change of a rater, at a quarter, half or three quarters of the answers."""
-    rows = told.rows(frozenset({rater}), every=True)
-    if not told.timed or len(rows) < 2 * _LEAST_TO_CHANGE:
+    """The change of a rater, at a quarter, half or three quarters of the answers.
+
+    Who only errs more often, or less, still wants the same.
+    """
+    own = told.all_of(rater)
+    if not told.timed or len(own) < 2 * _LEAST_TO_CHANGE:
         return None
-    step = -(-len(rows) // (2 * _ENOUGH))
-    rows = rows[::step]
+    rows = spread(own, 2 * _ENOUGH)
     together = told.posterior(rows).log_evidence
     best = None
     for quarter in (1, 2, 3):
         at = quarter * len(rows) // 4
-        if min(at, len(rows) - at) < _LEAST_TO_CHANGE // step:
+        after = own.index(rows[at])
+        if min(after, len(own) - after) < _LEAST_TO_CHANGE:
             continue
         apart = [told.posterior(part).log_evidence for part in (rows[:at], rows[at:])]
-        log_odds = sum(apart) - together - _ODDS_ALIKE
+        one = max(together, told.posterior(rows, tires_after=at).log_evidence)
+        log_odds = sum(apart) - one - _ODDS_ALIKE
         if log_odds > 0 and (best is None or log_odds > best.log_odds):
-            best = Changed(rater=rater, after=at * step, log_odds=log_odds)
+            best = Changed(rater=rater, after=after, log_odds=log_odds)
     return best

@@ -215,7 +215,10 @@ def test_answers_too_few_for_an_alarm_are_no_all_clear_on_the_page(
 def test_a_rater_who_does_not_look_is_told_on_the_page(finished: Path) -> None:
     """Also where nobody was asked after the last training, and in older reports of
     which some figures are missing."""
-    guessing = "ann answers as if at random, in 95% of the cases"
+    guessing = (
+        "ann answers as if at random, in 95% of the cases, or wants something else "
+        "than most (`gaitpref raters --dataset DIR groups` tells)"
+    )
     _change(finished, 1, ("trust",), "raters", [guessing])
     _change(finished, 2, ("trust", "policy"), "drift", {"share_far": 1.0})
     said = _said(finished)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from gaitpref.raters.rater_groups import answers_for
 from rewardmodel import FitCfg
 from rewardmodel.answers.answered_pairs import AnsweredPairs
 from rewardmodel.errors import RewardError
-from rewardmodel.posterior.group_raters import group_raters
+from rewardmodel.posterior.group_raters import group_raters, spread
 from tests.helpers.answered_sets import fill, gaits
 from tests.rewardmodel.test_curves import Taste, asked, best_height, one_foot
 
@@ -80,6 +81,37 @@ def test_a_taste_that_changes_is_noticed() -> None:
     assert changed.rater == "ada"
     assert changed.after == EACH
     assert not group_raters(replace(pairs, times=()), POSTERIOR, seed=0).changed
+
+
+def test_who_only_grows_careless_wants_the_same() -> None:
+    """Right at first, coins later: that is no other wish."""
+    pairs = answers_of((best_height, None), seed=4)
+    pairs = replace(
+        pairs,
+        raters=("ada",) * len(pairs),
+        times=tuple(f"2030-01-01T00:{row:02d}" for row in range(len(pairs))),
+    )
+    assert group_raters(pairs, POSTERIOR, seed=0).changed == ()
+
+
+def test_of_many_answers_some_of_all_times_are_looked_at() -> None:
+    """One more than are looked at does not halve them."""
+    assert spread(range(40)) == list(range(40))
+    some = spread(range(41))
+    assert len(some) == 40
+    assert some[0] == 0
+    assert max(b - a for a, b in pairwise(some)) <= 2
+
+
+def test_those_with_most_answers_are_compared() -> None:
+    pairs = answers_of((best_height, best_height), seed=2)
+    names = [f"r{row % 13:02d}" for row in range(len(pairs))]
+    names[-2:] = ["few", "r00"]
+    found = group_raters(replace(pairs, raters=tuple(names)), POSTERIOR, seed=0)
+    assert sum(len(group.raters) for group in found.groups) == 12
+    assert "few" in found.untold
+    with pytest.raises(RewardError, match="only those with most answers"):
+        answers_for(replace(pairs, raters=tuple(names)), ["group:few"])
 
 
 def test_answers_of_a_rater_or_of_a_group_are_picked() -> None:

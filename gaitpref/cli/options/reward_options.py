@@ -141,7 +141,7 @@ class Fit:
     did not pay."""
     whom: Annotated[tuple[str, ...], tyro.conf.arg(name="for", metavar="RATER")] = ()
     """Learn what some raters want: their names, or group:RATER for all who want what
-    that one does; `gaitpref raters groups` shows them. By default what all share."""
+    that one does; `gaitpref raters groups` shows them. By default what most want."""
     unchecked: bool = False
     """Learn from answers of programs too that do not agree with people, or were never
     compared with them; `gaitpref raters compare` shows it."""
