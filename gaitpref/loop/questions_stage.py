@@ -30,7 +30,13 @@ from .collect import Collector
 from .loop_cfg import LoopCfg
 from .people import People
 from .run_dir import Round, seed_of
-from .show_stage import STRATEGY, labels_kept, pairs_of_both, to_compare
+from .show_stage import (
+    STRATEGY,
+    labels_kept,
+    labels_planned,
+    pairs_of_both,
+    to_compare,
+)
 
 GOLD_SHARE = 0.05
 """Pairs with a known answer to every pair that people are asked."""
@@ -59,8 +65,11 @@ def questions_stage(
         ask_more=partial(_add_pairs, cfg, round, context, dataset),
     )
     budget = cfg.method.budget
-    kept = labels_kept(cfg.method, context)
-    count = budget.labels_of(context, kept=kept)
+    count = budget.labels_of(
+        context,
+        kept=labels_kept(cfg.method, context),
+        planned=labels_planned(cfg.method, context),
+    )
     with dataset.answers() as store:
         if meanwhile := cfg.method.meanwhile:
             answered = answered_before(store, round.number)

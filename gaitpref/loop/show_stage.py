@@ -38,10 +38,24 @@ _LEAST_CLIP_S = 0.1
 
 
 def labels_kept(method: Method, context: RoundContext) -> int:
-    """Answers that are kept for judging the last policy."""
+    """Answers that are kept for judging the last policy; more where answers err, of
+    those the first round left."""
     if method.accept is None:
         return 0
-    return method.budget.most_kept(context, method.accept.last_labels(context))
+    planned = labels_planned(method, context)
+    if not context.noisy:
+        return planned
+    wanted = method.accept.last_labels(context)
+    return method.budget.most_kept(context, wanted, planned=planned)
+
+
+def labels_planned(method: Method, context: RoundContext) -> int:
+    """Those that were to be kept when the first round asked, before anybody knew
+    whether answers err."""
+    if method.accept is None:
+        return 0
+    first = replace(context, noisy=None)
+    return method.budget.most_kept(first, method.accept.last_labels(first))
 
 
 def to_compare(

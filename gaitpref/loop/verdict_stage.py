@@ -137,26 +137,23 @@ class _Contest:
 
     def _duel(self, new: str, old: str, *, most: int, sure: float) -> Duel:
         """Ask about two policies until it is `sure` which is better, `most` times at
-        most; what was asked before counts."""
+        most, or patience is over; what was asked before counts."""
         pairs = pairs_of_both(self.cfg, self.round, self.dataset, new, old)
-        collector, duel = self.collector(), Duel(for_new=0, for_old=0)
-        lasted = True
-        while lasted:
+        collector = self.collector()
+        while True:
             with self.dataset.answers() as store:
                 known = {pair.pair_id for pair in store.pairs()}
                 own = store.pairs(round=self.round.number)
                 asked = sum(pair in own for pair in pairs)
                 open_ones = [pair for pair in pairs if pair.pair_id not in known]
-            if asked:
-                lasted = collector.answered(len(own), last=True)
+            lasted = not asked or collector.answered(len(own), last=True)
             duel = duel_of(self.round, self.dataset, new, old)
             more = open_ones[: min(duel.least_more(sure), most - asked)]
-            if not more:
+            if not more or not lasted:
                 self.left -= asked
-                break
+                return duel
             with self.dataset.answers() as store:
                 store.add_pairs(more)
-        return duel
 
     def _stays(self, new: str, duel: Duel) -> bool:
         """Whether the newer of two does: it can be seen, and no more answers prefer the

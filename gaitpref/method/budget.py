@@ -35,22 +35,34 @@ class FrontLoaded:
         if self.least < 1:
             raise ValueError(f"least must be at least 1, got {self.least}")
 
-    def labels_of(self, context: RoundContext, *, kept: int = 0) -> int:
-        """Answers asked for in the round, where `kept` are kept for judging the last
-        policy: those alone in the last."""
+    def labels_of(
+        self, context: RoundContext, *, kept: int = 0, planned: int | None = None
+    ) -> int:
+        """Answers asked for in the round.
+
+        Args:
+            context: The round.
+            kept: Answers kept for judging the last policy: those alone in the last.
+            planned: Those that were to be kept when the first round asked; by default
+                as many.
+        """
         if context.is_last:
             return kept
-        own = self._first(context, kept)
+        own = self._first(context, kept if planned is None else planned)
         if context.is_first:
             return own
         left = context.labels - own - kept
         return _growing(left, context.rounds - 1, self.least)[context.number - 1]
 
-    def most_kept(self, context: RoundContext, wanted: int) -> int:
+    def most_kept(
+        self, context: RoundContext, wanted: int, *, planned: int | None = None
+    ) -> int:
         """Answers, `wanted` or fewer, that can be kept for judging the last policy:
-        every round before it needs some; none where they could not decide."""
+        every round before it needs some, the first what it asked for where so many were
+        `planned`; none where they could not decide."""
         others = self.least * (context.rounds - 1)
-        kept = min(wanted, context.labels - MIN_ANSWERS - others)
+        first = MIN_ANSWERS if planned is None else self._first(context, planned)
+        kept = min(wanted, context.labels - first - others)
         return kept if kept >= LEAST_LAST else 0
 
     def _first(self, context: RoundContext, kept: int) -> int:

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import pytest
 
+from gaitpref.loop.show_stage import labels_kept, labels_planned
 from gaitpref.method.budget import FrontLoaded
 from gaitpref.method.context import RoundContext
-from gaitpref.method.method import FROM_SCRATCH, STYLE
+from gaitpref.method.method import FROM_SCRATCH, STYLE, Method
 from rewardmodel.answers.answered_pairs import MIN_ANSWERS
 
 BUDGETS = {
@@ -53,6 +54,27 @@ def test_what_is_kept_is_what_the_others_can_spare() -> None:
     for labels, kept in ((12, 0), (15, 0), (16, 4), (18, 6), (20, 7), (60, 7)):
         last = RoundContext(number=3, rounds=3, labels=labels)
         assert budget.most_kept(last, 7) == kept, labels
+
+
+@pytest.mark.parametrize("method", [STYLE, FROM_SCRATCH])
+@pytest.mark.parametrize("rounds", [1, 2, 4])
+@pytest.mark.parametrize("labels", [12, 20, 40, 60, 80, 100, 150, 200])
+def test_answers_that_turn_out_to_err_do_not_make_more_of_them(
+    method: Method, rounds: int, labels: int
+) -> None:
+    """More are kept then for the last policy, of those the first round left."""
+    first = RoundContext(number=0, rounds=rounds, labels=labels)
+    later = [replace(first, number=n, noisy=True) for n in range(1, rounds + 1)]
+    found = [
+        method.budget.labels_of(
+            context,
+            kept=labels_kept(method, context),
+            planned=labels_planned(method, context),
+        )
+        for context in (first, *later)
+    ]
+    assert sum(found) == labels
+    assert found[-1] >= labels_planned(method, first)
 
 
 def test_of_a_single_round_all_is_asked_at_once() -> None:
