@@ -32,26 +32,28 @@ class Verdict:
 
     @property
     def word(self) -> Word:
-        if self.stays == 0:
-            return "not better"
-        if self.beside_first is None or self.beside_first.probably < SURE:
-            return "not known"
-        return "better"
+        if self.beside_first is None:
+            return "not known" if self.stays else "not better"
+        probably = self.beside_first.probably
+        if self.stays and probably >= SURE:
+            return "better"
+        return "not known" if self.stays or 1 - probably < SURE else "not better"
 
     @property
     def sentence(self) -> str:
         """On one line, for people."""
         if self.word == "better":
             return f"better than what it started from: {self._answers}{self._dropped}"
+        stays = "" if self.stays else ", which stays"
         if self.word == "not known":
             return (
-                f"not known whether it is better than what it started from: "
+                f"not known whether it is better than what it started from{stays}: "
                 f"{self._answers}{self._dropped}"
             )
         if self.beside_first is None:
             return "not better than what it started from: no other policy was kept"
         return (
-            f"not better than what it started from, which stays: {self._answers}"
+            f"not better than what it started from{stays}: {self._answers}"
             f"{self._dropped}"
         )
 
@@ -61,6 +63,8 @@ class Verdict:
             run / "rounds" / f"{number:02d}" / "policy" / "policy.pt"
             for number in (0, self.rounds)
         )
+        if self.stays == 0 and self.beside_first is not None:
+            last = last.parents[1] / "candidate" / last.name
         shown = f"`{play_command(last, first)}` shows both"
         if self.word == "better":
             return (
@@ -68,11 +72,12 @@ class Verdict:
                 f"goes on from it"
             )
         if self.word == "not known":
-            return f"{shown}; a run with twice the --labels keeps more answers for this"
-        lost = ""
-        if self.beside_first is not None:
-            dropped = last.parents[1] / "candidate" / last.name
-            lost = f"`{play_command(dropped, first)}` shows what lost; "
+            return (
+                f"{shown}; `gaitpref arena --out {run / 'arena'} --policy last={last} "
+                f"--policy first={first}` asks on until it is sure, and a run with "
+                f"twice the --labels learns more of what you mean"
+            )
+        lost = "" if self.beside_first is None else f"{shown}; "
         return (
             f"{lost}look at the clips that the reward likes best in {run}/report: if "
             f"they are not what you mean, a run with twice the --labels learns more of "

@@ -75,6 +75,7 @@ SURELY, HARDLY, LOST = (Duel(for_new=n, for_old=4 - n) for n in (4, 3, 0))
         (3, Duel(for_new=0, for_old=0), None, "not known", "no answer prefers"),
         (1, SURELY, None, "better", "nothing was trained after round 1"),
         (0, LOST, None, "not better", "which stays: 0 of 4"),
+        (0, Duel(for_new=1, for_old=2), None, "not known", "which stays: 1 of 3"),
         (0, None, None, "not better", "no other policy was kept"),
         (2, SURELY, LOST, "better", "the policy of round 2"),
     ],
@@ -90,3 +91,6 @@ def test_the_verdict_is_one_sentence(
     advice = verdict.advice(Path("runs/mine"))
     assert "runs/mine" in advice
     assert ("--labels" in advice) == (word != "better")
+    assert ("gaitpref arena" in advice) == (word == "not known")
+    lost = stays == 0 and first is not None
+    assert ("rounds/03/candidate/policy.pt" in advice) == lost
