@@ -6,13 +6,11 @@ Shapes: T steps, N robots, F feature columns.
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 import torch
 from torch import Tensor
 
-from gaitpref.loop.run import run_loop
 from gaitpref.raters.criteria import load_criterion
 from gaitpref.raters.criterion_scores import criterion_context, score_of_criterion
 from gaitpref.training.symmetry import in_mirror
@@ -22,9 +20,7 @@ from policy.extensions.kl_penalty import KlPenaltyCfg
 from policy.robots.robot import Robot, load_robot
 from policy.rollouts.babble import Babble
 from policy.rollouts.rollout import first_episodes
-from policy.training.checkpoint import load_policy
 from policy.training.ppo import PpoCfg
-from tests.helpers.small_loop import small_cfg
 
 ENV = EnvCfg(episode_s=2.0)
 
@@ -76,15 +72,3 @@ def test_what_cannot_be_mirrored_is_left_as_it_is(robot: Robot) -> None:
         PpoCfg(kl_penalty=KlPenaltyCfg(kind="fixed")),
     ):
         assert in_mirror(ppo, robot) == ppo
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("mirror", [True, False])
-def test_a_loop_learns_in_the_mirror_unless_told_otherwise(
-    tmp_path: Path, mirror: bool
-) -> None:
-    cfg = small_cfg()
-    cfg = replace(cfg, method=replace(cfg.method, mirror=mirror))
-    run_loop(tmp_path / "run", cfg)
-    last = load_policy(tmp_path / "run/rounds/02/policy/policy.pt")
-    assert last.info.ppo.mirror == mirror

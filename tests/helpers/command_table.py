@@ -64,7 +64,6 @@ _PARTS = {
     "lerobot": ("lerobot/meta/info.json", "lerobot/data/chunk-000/file-000.parquet"),
     "minari": ("minari/data/main_data.hdf5",),
     "xml": ("go1.toml",),
-    "theirs": ("theirs/policy.json",),
 }
 """Files in, or beside, an input that is read with it."""
 

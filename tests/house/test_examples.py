@@ -26,7 +26,7 @@ from gaitpref import (
     run_loop,
     score_episode,
 )
-from policy import EnvCfg, PpoCfg, RecordCfg, TrainCfg, load_robot, train
+from policy import EnvCfg, PpoCfg, RecordCfg, TrainCfg, load_policy, load_robot, train
 from rewardmodel import load_reward
 from tests.helpers.own_lookers import fewer_feet_down
 
@@ -64,6 +64,8 @@ def test_a_loop_of_ones_own_runs(tmp_path: Path, name: str) -> None:
     page = run_loop(tmp_path / "run", cfg)
     assert page.exists()
     assert cfg.criterion in page.read_text()
+    trained = sorted((tmp_path / "run").glob("rounds/01/*/policy.pt"))[0]
+    assert load_policy(trained).info.ppo.mirror == cfg.method.mirror
 
 
 def test_a_rater_of_ones_own_is_fitted_and_trained_on(

@@ -53,6 +53,7 @@ INSTEAD = {
 SMALL = {
     "loop": "--rounds 1 --labels 8 --steps 96",
     "train": "--steps 96 --envs 4",
+    "record": "--episodes 24",
     "team train": "--steps 96 --robots 4",
     "team record": "--episodes 24 --episode-s 2",
     "evaluate": "--episodes 4",
@@ -70,6 +71,8 @@ ELSEWHERE = {
     "gaitpref answer --dataset runs/clips --rater openai:": "test_programs serves one",
     "ray start": "tests/policy/test_actors.py starts Ray",
     "gaitpref loop --run runs/up": "tests/loop/test_loop.py begins lying",
+    "gaitpref loop --run runs/getup": "tests/loop/test_loop.py begins lying",
+    "gaitpref loop --run runs/ours": "tests/house/test_quickstart.py serves one",
     "gaitpref loop --run runs/own --criterion": "tests/house/test_examples.py has one",
     "gaitpref options": "tests/policy/test_options.py",
     "gaitpref record --policy runs/choose": "tests/policy/test_options.py",

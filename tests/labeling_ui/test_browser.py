@@ -156,18 +156,6 @@ def test_a_rater_at_work(site: Site, visit: Visit) -> None:
     keep_picture(page, "labeling-page.png")
 
 
-def test_two_raters_are_asked_different_things(site: Site, visit: Visit) -> None:
-    """Each has an own queue and history, and a pair shown to one is leased."""
-    pages = [visit(name, SMALL) for name in ("ann", "bob")]
-    for page, key in zip(pages, "15", strict=True):
-        # Only the tab in front gets keys.
-        dismiss_guidelines(page)
-        page.keyboard.press(key)
-        counted(page, 1)
-    (first,), (second,) = site.answers("ann"), site.answers("bob")
-    assert first.pair_id != second.pair_id
-
-
 def test_with_nothing_open_it_waits_for_pairs(
     browser: "Browser", tmp_path: Path
 ) -> None:

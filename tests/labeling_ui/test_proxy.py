@@ -159,8 +159,11 @@ def test_our_own_pages(tmp_path: Path) -> None:
     asyncio.run(scenario())
 
 
-def test_a_page_that_is_not_up_yet_is_said_so(tmp_path: Path) -> None:
+def test_a_page_that_is_not_up_yet_is_said_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The socket is refused with a status, not with a traceback."""
+    monkeypatch.setattr("labeling_ui.web.websocket_relay._REACH_S", 0.5)
 
     async def scenario() -> None:
         with socket.create_server(("127.0.0.1", 0)) as other:

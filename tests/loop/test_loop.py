@@ -70,7 +70,9 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_every_stage_leaves_its_files(undisturbed: Path) -> None:
     """Two rounds: three policies, two rewards, 24 answers, a report."""
-    assert len(list(undisturbed.glob("rounds/*/policy/policy.pt"))) == 3
+    policies = list(undisturbed.glob("rounds/*/policy/policy.pt"))
+    assert len(policies) == 3
+    assert all(load_policy(policy).info.ppo.mirror for policy in policies[1:])
     assert len(list(undisturbed.glob("rounds/*/reward/reward.safetensors"))) == 2
     assert len(_judgements(undisturbed)) == 24
     report = json.loads((undisturbed / "rounds/01/report.json").read_text())
@@ -86,20 +88,10 @@ def test_every_stage_leaves_its_files(undisturbed: Path) -> None:
     )
 
 
-def test_equal_seeds_give_equal_episodes_answers_and_weights(
-    undisturbed: Path, tmp_path: Path
-) -> None:
-    """A second run with the same seed is the same, bit for bit."""
-    again = tmp_path / "run"
-    run_loop(again, small_cfg())
-    assert _results(again) == _results(undisturbed)
-    assert _judgements(again) == _judgements(undisturbed)
-
-
 def test_another_seed_gives_other_weights(undisturbed: Path, tmp_path: Path) -> None:
     """The seed reaches everything: nothing is equal by accident."""
     other = tmp_path / "run"
-    run_loop(other, small_cfg(seed=1))
+    run_loop(other, replace(small_cfg(seed=1), rounds=1))
     assert not set(_results(other).values()) & set(_results(undisturbed).values())
 
 
@@ -128,11 +120,11 @@ def test_a_loop_about_getting_up(tmp_path: Path, undisturbed: Path) -> None:
     options = Loop(run=tmp_path / "run", base=str(walks), getup=True)
     with pytest.raises(RunError, match="never trained lying"):
         resolve(options)
-    cfg = small_cfg()
+    cfg = replace(small_cfg(), rounds=1, labels=12)
     run_loop(tmp_path / "run", replace(cfg, env=getup_env(cfg.env)))
     entries = Dataset.open(tmp_path / "run/dataset").entries()
     assert {entry.meta.task for entry in entries} == {"getup"}
-    policy = load_policy(tmp_path / "run/rounds/02/policy/policy.pt")
+    policy = load_policy(tmp_path / "run/rounds/01/policy/policy.pt")
     assert policy.info.env.getup is not None
 
 

@@ -17,7 +17,6 @@ import pytest
 from gaitpref.cli.main import main, parse
 from gaitpref.cli.options.options import Sweep
 from gaitpref.cli.shared.sweep_arguments import sweep_cells
-from gaitpref.sweep.sweep_cell import run_cell
 from tests.helpers.one_ray import one_ray
 from tests.helpers.small_sweep import made_by, small_plan
 from tests.helpers.waiting import wait_for
@@ -104,7 +103,7 @@ def test_what_is_finished_is_not_run_again_and_not_with_other_settings(
 def test_it_is_the_same_whoever_runs_it(
     swept: Path, plan: Path, tmp_path: Path
 ) -> None:
-    """Processes, Ray, and this very process."""
+    """Processes and Ray."""
     (first,) = made(swept, NAMES[:1]).values()
     assert len(first) > 40
     words = ["sweep", "--out", str(tmp_path / "out"), "--plan", str(plan)]
@@ -114,9 +113,7 @@ def test_it_is_the_same_whoever_runs_it(
     command = parse(words)
     assert isinstance(command, Sweep)
     (cell,) = sweep_cells(command)
-    run_cell(tmp_path / "alone", cell.cfg)
     assert made_by(tmp_path / "out" / "cells" / cell.name) == first
-    assert made_by(tmp_path / "alone") == first
 
 
 def test_killed_and_interrupted_it_ends_the_same(
