@@ -15,7 +15,7 @@ from data.files.limits import POLICY_BYTES
 from gaitpref.console.progress import console, training_bar
 from gaitpref.method.context import RoundContext
 from gaitpref.training.by_method import Retraining, rows_of
-from gaitpref.training.off_policy_training import off_policy_cfg
+from gaitpref.training.off_policy_training import off_policy_cfg, paid_by_step
 from gaitpref.training.symmetry import in_mirror
 from policy.offpolicy.off_policy_runner import OffPolicy
 from policy.offpolicy.sac_cfg import SacCfg
@@ -237,7 +237,8 @@ def _learned_by(learner: SacCfg | None, round: Round, plan: _Plan) -> _Plan:
         return plan
     engine = OffPolicy(cfg=learner, replay=trained_before(round), tell=console.print)
     cfg, engine = off_policy_cfg(plan.cfg, engine)
-    return replace(plan, cfg=cfg, engine=engine)
+    paid = paid_by_step(plan.reward_fn)
+    return replace(plan, cfg=cfg, engine=engine, reward_fn=paid)
 
 
 def planned_steps(cfg: LoopCfg, round: Round) -> int:

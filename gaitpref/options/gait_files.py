@@ -120,7 +120,12 @@ def _require_own(name: str, path: Path, policy: Policy) -> None:
             f"{name}: {path} walks in a team of two and sees the other robot; give "
             "policies of a robot alone"
         )
-    if info.env.law is not None or info.ppo.recipe is not None:
+    if info.env.law is None and info.ppo.recipe is not None:
+        raise GaitprefError(
+            f"{name}: the network of {path} is none of PPO's, as that of --algorithm "
+            "fastsac, and gaits run those alone: give policies of PPO"
+        )
+    if info.env.law is not None:
         raise GaitprefError(
             f"{name}: {path} sees and acts under a law of its own, and gaits that "
             "follow one another must share one: give policies that `gaitpref train` "

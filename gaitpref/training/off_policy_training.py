@@ -5,13 +5,23 @@ from __future__ import annotations
 from dataclasses import replace
 
 from policy.offpolicy.off_policy_runner import OffPolicy
-from policy.training.ppo import PpoCfg
+from policy.training.ppo import PpoCfg, ScoreFn
 from policy.training.train_cfg import TrainCfg
+
+from .total_reward import TotalReward
 
 _STEPS_PER_ITERATION = 512
 """Environment steps after which figures are written, about."""
 _SAVE_EVERY = 100
 """Iterations between two states; each holds all of memory."""
+
+
+def paid_by_step(reward: ScoreFn | None) -> ScoreFn | None:
+    """`reward` without the price of following commands worse: it looks at a rollout as
+    a whole, and what is remembered is none."""
+    if isinstance(reward, TotalReward):
+        return replace(reward, tracking_limit=None)
+    return reward
 
 
 def off_policy_cfg(cfg: TrainCfg, engine: OffPolicy) -> tuple[TrainCfg, OffPolicy]:

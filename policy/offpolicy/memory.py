@@ -19,7 +19,7 @@ from policy.env.env import QuadrupedEnv
 from policy.training.identity import content_of
 from policy.training.reward_ppo import ScoreFn
 
-from .remembered import chunk_of
+from .remembered import Place, chunk_of
 from .ring import Chunk, Ring
 from .sac_cfg import SacCfg
 
@@ -36,11 +36,14 @@ class Memory:
         cfg: SacCfg,
         columns: int,
         tell: Callable[[str], None],
+        *,
+        robot_sha256: str,
     ) -> None:
         """Make an empty one.
 
         Args:
             env: What steps are of, and whose own reward is paid by default.
+            robot_sha256: Of its robot before it was put on any ground.
             cfg: How many are remembered, and which are drawn more often.
             columns: Environments, whose steps follow one another.
             tell: Gets a line about what was read, and what was scored again.
@@ -54,6 +57,12 @@ class Memory:
             priorities=cfg.priorities,
         )
         self._env, self._tell = env, tell
+        self._place = Place(
+            env=env,
+            robot_sha256=robot_sha256,
+            rows=self.ring.rows,
+            columns=columns,
+        )
         self._versions: list[str] = []
         self._last: tuple[ScoreFn | None, int] | None = None
 
@@ -65,7 +74,7 @@ class Memory:
             GaitprefError: it cannot be replayed here.
         """
         ring = self.ring
-        chunk = chunk_of(path, self._env, ring.columns, self._tell)
+        chunk = chunk_of(path, self._place, self._tell)
         if len(chunk.cut) > ring.rows - ring.filled:
             self._tell(
                 f"{path} and what is in memory take "

@@ -87,7 +87,9 @@ class OffPolicyRunner:
         self.alg = Sac(self.sac, obs_dim, bound)
         if cfg.ppo.mirror:
             self.alg.mirror = mirror_of(self.env.robot).to(self.env.sim.device)
-        self.memory = Memory(self.env, self.sac, envs, engine.tell)
+        self.memory = Memory(
+            self.env, self.sac, envs, engine.tell, robot_sha256=robot.model_sha256
+        )
         self.ring = self.memory.ring
         self._source: Source = Here(self.env, self.alg.actor, cfg.ppo.steps_per_env)
         if actors is not None:

@@ -3,13 +3,13 @@
 What is logged holds observations, actions and feature rows exactly, so it can be
 replayed as it was; what cannot be is refused, and said why.
 
-Shapes: T steps of an episode, S rows of a chunk, N columns.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +30,7 @@ from .ring import Chunk
 _AS_ASKED_RAD = 1e-3
 """How far joint targets may be from what actions ask for here."""
 
+_NAMES = ("obs", "features", "starts", "fallen", "cut")
 Rows = dict[str, np.ndarray]
 """A column of a chunk, or part of one, by name."""
 
@@ -46,44 +47,51 @@ def contents_of(path: Path) -> str:
     return sha256_bytes("".join(sorted(names)).encode())
 
 
-def chunk_of(
-    path: Path, env: QuadrupedEnv, columns: int, tell: Callable[[str], None]
-) -> Chunk:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Place:
+    """Where steps are to be remembered."""
+
+    env: QuadrupedEnv
+    robot_sha256: str
+    """Of its robot before it was put on any ground."""
+    rows: int
+    columns: int
+
+
+def chunk_of(path: Path, place: Place, tell: Callable[[str], None]) -> Chunk:
     """The steps in `path`, a data set or the directory of an off-policy training, side
-    by side in `columns`.
+    by side, no more than there is room for.
 
     Raises:
-        GaitprefError: there is nothing there that can be replayed in `env`.
+        GaitprefError: there is nothing there that can be replayed.
     """
     if (path / RESUME_NAME).exists():
-        return _of_memory(path, env, columns)
-    return _of_dataset(path, env, columns, tell)
+        return _of_memory(path, place)
+    return _of_dataset(path, place, tell)
 
 
-def _of_dataset(
-    path: Path, env: QuadrupedEnv, width: int, tell: Callable[[str], None]
-) -> Chunk:
+def _of_dataset(path: Path, place: Place, tell: Callable[[str], None]) -> Chunk:
+    env = place.env
     if env.cfg.law is not None:
         raise GaitprefError(
             f"--replay {path}: episodes hold what policies of this project see, and "
             "this policy sees something else; leave --replay out, or --observe imu"
         )
     dataset = Dataset.open(path)
-    columns: list[list[Rows]] = [[] for _ in range(width)]
-    lengths = np.zeros(width, dtype=int)
+    room, taken = place.rows * place.columns, list[Rows]()
     reasons: list[str] = []
-    episodes = steps = 0
-    for entry in dataset.entries():
+    rows = steps = older = 0
+    for entry in reversed(dataset.entries()):
+        if rows >= room:
+            older += 1
+            continue
         episode = dataset.read(entry.sha256)
         if reason := _unfit(episode, env):
             reasons.append(reason)
             continue
-        rows = rows_of_episode(episode)
-        shortest = int(lengths.argmin())
-        columns[shortest].append(rows)
-        lengths[shortest] += len(rows["cut"])
-        episodes, steps = episodes + 1, steps + entry.num_steps
-    if not episodes:
+        taken.append(rows_of_episode(episode))
+        rows, steps = rows + len(taken[-1]["cut"]), steps + entry.num_steps
+    if not taken:
         why = "it holds no episode"
         if reasons:
             why = f"none of its {len(reasons)} episodes fits: {reasons[0]}"
@@ -92,8 +100,9 @@ def _of_dataset(
             "this robot"
         )
     left = f", {len(reasons)} left out: {reasons[0]}" if reasons else ""
-    tell(f"{path}: {steps:,} steps of {episodes} episodes are replayed{left}")
-    return _side_by_side(columns, int(lengths.max()))
+    full = f", {older} before them have no room: --memory gives more" if older else ""
+    tell(f"{path}: {steps:,} steps of {len(taken)} episodes are replayed{left}{full}")
+    return side_by_side(taken[::-1], place)
 
 
 def _unfit(episode: Episode, env: QuadrupedEnv) -> str:
@@ -127,28 +136,31 @@ def rows_of_episode(episode: Episode) -> Rows:
     return {"obs": episode.obs[:rows], "features": episode.features[taken], **marks}
 
 
-def _side_by_side(columns: list[list[Rows]], rows: int) -> Chunk:
-    """A chunk of columns of whole episodes, behind which nothing is known."""
-    names = ("obs", "features", "starts", "fallen", "cut")
-    first = next(each for column in columns for each in column)
-    made: dict[str, np.ndarray] = {
-        name: np.zeros((rows, len(columns), *first[name].shape[1:]), first[name].dtype)
-        for name in names
-    }
-    made["cut"][:] = made["starts"][:] = True
-    for number, column in enumerate(columns):
-        begin = 0
-        for episode in column:
-            end = begin + len(episode["cut"])
-            for name in names:
-                made[name][begin:end, number] = episode[name]
-            begin = end
-        made["obs"][begin:, number] = first["obs"][0]
-        made["features"][begin:, number] = first["features"][0]
-    return Chunk(**{name: torch.from_numpy(made[name]) for name in names})
+def side_by_side(episodes: list[Rows], place: Place) -> Chunk:
+    """Episodes one after the other, cut into columns of one height; of more than there
+    is room for, the last.
+
+    What follows the end of a column stands in the next one, so its last step is no
+    more known of than what an episode was when its time was up.
+    """
+    columns = place.columns
+    held = {name: np.concatenate([each[name] for each in episodes]) for name in _NAMES}
+    height = min(place.rows, -(-len(held["cut"]) // columns))
+    lacking = max(0, height * columns - len(held["cut"]))
+    made = {}
+    for name, values in held.items():
+        filled = np.concatenate([values, np.repeat(values[-1:], lacking, axis=0)])
+        if name in ("cut", "starts") and lacking:
+            filled[-lacking:] = True
+        filled = filled[-height * columns :].reshape(columns, height, *values.shape[1:])
+        made[name] = np.ascontiguousarray(filled.swapaxes(0, 1))
+    made["starts"][0] = True
+    made["cut"][-1] |= ~made["fallen"][-1]
+    return Chunk(**{name: torch.from_numpy(each) for name, each in made.items()})
 
 
-def _of_memory(path: Path, env: QuadrupedEnv, width: int) -> Chunk:
+def _of_memory(path: Path, place: Place) -> Chunk:
+    env, width = place.env, place.columns
     file = path / RESUME_NAME
     state = read_plain(file)
     if "ring" not in state:
@@ -157,7 +169,7 @@ def _of_memory(path: Path, env: QuadrupedEnv, width: int) -> Chunk:
             "one with --algorithm fastsac, or a data set"
         )
     was = json.loads(state["identity"])
-    for name, own in _identity(env):
+    for name, own in _identity(place):
         if was.get(name) != own:
             raise PolicyError(
                 f"--replay {path}: it was trained with another {name}; give one of "
@@ -175,15 +187,13 @@ def _of_memory(path: Path, env: QuadrupedEnv, width: int) -> Chunk:
             f"--replay {path}: that training took no step yet, and remembers none"
         )
     order = (torch.arange(rows) + int(ring["head"])) % rows
-    parts = {
-        name: ring[name][order].to(env.device)
-        for name in ("obs", "features", "starts", "fallen", "cut")
-    }
+    parts = {name: ring[name][order].to(env.device) for name in _NAMES}
+    parts["starts"][0] = True
     # What follows in this memory is not what followed.
     parts["cut"][-1] |= ~parts["fallen"][-1]
     return Chunk(**parts)
 
 
-def _identity(env: QuadrupedEnv) -> Iterator[tuple[str, object]]:
-    yield "robot", env.robot.model_sha256
-    yield "env", json.loads(json.dumps(to_plain(env.cfg, whole=True)))
+def _identity(place: Place) -> Iterator[tuple[str, object]]:
+    yield "robot", place.robot_sha256
+    yield "env", json.loads(json.dumps(to_plain(place.env.cfg, whole=True)))

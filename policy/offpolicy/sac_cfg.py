@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from data.errors import GaitprefError
@@ -101,6 +102,10 @@ class SacCfg:
         for name in ("memory", "batch", "actor_every", "n_step"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1: {getattr(self, name)}")
+        if not 0.0 < self.updates_per_step < math.inf:
+            raise ValueError(
+                f"updates_per_step must be a number above 0: {self.updates_per_step}"
+            )
         if not 0.0 <= self.gamma < 1.0:
             raise ValueError(f"gamma must lie in [0, 1), got {self.gamma}")
         if not 0.0 < self.std_bounds[0] <= self.first_std <= self.std_bounds[1]:

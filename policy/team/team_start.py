@@ -61,7 +61,12 @@ def _widened_states(
             f"{path} chooses among frozen gaits, which PPO does not train: make a team "
             "of one of its gaits"
         )
-    if info.env.law is not None or info.ppo.recipe is not None:
+    if info.env.law is None and info.ppo.recipe is not None:
+        raise PolicyError(
+            f"the network of {path} is none of PPO's, as that of --algorithm fastsac, "
+            "and a team is trained by PPO: give a policy of PPO"
+        )
+    if info.env.law is not None:
         raise PolicyError(
             f"{path} was brought in from elsewhere, or does not see the velocity of "
             "its base; a team begins from a policy that sees what `gaitpref train` "

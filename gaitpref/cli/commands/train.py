@@ -27,7 +27,7 @@ from gaitpref.console.progress import console, training_bar
 from gaitpref.console.terminal import EXIT_INTERRUPTED
 from gaitpref.raters.criterion_scores import criterion_context
 from gaitpref.training.by_method import Retraining, rows_of
-from gaitpref.training.off_policy_training import off_policy_cfg
+from gaitpref.training.off_policy_training import off_policy_cfg, paid_by_step
 from gaitpref.training.offline_gain import offline_gain
 from gaitpref.training.total_reward import load_score, total_reward
 from policy.engines.with_actors import WithActors
@@ -38,6 +38,7 @@ from policy.extensions.bonus import ExplorationBonusCfg
 from policy.extensions.kl_penalty import KlPenaltyCfg
 from policy.law.law import Term
 from policy.law.own_law import OWN_TERMS, own_law
+from policy.offpolicy.off_policy_runner import OffPolicy
 from policy.parallel.ranks import Ranks
 from policy.rollouts.walking import from_rest
 from policy.training.checkpoint import PolicyError, load_policy
@@ -89,6 +90,8 @@ def _train(command: options.Train, ranks: Ranks) -> int:
         reward_fn = retraining.reward(paid, cfg)
         cfg = retraining.trained(cfg)
     cfg, engine = _engine(command, cfg, ranks)
+    if isinstance(engine, OffPolicy):
+        reward_fn = paid_by_step(reward_fn)
     with training_bar("training", command.total_steps) as bar:
         result = train(
             command.out,

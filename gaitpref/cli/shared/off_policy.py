@@ -39,11 +39,14 @@ def off_policy_of(
             "--most-lag drops steps of older weights, and --algorithm fastsac learns "
             "from all of them: leave one of the two out"
         )
-    sac = SacCfg(
-        memory=command.memory,
-        updates_per_step=command.updates_per_step,
-        priorities=PriorityCfg() if command.prioritised else None,
-    )
+    try:
+        sac = SacCfg(
+            memory=command.memory,
+            updates_per_step=command.updates_per_step,
+            priorities=PriorityCfg() if command.prioritised else None,
+        )
+    except ValueError as error:
+        raise GaitprefError(f"--{str(error).replace('_', '-')}") from None
     if command.offline:
         sac = replace(sac, clone_weight=OFFLINE_CLONE_WEIGHT)
     return OffPolicy(
