@@ -95,7 +95,7 @@ class Scorer(nn.Module):
     def worths(
         self,
         steps: Tensor,
-        scored: Tensor | None,
+        scored: Tensor,
         before: Tensor | None,
         rng: np.random.Generator,
     ) -> tuple[Tensor, Tensor] | None:

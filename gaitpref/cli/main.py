@@ -16,8 +16,10 @@ from data.errors import GaitprefError, RankLost
 from data.files.faults import is_full, told
 from gaitpref.cli.options import options
 from gaitpref.cli.options.bounds import require_bounds
+from gaitpref.cli.options.team_options import TeamTrain
 from gaitpref.console.extras import missing
 from gaitpref.console.terminal import (
+    EXIT_BAD_INPUT,
     EXIT_INTERRUPTED,
     UNSAID,
     complain,
@@ -29,7 +31,6 @@ from gaitpref.console.terminal import (
 from .shared.launched import is_ending, is_launched, is_to_say
 from .usage import WELCOME, did_you_mean, require_command
 
-EXIT_BAD_INPUT = 2
 EXIT_NOT_READ = 141
 """Exit code of a program that SIGPIPE ends."""
 
@@ -98,7 +99,7 @@ def main(args: Sequence[str] | None = None) -> int:
         return _failed(error, command)
     except KeyboardInterrupt:
         is_ending()
-        how = "with --resume " if isinstance(command, options.Train) else ""
+        how = "with --resume " if _resumes(command) else ""
         line = f"interrupted; the same command {how}goes on"
         if is_to_say(line, cause=False):
             complain(line)
@@ -118,10 +119,17 @@ def _failed(error: OSError, command: options.Command | None) -> int:
     line = told(error)
     if line is None:
         raise error
-    if isinstance(command, options.Train) and is_full(error):
+    if _resumes(command) and is_full(error):
         line += " with --resume"
     complain(line)
     return EXIT_BAD_INPUT
+
+
+def _resumes(command: options.Command | None) -> bool:
+    """Whether it only goes on with a training when told to."""
+    if isinstance(command, options.Team):
+        return isinstance(command.action, TeamTrain)
+    return isinstance(command, options.Train)
 
 
 _HOMES: dict[type, tuple[str, str]] = {

@@ -17,6 +17,7 @@ from rich.text import Text
 from data.files.faults import told
 from data.files.shown import shown, shown_lines
 
+EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 """Exit code of a command that the user ended."""
 

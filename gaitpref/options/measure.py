@@ -31,7 +31,8 @@ class Measured:
 
     name: str
     reward: float
-    """Mean return of an episode under the reward, changes paid for."""
+    """Mean return of an episode under the reward, changes paid for. Answers tell no
+    level of it, so by a fitted one who finishes is paid on until the time is up."""
     finished: int
     falls: int
     episodes: int
@@ -125,6 +126,9 @@ def measure(
         shares += torch.bincount(gait[alive], minlength=len(shares))
         before = gait
         alive &= ~dones
+    if reward.shift:
+        left_s = (env_cfg.episode_s - used).clamp_min(0.0)
+        returns += finished * returns / used * left_s
     return Measured(
         name=name,
         reward=float(returns.mean()),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from data.datasets.dataset import Dataset
@@ -41,6 +42,41 @@ def first_team(dataset: Dataset) -> Episode:
             "counted in steps of one rate; keep each in a data set of its own"
         )
     return dataset.read(entries[0].sha256)
+
+
+def require_alike(datasets: Sequence[Dataset]) -> None:
+    """
+    Raises:
+        GaitprefError: one holds no team, or teams of other robots or another rate than
+            the first.
+    """
+    metas = [first_team(dataset).meta for dataset in datasets]
+    first = metas[0]
+    for dataset, meta in zip(datasets, metas, strict=True):
+        one, two = (
+            (each.robot, each.model_sha256, each.control_dt_s) for each in (first, meta)
+        )
+        if one != two:
+            raise GaitprefError(
+                f"{dataset.root} holds teams of {meta.robot} at "
+                f"{1 / meta.control_dt_s:g} Hz, {datasets[0].root} of {first.robot} at "
+                f"{1 / first.control_dt_s:g} Hz: what a robot earns is counted in "
+                "steps of one robot at one rate; fit them apart"
+            )
+
+
+def require_kind(dataset: Dataset, *, team: bool) -> None:
+    """
+    Raises:
+        GaitprefError: the data set holds episodes of the other kind.
+    """
+    others = sum(entry.meta.is_team != team for entry in dataset.entries())
+    if others:
+        ours, theirs = ("teams", "one robot alone")[:: 1 if team else -1]
+        raise GaitprefError(
+            f"{others} episodes of {dataset.root} show {theirs}: keep {ours} in a data "
+            "set of their own, or give another --dataset"
+        )
 
 
 def robot_of_teams(dataset: Dataset) -> tuple[Robot, float]:

@@ -8,6 +8,7 @@ Shapes: N robots, O obstacles, C columns of the field.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
@@ -39,6 +40,8 @@ AHEAD = (
 )
 """What a chooser of gaits sees beside an observation."""
 AHEAD_DIM = sum(part.width for part in AHEAD)
+_GRIP = 0.7
+"""Tangent of the steepest slope that feet hold on; a floor's friction is mostly 0.8."""
 _REACH_M = 0.3
 """From the base to the front and rear feet: an obstacle begins and ends for a robot
 where they do."""
@@ -270,4 +273,10 @@ def stands_on(robot: Robot, cfg: CourseCfg) -> None:
         raise RobotError(
             f"a step of {cfg.step_m * taller:.2f} m is higher than {robot.name} lifts "
             f"its feet; lower step_m to at most {0.4 * stands / taller:.2f}"
+        )
+    steepest = math.atan(_GRIP)
+    if any(o.kind == "slope" for o in cfg.obstacles) and cfg.slope_rad > steepest:
+        raise RobotError(
+            f"on a slope of {cfg.slope_rad:.2f} rad feet slip, whoever climbs: lower "
+            f"slope_rad to at most {steepest:.2f}"
         )

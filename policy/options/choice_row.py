@@ -85,13 +85,13 @@ class ChoiceReward:
         return score
 
     def change_cost(self, control_dt_s: float) -> float:
-        """What one change takes from a return; never less than nothing."""
+        """What one change takes from a return; less than nothing where it is liked."""
         at = self.names.index(CHANGES)
         spike = 1.0 / control_dt_s
         worth = self.linear[at] * spike
         if self.square:
             worth += self.square[at] * spike**2
-        return max(0.0, -worth * control_dt_s)
+        return -worth * control_dt_s
 
 
 TASK = {PROGRESS: 1.0, POWER: -0.0005, CHANGES: -0.05}

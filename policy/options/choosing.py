@@ -42,8 +42,10 @@ class ChoosingCfg:
                 raise ValueError(
                     f"{name} must lie in (0, {_LONGEST_S:g}), got {getattr(self, name)}"
                 )
-        if not math.isfinite(self.interrupt_margin or 0.0):
-            raise ValueError(f"interrupt_margin is {self.interrupt_margin}")
+        if not 0.0 <= (self.interrupt_margin or 0.0) < math.inf:
+            raise ValueError(
+                f"interrupt_margin must be at least 0, got {self.interrupt_margin}"
+            )
         if self.termination == "fixed" and self.length_s < self.look_s:
             raise ValueError(
                 f"a gait of {self.length_s:g} s ends before the next look at "

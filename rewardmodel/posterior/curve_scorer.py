@@ -138,7 +138,7 @@ class PosteriorScorer(CurvesScorer):
     def worths(
         self,
         steps: Tensor,
-        scored: Tensor | None,
+        scored: Tensor,
         before: Tensor | None,
         rng: np.random.Generator,
     ) -> tuple[Tensor, Tensor]:

@@ -17,6 +17,7 @@ from torch import Tensor
 from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from data.features import FEATURE_DIM, column
+from gaitpref.cli.main import main
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import CommandCfg, EnvCfg, TerrainCfg
 from policy.offpolicy import ring as ring_module
@@ -405,3 +406,14 @@ def test_an_earlier_memory_is_scored_by_the_present_reward(
     expected = ring["features"][..., HEIGHT][..., 0] * ~ring["cut"]
     assert torch.equal(ring["reward"], expected)
     assert (ring["version"] == 0).all()
+
+
+@pytest.mark.parametrize("per_step", ["0", "-1", "nan", "inf"])
+def test_updates_that_are_none_are_refused(
+    per_step: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    given = ["train", "--out", str(out), "--reward", "task", "--algorithm", "fastsac"]
+    assert main([*given, f"--updates-per-step={per_step}"]) == 2
+    assert "--updates-per-step must be a number above 0" in capsys.readouterr().err
+    assert not out.exists()

@@ -296,11 +296,30 @@ def test_the_command_says_what_is_wrong_in_one_line(
         ([*both, "--wish", "speed=1"], "no column 'speed'; there are: a:open"),
         ([*both, "--wish", "power_w=much"], "give NAME=NUMBER"),
         ([*both, "--bar-m", "0.1"], "raise bar_m to at least"),
+        ([*both, "--slope-rad", "0.9"], "feet slip"),
+        ([*both, "--interrupt", "-1"], "interrupt_margin must be at least 0"),
+        ([*both, "--answers", "50"], "--wish gives them; leave it out"),
+        ([*both, "--wish", "power_w=-1", "--answers", "999"], "32 clips make 496"),
+        ([*both, "--course", "bar", "--slope-rad", "0.1"], "no slope on the course"),
+        (
+            [*both, "--termination", "learned", "--length-s", "2"],
+            "--length-s: --termination learned says",
+        ),
     ):
         assert main(["options", *given, *out]) == 2
         (line,) = capsys.readouterr().err.splitlines()
         assert said in line
     assert not (tmp_path / "out").exists()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/policy.pt").write_bytes(WALK.read_bytes())
+    assert main(["options", *both, "--wish", "power_w=-1", *out]) == 2
+    assert "holds another policy" in capsys.readouterr().err
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["policy.pt"]
+
+
+def test_a_liking_for_changes_is_paid() -> None:
+    reward = written_reward({"changes_per_s": 1.0}, ("walk", "crouch"), "wish")
+    assert reward.change_cost(0.02) == pytest.approx(-1.0)
 
 
 def test_a_training_goes_on_bit_for_bit(gaits: Gaits, tmp_path: Path) -> None:

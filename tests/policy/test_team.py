@@ -27,6 +27,7 @@ from data.errors import CorruptEpisode, GaitprefError
 from data.features import FEATURE_DIM, column
 from gaitpref.cli.main import main
 from gaitpref.team.team_pay import SharedPay
+from gaitpref.team.team_sets import require_alike, require_kind
 from labeling_ui.scene.geometry import instance_poses, robot_geometry
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg
@@ -378,6 +379,7 @@ def test_each_way_to_pay_trains_and_goes_on(
     assert main(["team", "train", *out, *small]) == 2
     assert main(["team", "train", *out, *small, "--steps", "288", "--resume"]) == 0
     policy = str(tmp_path / "shares" / "policy.pt")
+    fresh = ["team", "train", "--out", str(tmp_path / "fresh"), "--reward", "task"]
     capsys.readouterr()
     for args, words in (
         (["evaluate", "--policy", policy], "in a team of two"),
@@ -386,6 +388,33 @@ def test_each_way_to_pay_trains_and_goes_on(
         (["team", "shares", "--reward", str(tmp_path), *given], "no reward of a team"),
         (["team", "answer", *given, "--criterion", "dance"], "is called 'dance'"),
         (["fit", *given, "--out", str(tmp_path / "y")], "`gaitpref team fit --dataset"),
+        (["record", *given, "--episodes", "1"], "show teams: keep one robot alone in"),
+        ([*fresh, "--pay", "same"], "pays both alike"),
+        ([*fresh, "--weight", "2"], "a reward beside the task"),
+        ([*fresh, "--robots", "5"], "give an even number"),
     ):
         assert main(args) == 2, args
         assert words in capsys.readouterr().err
+    assert not (tmp_path / "fresh" / "start.pt").exists()
+
+
+def test_sets_of_other_teams_are_not_mixed(
+    dataset: Dataset, episodes: Sequence[Episode], tmp_path: Path
+) -> None:
+    """Nor are teams and robots alone, whichever came first."""
+    other = Dataset.create(tmp_path / "slow")
+
+    def slow(episode: Episode) -> Episode:
+        meta = replace(episode.meta, control_dt_s=0.04)
+        mate = episode.mate and replace(
+            episode.mate, meta=replace(episode.mate.meta, control_dt_s=0.04)
+        )
+        return replace(episode, meta=meta, mate=mate)
+
+    other.add_episodes([slow(episodes[0])])
+    with pytest.raises(GaitprefError, match=r"at 25 Hz, .* at 50 Hz: .*them apart"):
+        require_alike([dataset, other])
+    alone = Dataset.create(tmp_path / "alone")
+    require_kind(alone, team=True)
+    with pytest.raises(GaitprefError, match="show teams: keep one robot alone in"):
+        require_kind(dataset, team=False)

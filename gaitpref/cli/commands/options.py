@@ -28,7 +28,7 @@ from policy.options.choosing import ChoosingCfg
 from policy.rollouts.record import record
 from policy.rollouts.record_cfg import RecordCfg
 from policy.training.checkpoint import load_policy
-from policy.training.training_dir import POLICY_NAME
+from policy.training.training_dir import POLICY_NAME, RESUME_NAME
 
 UNTAUGHT_NAME, DATASET_NAME = "untaught.pt", "dataset"
 _LENGTHS_M = {"steps": 2.0, "bar": 0.4, "slope": 1.2}
@@ -47,6 +47,7 @@ def run(command: options.Options) -> int:
             "simulated rater; leave one out"
         )
     wish = None if command.wish is None else parse_wish(command.wish)
+    _require_used(command)
     with working("loading the gaits"):
         gaits = load_gaits(files)
     cfg = _cfg(command)
@@ -78,6 +79,36 @@ def _learn(
         "to be judged"
     )
     return 0
+
+
+def _require_used(command: options.Options) -> None:
+    """
+    Raises:
+        GaitprefError: an option is about what is not there, or the place is taken.
+    """
+    kinds = ("steps", "bar", "slope")
+    of_kind = zip(("step_m", "bar_m", "slope_rad"), kinds, strict=True)
+    unused = [
+        (name, f"there is no {kind} on the course")
+        for name, kind in of_kind
+        if kind not in command.course
+    ]
+    if command.wish is None:
+        unused.append(("answers", "--wish gives them"))
+    if command.termination == "learned":
+        unused.append(("length_s", "--termination learned says when a gait ends"))
+    for name, why in unused:
+        if getattr(command, name) != getattr(options.Options, name):
+            raise GaitprefError(f"--{name.replace('_', '-')}: {why}; leave it out")
+    most = _CLIPS * (_CLIPS - 1) // 2
+    if command.answers > most:
+        raise GaitprefError(
+            f"--answers {command.answers}: {_CLIPS} clips make {most} pairs; ask for "
+            "fewer"
+        )
+    taken = (command.out / POLICY_NAME).exists()
+    if taken and not (command.out / RESUME_NAME).exists():
+        raise GaitprefError(f"{command.out} holds another policy: give another --out")
 
 
 def _cfg(command: options.Options) -> OptionsCfg:

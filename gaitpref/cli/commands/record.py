@@ -9,6 +9,7 @@ from gaitpref.cli.options import options
 from gaitpref.cli.shared.by_hand import METHODS, told_without_method
 from gaitpref.cli.shared.next_of_answers import next_pairs
 from gaitpref.console.progress import console, counting_bar
+from gaitpref.team.team_sets import require_kind
 from gaitpref.training.by_method import recorded_by
 from policy.robots.shipped import WALK
 from policy.rollouts.record import record
@@ -55,6 +56,7 @@ def run(command: options.Record) -> int:
     load_policy(policy)
     cfg = _record_cfg(command)
     dataset = Dataset.create(command.dataset)
+    require_kind(dataset, team=False)
     with counting_bar("recording", cfg.episodes) as bar:
 
         def counted():

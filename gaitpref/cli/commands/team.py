@@ -33,7 +33,8 @@ from gaitpref.team.team_criteria import team_criterion
 from gaitpref.team.team_pay import CriterionPay, SharedPay
 from gaitpref.team.team_sets import (
     context_of_teams,
-    first_team,
+    require_alike,
+    require_kind,
     robot_of_teams,
     standing_of,
 )
@@ -89,6 +90,7 @@ def _train(command: options.TeamTrain) -> int:
             f"{command.out} holds a training run: --resume goes on with it, or give "
             "another --out"
         )
+    _require_possible(command)
     start = _start(command)
     policy = load_policy(start)
     info, robot = policy.info, policy.robot()
@@ -131,6 +133,31 @@ def _train(command: options.TeamTrain) -> int:
         "records what people can judge"
     )
     return 0
+
+
+def _require_possible(command: options.TeamTrain) -> None:
+    """
+    Raises:
+        GaitprefError: options that do not go together, before anything is written.
+    """
+    learned = Path(command.reward).is_dir()
+    if learned:
+        load_team(Path(command.reward))
+    if command.pay != options.TeamTrain.pay and not learned:
+        raise GaitprefError(
+            f"--pay {command.pay} is of a learned reward, whose shares are known, and "
+            f"--reward {command.reward} pays both alike: give the directory of "
+            "`gaitpref team fit`, or leave it out"
+        )
+    if command.weight != options.TeamTrain.weight and command.reward == "task":
+        raise GaitprefError(
+            f"--weight {command.weight:g} is of a reward beside the task: give another "
+            "--reward, or leave it out"
+        )
+    if command.robots % 2:
+        raise GaitprefError(
+            f"--robots {command.robots}: two walk in every world; give an even number"
+        )
 
 
 def _start(command: options.TeamTrain) -> Path:
@@ -200,6 +227,7 @@ def _record(command: options.TeamRecord) -> None:
         lazy_robot=command.lazy_robot,
     )
     dataset = Dataset.create(command.dataset)
+    require_kind(dataset, team=True)
     with working(f"recording {cfg.episodes} episodes"):
         episodes = record_team(policy, cfg, seed=command.seed, round=command.round)
         entries = dataset.add_episodes(episodes)
@@ -236,8 +264,7 @@ def _answer(command: options.TeamAnswer) -> None:
 def _fit(command: options.TeamFit) -> None:
     require_directory(command.out, TEAM_FILES)
     datasets = [Dataset.open(path) for path in command.dataset]
-    for dataset in datasets:
-        first_team(dataset)
+    require_alike(datasets)
     pairs = load_pairs(datasets)
     with working(f"fitting a reward of teams to {len(pairs)} answers"):
         model = fit_team(pairs, rows_in(datasets), seed=command.seed)

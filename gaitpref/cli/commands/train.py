@@ -21,10 +21,14 @@ from gaitpref.cli.shared.by_hand import (
     told_without_method,
 )
 from gaitpref.cli.shared.launched import ranks_of_launch
-from gaitpref.cli.shared.off_policy import off_policy_of, told_of_distance
+from gaitpref.cli.shared.off_policy import (
+    is_too_far,
+    off_policy_of,
+    told_of_distance,
+)
 from gaitpref.cli.shared.simulator import sim_of
 from gaitpref.console.progress import console, training_bar
-from gaitpref.console.terminal import EXIT_INTERRUPTED
+from gaitpref.console.terminal import EXIT_BAD_INPUT, EXIT_INTERRUPTED
 from gaitpref.raters.criterion_scores import criterion_context
 from gaitpref.training.by_method import Retraining, rows_of
 from gaitpref.training.off_policy_training import off_policy_cfg, paid_by_step
@@ -117,6 +121,8 @@ def _train(command: options.Train, ranks: Ranks) -> int:
     if told := told_of_distance(result.stats):
         console.print(told)
         _tell_gain(command, result.policy, setting, cfg.env, reward_fn)
+        if is_too_far(result.stats):
+            return EXIT_BAD_INPUT
     if ranks.is_first and command.reward == "task" and not command.getup:
         _tell_standing(result.policy)
     if ranks.is_first:

@@ -14,6 +14,8 @@ from policy.offpolicy.sac_cfg import OFFLINE_CLONE_WEIGHT, PriorityCfg, SacCfg
 from policy.parallel.ranks import Ranks
 from policy.training.ppo import IterationStats
 
+_DISTANCE = "offline/action_distance"
+
 
 def off_policy_of(
     command: options.Train,
@@ -58,12 +60,17 @@ def off_policy_of(
     )
 
 
+def is_too_far(stats: IterationStats | None) -> bool:
+    """Whether a policy that was learned offline left the data behind."""
+    return bool(stats and stats.scalars.get(_DISTANCE, 0.0) >= TOO_FAR)
+
+
 def told_of_distance(stats: IterationStats | None) -> str:
     """What to say of a policy that was learned offline; empty where it is sound."""
-    found = stats.scalars.get("offline/action_distance") if stats else None
+    found = stats.scalars.get(_DISTANCE) if stats else None
     if found is None:
         return ""
-    if found < TOO_FAR:
+    if not is_too_far(stats):
         return (
             f"its actions differ from those in memory by {found:.2f} of what two of "
             "them differ by"
