@@ -10,6 +10,7 @@ import numpy as np
 
 from data.answers.answer_records import Pair
 from data.answers.curation import answers_heard
+from data.answers.strategy_names import ARENA
 from data.datasets.dataset import Dataset, EpisodeEntry
 from data.episodes.clips import Clip
 from data.errors import GaitprefError
@@ -19,8 +20,6 @@ from policy.training.checkpoint import load_policy
 from rewardmodel.asking.clip_questions import ClipCfg, clips_of
 
 from .strengths import Match
-
-STRATEGY = "arena"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +107,7 @@ def questions(
         sides = [clips[shared[number]] for clips in both]
         if frozenset(sides) not in asked:
             a, b = sides if rng.random() < 0.5 else sides[::-1]
-            yield Pair.make(a, b, strategy=STRATEGY, round=0)
+            yield Pair.make(a, b, strategy=ARENA, round=0)
 
 
 def _clips(
@@ -140,7 +139,7 @@ def answered(dataset: Dataset, players: Sequence[Player]) -> list[Answered]:
     for pair, answer in given:
         a, b = (entries.get(clip.rollout) for clip in (pair.a, pair.b))
         score = {"a": 1.0, "b": 0.0, "equal": 0.5}.get(answer.choice)
-        if pair.strategy != STRATEGY or score is None or a is None or b is None:
+        if pair.strategy != ARENA or score is None or a is None or b is None:
             continue
         first = numbers.get(a.meta.policy_sha256)
         second = numbers.get(b.meta.policy_sha256)

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from data.answers.answer_records import Pair
+from data.answers.strategy_names import APPROVAL
 from data.datasets.dataset import Dataset, EpisodeEntry
 from data.files.files import read_json
 from gaitpref.console.progress import console
@@ -31,7 +32,6 @@ from .loop_cfg import LoopCfg
 from .people import People
 from .run_dir import Round, seed_of
 from .show_stage import (
-    STRATEGY,
     labels_kept,
     labels_planned,
     pairs_of_both,
@@ -100,7 +100,7 @@ def _add_pairs(
     chosen: list[Pair] = []
     both = to_compare(cfg.method, round, context)
     if both and cfg.method.accept:
-        judged = sum(pair.strategy == STRATEGY for pair in before)
+        judged = sum(pair.strategy == APPROVAL for pair in before)
         most = min(count, cfg.method.accept.noisy_labels - judged)
         shas = (policy.sha256 for policy in both)
         beside = pairs_of_both(cfg, round, dataset, *shas, known=known)

@@ -11,6 +11,7 @@ import numpy as np
 
 from data.answers.answer_records import Pair
 from data.answers.curation import answers_heard
+from data.answers.strategy_names import APPROVAL
 from data.datasets.dataset import Dataset
 from data.episodes.clips import Clip
 from data.files.files import read_json, write_atomically
@@ -30,7 +31,6 @@ from .loop_cfg import LoopCfg
 from .people import People
 from .run_dir import Round, began_from, place_of, seed_of
 
-STRATEGY = "approval"
 _EPISODES = 10
 """Episodes of either policy: two of every command that is recorded."""
 _LEAST_CLIP_S = 0.1
@@ -159,7 +159,7 @@ def pairs_of_both(
             continue
         sides = (clip, beside) if rng.random() < 0.5 else (beside, clip)
         pair = in_step(
-            Pair.make(*sides, strategy=STRATEGY, round=round.number),
+            Pair.make(*sides, strategy=APPROVAL, round=round.number),
             entries,
             dataset.clip_features,
             reach_s=cfg.clips.stride_s / 2,
@@ -186,7 +186,7 @@ def duel_of(round: Round, dataset: Dataset, new: str, old: str) -> Duel:
     said: dict[str, set[str | None]] = {}
     for pair, answer in answers:
         both = {played.get(pair.a.rollout), played.get(pair.b.rollout)}
-        if pair.strategy != STRATEGY or both != {new, old}:
+        if pair.strategy != APPROVAL or both != {new, old}:
             continue
         if answer.choice in ("a", "b"):
             clip = pair.a if answer.choice == "a" else pair.b

@@ -16,7 +16,13 @@ from torch import Tensor
 
 from data.answers.answer_records import Pair
 from data.answers.rater_habits import Sides
-from data.answers.strategy_names import ASKED_AGAIN, DRIVEN, NEEDS_MODEL
+from data.answers.strategy_names import (
+    APPROVAL,
+    ARENA,
+    ASKED_AGAIN,
+    DRIVEN,
+    NEEDS_MODEL,
+)
 from data.datasets.dataset import Dataset
 from data.episodes.clips import Clip
 from rewardmodel.errors import RewardError
@@ -133,9 +139,9 @@ class AnsweredPairs:
 
     @property
     def at_random(self) -> Tensor:
-        """[B] bool: no reward chose the pair for being hard, and no person for what it
-        shows."""
-        chosen = (*NEEDS_MODEL, ASKED_AGAIN, DRIVEN)
+        """[B] bool: no reward chose the pair for being hard, no person for what it
+        shows, and nobody to compare two policies."""
+        chosen = (*NEEDS_MODEL, ASKED_AGAIN, DRIVEN, APPROVAL, ARENA)
         return torch.tensor([name not in chosen for name in self.strategies])
 
     @property

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 import torch
 
+from data.answers.strategy_names import APPROVAL
 from data.datasets.dataset import Dataset
 from data.features import FEATURE_DIM, column
 from gaitpref.loop.loop_cfg import LoopCfg
@@ -18,7 +19,6 @@ from gaitpref.loop.people import People
 from gaitpref.loop.policy_stage import policy_stage
 from gaitpref.loop.run import run_loop
 from gaitpref.loop.run_dir import Round
-from gaitpref.loop.show_stage import STRATEGY
 from gaitpref.loop.standstill import seen_standing, standstill_before
 from gaitpref.method.context import RoundContext
 from gaitpref.method.unstick import Optimism
@@ -308,7 +308,7 @@ def test_who_leaves_a_standstill_is_not_judged_and_the_page_says_so(
         report = json.loads(round.report.read_text())
         assert ("standstill" in report) == (round.number in left)
     with Dataset.open(run / "dataset").answers() as store:
-        judged = {pair.round for pair in store.pairs() if pair.strategy == STRATEGY}
+        judged = {pair.round for pair in store.pairs() if pair.strategy == APPROVAL}
     assert 3 in judged
     assert not judged & set(left)
     assert "the robot went nowhere" in (run / "report/index.html").read_text()

@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 import torch
 
+from data.answers.strategy_names import APPROVAL
 from data.datasets.dataset import Dataset
 from gaitpref.loop.loop_cfg import LoopCfg
 from gaitpref.loop.report_stage import began_with
 from gaitpref.loop.run import run_loop
 from gaitpref.loop.run_dir import Round, seed_of
-from gaitpref.loop.show_stage import STRATEGY
 from gaitpref.method.acceptance import Compared, Duel
 from gaitpref.raters.rater_cfg import RaterCfg
 from gaitpref.report.verdict import Verdict
@@ -188,7 +188,7 @@ def test_a_style_is_judged_at_its_end_and_not_before(
     assert (found["stays"], found["word"]) == (0, "not better")
     with Dataset.open(run / "dataset").answers() as store:
         pairs = store.pairs()
-    judged = [pair.round for pair in pairs if pair.strategy == STRATEGY]
+    judged = [pair.round for pair in pairs if pair.strategy == APPROVAL]
     assert judged == [1] * 4
 
 
@@ -221,7 +221,7 @@ def test_each_pair_shows_both_policies_under_one_command(
     commands: dict[frozenset[str], list[tuple[float, ...]]] = {}
     for pair in pairs:
         metas = [dataset.entry(clip.rollout).meta for clip in (pair.a, pair.b)]
-        assert pair.strategy == STRATEGY
+        assert pair.strategy == APPROVAL
         shown = frozenset(str(meta.policy_sha256) for meta in metas)
         assert shown in ({new, old}, {new, first}, {old, first})
         assert metas[0].command == metas[1].command
@@ -259,7 +259,7 @@ def test_training_goes_on_from_the_policy_that_was_preferred(
             shown = {
                 dataset.entry(clip.rollout).meta.policy_sha256
                 for pair in store.pairs(round=round)
-                if pair.strategy == STRATEGY
+                if pair.strategy == APPROVAL
                 for clip in (pair.a, pair.b)
             }
             compared.append(shown)

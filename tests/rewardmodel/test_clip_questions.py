@@ -12,6 +12,7 @@ import torch
 
 from benchmarks.walks import walk, walking_dataset
 from data.answers.answer_records import Answer, Choice, Pair
+from data.answers.strategy_names import APPROVAL
 from data.datasets.dataset import Dataset
 from data.episodes.clips import Clip
 from data.episodes.episode import Episode
@@ -21,7 +22,7 @@ from gaitpref.cli.main import main
 from gaitpref.cli.options.options import Loop
 from gaitpref.cli.shared.loop_arguments import resolve
 from gaitpref.loop.run_dir import Round
-from gaitpref.loop.show_stage import STRATEGY, duel_of, pairs_of_both
+from gaitpref.loop.show_stage import duel_of, pairs_of_both
 from gaitpref.method.acceptance import Duel
 from labeling_ui.page.panel_html import command_words
 from labeling_ui.scene.clip_motion import MotionCache
@@ -152,7 +153,7 @@ def test_beside_people_a_program_has_no_say_about_policies(tmp_path: Path) -> No
     sides = Clip(first.sha256, 0, 100), Clip(second.sha256, 0, 100)
     later = Clip(first.sha256, 50, 100), Clip(second.sha256, 50, 100)
     round = Round(tmp_path / "run", 1)
-    pairs = [Pair.make(*both, strategy=STRATEGY, round=1) for both in (sides, later)]
+    pairs = [Pair.make(*both, strategy=APPROVAL, round=1) for both in (sides, later)]
     with dataset.answers() as store:
         store.add_pairs(pairs)
         store.add_rater("program:x", "model")
