@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from data.answers.rater_habits import Sides
-from rewardmodel.measures.rater_reliability import HARDLY_LOOKS
+from rewardmodel.answers.likelihood import HARDLY_LOOKS
 from rewardmodel.models.fit_report import FitReport
 from rewardmodel.trust.alarms import (
     ENOUGH,

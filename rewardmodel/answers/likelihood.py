@@ -29,6 +29,10 @@ _USUAL = 10.0
 """Answers, as many of each kind, that are expected of a rater besides those given."""
 
 
+HARDLY_LOOKS = 0.7
+"""Share of random answers from which on those of a rater do not measure a reward."""
+
+
 @dataclass(frozen=True, eq=False)
 class Errors:
     """How the answers that are not meant come about."""

@@ -94,8 +94,12 @@ def fit_reward(
         )
         foreseen = foreseen.subset(judged.measuring[held_out])
         held_out &= judged.measuring
+    measured_by = answers
+    if scorer.error_share_found is not None and not judged.raters:
+        errors = errors_alike(answers, cfg, cfg.error_share)
+        measured_by = answers.with_errors(errors)
     report = report_of(
-        answers.described,
+        measured_by.described,
         leads_by(scorer.payer, answers.described, normaliser).mean(dim=0),
         held_out,
         foreseen,

@@ -18,14 +18,12 @@ import torch
 from torch import Tensor
 
 from rewardmodel.answers.answered_pairs import AnsweredPairs
-from rewardmodel.answers.likelihood import Errors, guesses_of
+from rewardmodel.answers.likelihood import HARDLY_LOOKS, Errors, guesses_of
 from rewardmodel.cfg import FitCfg
 from rewardmodel.models.kinds import prepare_closely
 from rewardmodel.posterior.fit_posterior import shares_of_raters
 from rewardmodel.prepared.prepared import Prepared
 
-HARDLY_LOOKS = 0.7
-"""Share of random answers from which on those of a rater do not measure a reward."""
 _PLENTY = 400
 """Answers from which on every second, third, ... of each rater is looked at."""
 

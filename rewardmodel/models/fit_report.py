@@ -49,7 +49,7 @@ class FitReport:
     """Mean squared error of their probabilities at that temperature."""
     raters: tuple[tuple[str, float], ...] = ()
     """Share of random answers of every rater, as estimated; empty where one answered
-    alone. Who hardly looks (`HARDLY_LOOKS` in `measures.rater_reliability`) is not
+    alone. Who hardly looks (`HARDLY_LOOKS` in `answers.likelihood`) is not
     among the held-out answers."""
     agreement: float | None = None
     """Mean rank correlation, over pairs of ensemble members, of the returns of the

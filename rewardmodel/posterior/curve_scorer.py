@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from rewardmodel.answers.clip_batch import PAST_STEPS
+from rewardmodel.answers.likelihood import HARDLY_LOOKS
 from rewardmodel.descriptors.per_leg import CONTACTS
 from rewardmodel.opinions.occupancy import NODES, along, occupancy
 from rewardmodel.opinions.opinions import SHAPES, Opinions, habit_of
@@ -115,14 +116,22 @@ class PosteriorScorer(CurvesScorer):
         self.register_buffer("error_share", torch.zeros(num_particles))
         self._tables: tuple[Tensor, MeanScorer] | None = None
 
-    def hold(self, found: Hypotheses, opinions: Opinions, ranges: Ranges) -> None:
-        """Take over what was found."""
+    def hold(
+        self,
+        found: Hypotheses,
+        opinions: Opinions,
+        ranges: Ranges,
+        answers_of: Tensor,
+    ) -> None:
+        """Take over what was found of raters who gave `answers_of` [R] answers."""
         self.ranges.load_state_dict(ranges.state_dict())
         scaled = found.scaled(opinions) / opinions.unit[found.opinion]
         self.opinion.copy_(found.opinion)
         self.weight.copy_(scaled * found.sharpness[:, None])
         self.sharpness.copy_(found.sharpness)
-        self.error_share.copy_(found.error_share.mean(dim=1))
+        looking = found.error_share.mean(dim=0) < HARDLY_LOOKS
+        counts = answers_of * (looking if looking.any() else ~looking)
+        self.error_share.copy_(found.error_share @ (counts / counts.sum()))
         self._tables = None
 
     def require_sound(self) -> None:
@@ -132,7 +141,8 @@ class PosteriorScorer(CurvesScorer):
 
     @property
     def error_share_found(self) -> float:
-        """Half of the particles think of more."""
+        """Half of the particles think of more, in the mean over the answers of raters
+        who look."""
         return round(float(self.error_share.median()), 3)
 
     def worths(

@@ -30,7 +30,9 @@ def fit_posterior(
     pool, settings = pool_of(prepared), cfg.posterior
     posterior = posterior_of(prepared, cfg, generator)
     scorer = PosteriorScorer(settings.num_particles, settings.num_members)
-    scorer.hold(posterior.found, pool.opinions, pool.ranges)
+    raters = posterior.found.error_share.shape[1]
+    answers_of = prepared.described.errors.rater.bincount(minlength=raters)
+    scorer.hold(posterior.found, pool.opinions, pool.ranges, answers_of)
     return scorer
 
 

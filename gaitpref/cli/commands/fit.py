@@ -31,11 +31,11 @@ from gaitpref.raters.rater_groups import answers_for
 from gaitpref.report.findings import findings_of_fit
 from gaitpref.report.fit_summary import fit_summary
 from rewardmodel.answers.answered_pairs import load_pairs
+from rewardmodel.answers.likelihood import HARDLY_LOOKS
 from rewardmodel.cfg import FitCfg
 from rewardmodel.extensions.questions.unanswered import unanswered_pairs
 from rewardmodel.extensions_cfg import LabelFilterCfg, SemiSupervisedCfg
 from rewardmodel.fitting.fit_reward import fit_reward
-from rewardmodel.measures.rater_reliability import HARDLY_LOOKS
 from rewardmodel.models.storage import REWARD_NAMES, load_reward, save_reward
 
 

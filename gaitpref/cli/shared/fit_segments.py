@@ -17,8 +17,8 @@ from gaitpref.cli.options import options
 from gaitpref.console.progress import console, working
 from gaitpref.report.findings import findings_of_fit
 from gaitpref.report.fit_summary import fit_summary
+from rewardmodel.answers.likelihood import HARDLY_LOOKS
 from rewardmodel.fitting.tables import TABLE_KINDS, TableKind, TableReward, fit_table
-from rewardmodel.measures.rater_reliability import HARDLY_LOOKS
 
 REPORT_NAME, WORTH_NAME, WEIGHTS_NAME = "report.json", "segments.csv", "weights.csv"
 _NAMES = (REPORT_NAME, WORTH_NAME, WEIGHTS_NAME)
