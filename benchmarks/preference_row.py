@@ -102,9 +102,12 @@ def _row(
     learned = measure(last, last, score, episodes=places.episodes)
     references = _references(cell, cfg, base, places)
     start, true = references["start"]["return_mean"], references["true"]["return_mean"]
-    report = json.loads((run / f"rounds/{cfg.rounds - 1:02d}/report.json").read_text())
-    fit = report["fit"]
-    ended = json.loads((run / f"rounds/{cfg.rounds:02d}/report.json").read_text())
+    reports = [
+        json.loads((run / f"rounds/{number:02d}/report.json").read_text())
+        for number in range(cfg.rounds + 1)
+    ]
+    *_, before, ended = reports
+    fit = before["fit"]
     return {
         **asdict(cell),
         "criterion": cfg.criterion,
@@ -121,6 +124,7 @@ def _row(
         "ece": fit["held_out_ece"],
         "answers_used": fit["answers"],
         "verdict": ended.get("verdict", {}).get("word"),
+        "alarms": sum(len(each.get("trust", {}).get("alarms", ())) for each in reports),
         **on_fresh_pairs(run, cfg, _criterion(cfg, last)),
         "steps": steps_of(cfg),
     }
