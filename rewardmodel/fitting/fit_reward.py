@@ -26,8 +26,17 @@ from rewardmodel.linear.noise_level import (
     settled,
     takes_to_err,
 )
-from rewardmodel.measures.calibration import calibration, counting, fit_temperature
-from rewardmodel.measures.held_out import fold_of, held_out_predictions
+from rewardmodel.measures.calibration import (
+    calibration,
+    cooled_apart,
+    counting,
+    fit_temperature,
+)
+from rewardmodel.measures.held_out import (
+    fold_of,
+    folds_of,
+    held_out_predictions,
+)
 from rewardmodel.measures.rater_reliability import Judged, judge
 from rewardmodel.models.ensemble import fit_ensemble
 from rewardmodel.models.fit_report import FitReport as FitReport
@@ -106,6 +115,7 @@ def fit_reward(
         cfg,
         time.perf_counter() - started_s,
         at_random=pairs.at_random,
+        fold=folds_of(pairs.episodes, cfg),
         without_target=pairs.num_without_target,
     )
     report = replace(
@@ -136,6 +146,7 @@ def no_reward(pairs: AnsweredPairs, cfg: FitCfg) -> tuple[RewardModel, FitReport
         cfg,
         time.perf_counter() - started_s,
         at_random=pairs.at_random,
+        fold=folds_of(pairs.episodes, cfg),
         without_target=pairs.num_without_target,
     )
     seen = frozenset(sha256 for pair in pairs.episodes for sha256 in pair)
@@ -192,6 +203,7 @@ def report_of(
     seconds: float,
     *,
     at_random: Tensor,
+    fold: Tensor,
     without_target: int = 0,
 ) -> FitReport:
     """What there is to say of a fit.
@@ -204,13 +216,15 @@ def report_of(
         cfg: How it was fitted.
         seconds: How long that took.
         at_random: [B] bool, those no reward chose for being hard.
+        fold: [B] in which each was foreseen.
         without_target: Answers left out.
     """
     right, preferences = _count_right(fitted.target, lead)
     held_out, at_random = fitted.subset(asked), at_random[asked]
     counts = counting(at_random, held_out.target, erring=takes_to_err(cfg))
     temperature = fit_temperature(foreseen.logit, held_out.target, counts)
-    found = calibration(foreseen.logit / temperature, held_out.target, counts)
+    cooled = cooled_apart(foreseen.logit, held_out.target, counts, fold[asked])
+    found = calibration(cooled, held_out.target, counts)
     drawn_right, drawn = _count_right(
         held_out.target[at_random], foreseen.lead[at_random]
     )

@@ -26,7 +26,7 @@ from rewardmodel.cfg import FitCfg, LinearCfg
 from rewardmodel.descriptors.normaliser import Normaliser
 from rewardmodel.errors import RewardError
 from rewardmodel.linear.noise_level import errors_alike, noise_level, settled
-from rewardmodel.measures.held_out import held_out_predictions
+from rewardmodel.measures.held_out import folds_of, held_out_predictions
 from rewardmodel.models.ensemble import fit_ensemble
 from rewardmodel.models.fit_report import FitReport
 from rewardmodel.models.kinds import kind_called
@@ -195,6 +195,7 @@ def fit_measured(
         foreseen,
         found,
         time.perf_counter() - started_s,
+        fold=folds_of(names, cfg),
         at_random=(
             torch.ones(len(prepared), dtype=torch.bool)
             if at_random is None

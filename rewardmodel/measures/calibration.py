@@ -97,6 +97,20 @@ def fit_temperature(logit: Tensor, target: Tensor, counts: Tensor) -> float:
     return float(tried[cost.argmin()].exp())
 
 
+def cooled_apart(
+    logit: Tensor, target: Tensor, counts: Tensor, group: Tensor
+) -> Tensor:
+    """Held-out logits [B], each divided by the temperature of the answers of all groups
+    but its own, of `group` [B]: what fits a number is no measure of it."""
+    cooled = logit.clone()
+    for own in group.unique():
+        others = group != own
+        cooled[~others] /= fit_temperature(
+            logit[others], target[others], counts[others]
+        )
+    return cooled
+
+
 def calibration(
     logit: Tensor, target: Tensor, counts: Tensor | None = None
 ) -> Calibration | None:

@@ -6,6 +6,7 @@ Shapes: B pairs.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
@@ -23,6 +24,11 @@ def fold_of(sha256: str, folds: int = 5) -> int:
     """The group of an episode: the same in every round and on every machine."""
     digest = hashlib.sha256(sha256.encode()).digest()
     return int.from_bytes(digest[:8]) % folds
+
+
+def folds_of(episodes: Sequence[tuple[str, str]], cfg: FitCfg) -> Tensor:
+    """[B] group of the left episode of each pair."""
+    return torch.tensor([fold_of(left, cfg.folds) for left, _ in episodes])
 
 
 def held_out_predictions(

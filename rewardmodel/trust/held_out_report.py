@@ -20,11 +20,12 @@ from rewardmodel.linear.noise_level import takes_to_err
 from rewardmodel.measures.calibration import (
     Calibration,
     calibration,
+    cooled_apart,
     counting,
     fit_temperature,
 )
 from rewardmodel.measures.held_out import (
-    fold_of,
+    folds_of,
     held_out_predictions,
     prediction_without,
 )
@@ -186,15 +187,9 @@ def _summary(
     lead, logit = opinion.lead, opinion.logit
     target = pairs.target if pairs else torch.empty(0)
     episodes = pairs.episodes if pairs else ()
-    group = torch.tensor([fold_of(left, cfg.folds) for left, _ in episodes])
+    group = folds_of(episodes, cfg)
     at_random = pairs.at_random if pairs else torch.empty(0, dtype=torch.bool)
     counts = counting(at_random, target, erring=takes_to_err(cfg))
-    cooled = logit.clone()
-    for fold in range(cfg.folds):
-        others = group != fold
-        cooled[group == fold] /= fit_temperature(
-            logit[others], target[others], counts[others]
-        )
     commands = [_command(row) for row in pairs.commands.tolist()] if pairs else []
     return Foreseen(
         answers=len(target),
@@ -211,7 +206,9 @@ def _summary(
         tie_separation=_tie_separation(lead.abs(), target == 0.5),
         temperature=fit_temperature(logit, target, counts),
         uncalibrated=calibration(logit, target, counts),
-        calibrated=calibration(cooled, target, counts),
+        calibrated=calibration(
+            cooled_apart(logit, target, counts, group), target, counts
+        ),
     )
 
 
