@@ -45,6 +45,8 @@ TABLE_FIT = FitCfg(linear=LinearCfg(unsteady_logit=0.0), fall_logit=0.0)
 """How segments are fitted."""
 _SHARES = (0.02, 0.1, 0.2, 0.3, 0.5, 0.7, 0.95)
 """Of random answers that a rater may have, each as probable."""
+_MOST_BYTES = 4 * 2**30
+"""What the steps of all answers may take in memory."""
 _LEAST_FORESEEN = 10
 """Preferences of a rater, foreseen by models, below which nothing is said of errors."""
 
@@ -127,7 +129,8 @@ def fit_table(
         unbounded: Clamp no column, as a sum that is written down has no clamp.
 
     Raises:
-        RewardError: too few answers prefer a segment.
+        RewardError: too few answers prefer a segment, or all of them take too much
+            memory.
     """
     preferences = sum(answer.target != 0.5 for answer in answers)
     if preferences < MIN_ANSWERS:
@@ -135,6 +138,7 @@ def fit_table(
             f"{preferences} of {len(answers)} answers prefer a segment; a fit needs at "
             f"least {MIN_ANSWERS}"
         )
+    _require_room(segments, len(answers))
     cfg = replace(TABLE_FIT, kind=kind)
     prepared = (PreparedSums if unbounded else PreparedTable).of(
         _pairs(segments, answers, cfg)
@@ -203,6 +207,19 @@ def fit_measured(
         ),
     )
     return Fitted(normaliser, scorer, found, report, asked, foreseen)
+
+
+def _require_room(segments: Segments, answers: int) -> None:
+    _, steps, columns = segments.rows.shape
+    # Both sides of every answer, each column and its square.
+    size = 2 * answers * steps * 2 * columns * 4
+    if size > _MOST_BYTES:
+        raise RewardError(
+            f"{answers:,} answers about segments of up to {steps:,} steps and "
+            f"{columns} columns take {size / 2**30:.0f} GB of memory, and "
+            f"{_MOST_BYTES / 2**30:.0f} GB are allowed: give shorter segments, fewer "
+            "columns, or some of the answers"
+        )
 
 
 def _pairs(

@@ -14,7 +14,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from data.datasets.segments import Segments, TableError, read_answers, read_segments
+from data.datasets.segments import (
+    Segments,
+    TableAnswer,
+    TableError,
+    read_answers,
+    read_segments,
+)
 from gaitpref.cli.main import main
 from rewardmodel.errors import RewardError
 from rewardmodel.fitting.tables import described, fit_table
@@ -293,6 +299,14 @@ def test_too_few_answers_are_refused(folder: Path) -> None:
     answers = read_answers(folder / "answers.csv", segments)[:5]
     with pytest.raises(RewardError, match="5 of 5 answers prefer a segment"):
         fit_table(segments, answers, "linear", seed=0)
+
+
+def test_what_would_fill_the_memory_is_refused() -> None:
+    rows = np.zeros((2, 20_000, 100), dtype=np.float32)
+    names = tuple(f"c{number}" for number in range(100))
+    answers = [TableAnswer(left=0, right=1, target=1.0, rater="ada")] * 200
+    with pytest.raises(RewardError, match=r"200 answers .* take 6 GB of memory, and 4"):
+        fit_table(Segments(("a", "b"), names, rows), answers, "linear", seed=0)
 
 
 def test_no_simulator_is_needed(folder: Path) -> None:
