@@ -16,6 +16,7 @@ from data.files.files import read_json, write_atomically
 from gaitpref.console.progress import console
 from gaitpref.raters.criteria import Criterion
 from gaitpref.raters.criterion_scores import score_of_criterion
+from gaitpref.raters.rater_groups import who_agrees
 from gaitpref.report.findings import findings_of_run
 from gaitpref.report.return_text import return_text
 from gaitpref.report.verdict import Verdict
@@ -94,6 +95,8 @@ def report_stage(
     result["trust"] = trust_of_round(
         cfg, round, dataset, features, lengths, return_rose=rose
     )
+    if round.number == cfg.rounds:
+        result["groups"] = who_agrees(dataset, unchecked=cfg.unchecked)
     write_atomically(round.report, json.dumps(result, indent=1).encode())
     evaluation = result["evaluation"]
     earned = return_text(evaluation["return_mean"], evaluation["return_ci95"])
@@ -110,6 +113,8 @@ def report_stage(
     )
     for besides in findings.besides:
         console.print(f"round {round.number}: {besides}")
+    for line in result.get("groups", ()):
+        console.print(line)
     if "verdict" in result:
         verdict = Verdict.from_json(result["verdict"])
         console.print(f"the run: {verdict.sentence}")

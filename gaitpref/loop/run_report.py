@@ -23,6 +23,7 @@ from gaitpref.report.trust_section import (
     approval_section,
     clips_section,
     decided_section,
+    groups_section,
     standstill_section,
     trust_cells,
     verdict_section,
@@ -102,7 +103,7 @@ def render(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
         f"<p>{measured}</p>{_before_and_after(run, cfg, rounds)}"
         f"{decided_section(rounds)}{standstill_section(rounds)}"
         f"{approval_section(rounds)}"
-        f"{alarm_section(rounds, cfg.wish)}"
+        f"{groups_section(rounds)}{alarm_section(rounds, cfg.wish)}"
         f'<div class="curves">{_curves(criterion, rounds)}</div>{_table(rounds)}'
         f"{clips_section(run, rounds, films=len(rounds) > cfg.rounds)}"
         f"{answers_section(run, rounds)}"

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from typing import Any
@@ -23,6 +24,8 @@ from rewardmodel.posterior.group_raters import Group, Grouping, group_raters
 
 GROUP = "group:"
 """Before the name of a rater whose group is meant."""
+_ENOUGH_TO_TELL = 12
+"""Answers of a rater from which on a report says who wants the same."""
 
 
 def grouping_of(pairs: AnsweredPairs) -> Grouping:
@@ -53,6 +56,20 @@ def told_of_groups(dataset: Dataset) -> tuple[dict[str, Any], list[str]]:
         "untold": list(found.untold),
     }
     return values, lines
+
+
+def who_agrees(dataset: Dataset, *, unchecked: bool) -> list[str]:
+    """Who of several raters wants the same, and what, in lines; nothing where fewer
+    than two gave enough answers to tell."""
+    try:
+        pairs = load_pairs([dataset], unchecked=unchecked)
+    except RewardError:
+        return []
+    given = Counter(pairs.raters)
+    enough = [given[rater] >= _ENOUGH_TO_TELL for rater in pairs.raters]
+    if len({r for r, kept in zip(pairs.raters, enough, strict=True) if kept}) < 2:
+        return []
+    return list(_lines(grouping_of(pairs.subset(torch.tensor(enough)))))
 
 
 def answers_for(pairs: AnsweredPairs, whom: Sequence[str]) -> AnsweredPairs:

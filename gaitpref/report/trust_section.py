@@ -50,6 +50,14 @@ def _capitalised(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
+def groups_section(rounds: list[dict[str, Any]]) -> str:
+    """Who agrees with whom, and about what; nothing of a single rater."""
+    if not (lines := rounds[-1].get("groups")):
+        return ""
+    told = "<br>".join(html.escape(_capitalised(line.strip())) for line in lines)
+    return f"<p>{told}</p>"
+
+
 def decided_section(rounds: list[dict[str, Any]]) -> str:
     """Whether the run takes its answers to err, and why; nothing before a reward."""
     return "".join(

@@ -69,6 +69,11 @@ class TotalReward:
         """Rows before a row that matter to its reward."""
         return history_of(self.score)
 
+    @property
+    def wanted(self) -> ScoreFn:
+        """What is asked for, beside safety and the task."""
+        return self.score
+
     def __call__(self, features: Tensor, starts: Tensor) -> Tensor:
         """Reward [T, N] per step of `features` [T, N, F], which are one rollout."""
         return self.of_rollout(features, starts, len(features))

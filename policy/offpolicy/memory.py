@@ -17,7 +17,7 @@ from data.errors import GaitprefError
 from data.files.plain import to_plain
 from policy.env.env import QuadrupedEnv
 from policy.training.identity import content_of
-from policy.training.reward_ppo import ScoreFn
+from policy.training.reward_ppo import ScoreFn, Wanting
 
 from .remembered import Place, chunk_of
 from .ring import Chunk, Ring
@@ -105,18 +105,19 @@ class Memory:
         self._tell(f"scored {count:,} remembered steps by the present reward")
         return count
 
-    def require_told(self) -> None:
-        """Refuse to learn from this alone if the reward says nothing about it.
+    def require_told(self, paid: ScoreFn | None) -> None:
+        """Refuse to learn from this alone if what is wanted says nothing about it.
 
         Raises:
-            GaitprefError: it pays every step alike.
+            GaitprefError: it finds every step alike.
         """
-        paid = self.ring.reward[self.ring.usable()]
-        if len(paid) and float(paid.max() - paid.min()) > _ALIKE:
+        wanted = paid.wanted if isinstance(paid, Wanting) else paid
+        worth = self.ring.worth(self._score(wanted))
+        if len(worth) and float(worth.max() - worth.min()) > _ALIKE:
             return
-        worth = f"{float(paid[0]):.3g} a step" if len(paid) else "nothing"
+        each = f"{float(worth[0]):.3g} a step" if len(worth) else "nothing"
         raise GaitprefError(
-            f"the reward pays all {len(paid):,} remembered steps alike ({worth}), so "
+            f"the reward pays all {len(worth):,} remembered steps alike ({each}), so "
             "they do not hold what it wants: replay episodes that differ in it, or "
             "leave --offline out"
         )

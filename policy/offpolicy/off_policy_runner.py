@@ -180,10 +180,10 @@ class OffPolicyRunner:
         start_s = time.perf_counter()
         count = self.memory.relabel(self.alg.reward_fn)
         scalars = {"memory/relabelled": float(count)}
-        if self.engine.offline:
-            self.memory.require_told()
-        else:
+        if not self.engine.offline:
             scalars |= self._collect()
+        elif count or not self.current_learning_iteration:
+            self.memory.require_told(self.alg.reward_fn)
         collected_s = time.perf_counter()
         scalars |= self._improve()
         self.current_learning_iteration += 1

@@ -10,7 +10,7 @@ numbers of an observation, F feature columns, B steps of a batch.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -141,8 +141,23 @@ class Ring:
             version: Its number, kept with each step.
             newest: Only so many of the last rows; None is all that is remembered.
         """
-        order = self._after((self.head - self.filled) % self.rows, self.filled)
         first = 0 if newest is None else max(0, self.filled - newest)
+        for rows, scored in self._scored(reward, first):
+            self.reward[rows] = scored
+            self.version[rows] = version
+        return (self.filled - first) * self.columns
+
+    def worth(self, reward: ScoreFn) -> Tensor:
+        """[K] what `reward` says of all usable steps; nothing is remembered of it."""
+        found = torch.zeros_like(self.reward)
+        for rows, scored in self._scored(reward, 0):
+            found[rows] = scored
+        return found[self.usable()]
+
+    def _scored(self, reward: ScoreFn, first: int) -> Iterator[tuple[Tensor, Tensor]]:
+        """Rows [S] in the order of time, from the `first` on, and their rewards
+        [S, N]; what is cut is worth nothing."""
+        order = self._after((self.head - self.filled) % self.rows, self.filled)
         at_once = max(1, SCORED_AT_ONCE // self.columns)
         history = history_of(reward)
         for begin in range(first, self.filled, at_once):
@@ -154,9 +169,7 @@ class Ring:
                 # What an episode did before is forgotten.
                 starts[0] = True
             scored = _scored(reward, self.features[seen], starts, len(rows))
-            self.reward[rows] = require_finite(scored) * ~self.cut[rows]
-            self.version[rows] = version
-        return (self.filled - first) * self.columns
+            yield rows, require_finite(scored) * ~self.cut[rows]
 
     def usable(self) -> Tensor:
         """[R, N] steps whose outcome is remembered too."""

@@ -102,6 +102,16 @@ class OfRollout(Protocol):
         ...
 
 
+@runtime_checkable
+class Wanting(Protocol):
+    """A reward of which a part is what is wanted, beside what is always paid."""
+
+    @property
+    def wanted(self) -> ScoreFn:
+        """That part."""
+        ...
+
+
 class Bonus(Protocol):
     """A reward beside that of the rollout, which may learn from what it has seen."""
 

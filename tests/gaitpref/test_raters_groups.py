@@ -13,7 +13,8 @@ import pytest
 import torch
 
 from gaitpref.cli.main import main
-from gaitpref.raters.rater_groups import answers_for
+from gaitpref.raters.rater_groups import answers_for, who_agrees
+from gaitpref.report.trust_section import groups_section
 from rewardmodel import FitCfg
 from rewardmodel.answers.answered_pairs import AnsweredPairs
 from rewardmodel.errors import RewardError
@@ -142,3 +143,16 @@ def test_the_commands_say_who_wants_what(
     assert main([*fit, "--for", name]) == 0
     assert main([*fit, "--for", "nobody"]) == 2
     assert "--for nobody: no such rater" in capsys.readouterr().err
+
+
+def test_a_report_says_who_agrees(tmp_path: Path) -> None:
+    """Of two who answered enough; in words that a page may hold."""
+    dataset = gaits(tmp_path / "set", 40)
+    fill(dataset, "ada", lambda number, likes, left: "a" if likes else "b")
+    assert who_agrees(dataset, unchecked=True) == []
+    fill(dataset, "<bob>", lambda number, likes, left: "b" if likes else "a")
+    lines = who_agrees(dataset, unchecked=True)
+    assert lines[0] == "2 groups want different things:"
+    page = groups_section([{"groups": lines}])
+    assert "&lt;bob&gt; (40 answers)" in page
+    assert groups_section([{}]) == ""

@@ -18,8 +18,10 @@ from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from data.features import FEATURE_DIM, column
 from gaitpref.cli.main import main
+from gaitpref.training.total_reward import total_reward
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import CommandCfg, EnvCfg, TerrainCfg
+from policy.env.known_terms import KnownTermsCfg
 from policy.offpolicy import ring as ring_module
 from policy.offpolicy.off_policy_runner import OffPolicy
 from policy.offpolicy.remembered import Place, rows_of_episode, side_by_side
@@ -378,6 +380,9 @@ def test_what_the_data_do_not_hold_is_refused(
 
     with pytest.raises(GaitprefError, match=r"pays all .* remembered steps alike"):
         _trained(tmp_path / "same", robot, 1, engine, reward_fn=same)
+    beside = total_reward(same, robot, ENV, known=KnownTermsCfg(), keep_task=True)
+    with pytest.raises(GaitprefError, match=r"pays all .* remembered steps alike"):
+        _trained(tmp_path / "beside", robot, 1, engine, reward_fn=beside)
     slower = TrainCfg(steps=96, env=replace(ENV, substeps=8), ppo=PPO)
     with pytest.raises(GaitprefError, match=r"controlled at 50 Hz.* at 25 Hz"):
         train(tmp_path / "rate", robot, slower, engine=engine)

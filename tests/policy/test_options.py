@@ -21,10 +21,19 @@ from gaitpref.options.choice_clips import rows_of_episode
 from gaitpref.options.choice_fit import as_reward, fit_choices
 from gaitpref.options.choice_rater import answer_choices, wisher_of
 from gaitpref.options.gait_files import Gaits, load_gaits, named_files
-from gaitpref.options.train_options import OptionsCfg, train_options
+from gaitpref.options.train_options import (
+    OptionsCfg,
+    OptionsTraining,
+    train_options,
+)
 from policy.env.course import CourseCfg, Lane, Obstacle, course_heights, stands_on
 from policy.env.env import QuadrupedEnv
-from policy.options.choice_row import TASK, choice_names, written_reward
+from policy.options.choice_row import (
+    TASK,
+    ChoiceReward,
+    choice_names,
+    written_reward,
+)
 from policy.options.choosing import ChoosingCfg, Draws, Running, choose, ran
 from policy.options.smdp import targets, termination_loss, upon_arrival
 from policy.robots.hints import RobotError
@@ -92,6 +101,35 @@ def test_a_discount_of_one_step_would_choose_the_wrong_gait() -> None:
     short, long = values_of_chain("one").tolist()
     assert long == pytest.approx(0.81 * 3.2 / (1 - GAMMA), abs=1e-3)
     assert long > short + 1.0
+
+
+def test_what_is_collected_and_learned_is_discounted_by_the_control_step(
+    gaits: Gaits,
+) -> None:
+    """Of one a step paid for k steps, (1 - gamma^k) / (1 - gamma) is collected, and
+    what comes then counts gamma^k in what is learned."""
+    names = choice_names(gaits.names)
+    per_second = 1.0 / gaits.env.control_dt_s
+    level = ChoiceReward(
+        told="one a step", names=names, linear=(0.0,) * len(names), shift=per_second
+    )
+    training = OptionsTraining(gaits, small(), level)
+    gamma = training.cfg.learner.gamma
+    found = training.collector.collect(120).transitions
+    kept = found.rows(~found.over)
+    assert len(kept) > 16
+    assert int(kept.steps.max()) >= 10
+    share = gamma ** kept.steps.double()
+    assert kept.paid.double().numpy() == pytest.approx(
+        ((1 - share) / (1 - gamma)).numpy(), rel=1e-4
+    )
+    later, _ = training.learner._wanted(kept)
+    at_once, _ = training.learner._wanted(
+        replace(kept, steps=torch.zeros_like(kept.steps))
+    )
+    assert (later - kept.paid).detach().double().numpy() == pytest.approx(
+        (share * (at_once - kept.paid).detach()).numpy(), abs=1e-4
+    )
 
 
 def test_what_may_end_is_worth_a_share_of_going_on_and_of_the_best() -> None:

@@ -183,7 +183,7 @@ def twelve(value: Any, name: str) -> Vector:
         LawError: it is something else.
     """
     values = value if isinstance(value, list | tuple) else [value] * 12
-    if len(values) != 12 or not all(_number(v) for v in values):
+    if len(values) != 12 or not all(number_of(v) is not None for v in values):
         raise LawError(f"{name} must be a number or 12 of them, got {str(value)[:80]}")
     try:
         return tuple(float(v) for v in values)
@@ -214,12 +214,14 @@ def whole_of(value: Any, name: str) -> int | None:
     """
     if value is None or value == 0:
         return None
-    if not _number(value) or not 1 <= value <= 1000 or value != int(value):
+    if number_of(value) is None or not 1 <= value <= 1000 or value != int(value):
         raise LawError(
             f"{name} must be a whole number from 1 to 1000, got {str(value)[:40]}"
         )
     return int(value)
 
 
-def _number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+def number_of(value: Any) -> float | None:
+    """A number; None of anything else."""
+    good = isinstance(value, int | float) and not isinstance(value, bool)
+    return float(value) if good else None

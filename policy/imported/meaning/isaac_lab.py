@@ -13,7 +13,7 @@ from typing import Any
 from data.features import JOINTS
 from policy.law.law import LawError, Vector
 
-from .draft import BY_TYPE, Draft, twelve
+from .draft import BY_TYPE, Draft, number_of, twelve
 from .joint_names import canonical_joints
 from .plain_yaml import at, read_plain_yaml
 from .term_names import term_of
@@ -63,8 +63,8 @@ def read_env(path: Path, joints: tuple[str, ...] = BY_TYPE) -> Draft:
         kp_nm_per_rad=_of_actuators(actuators, "stiffness", names, path),
         kd_nm_s_per_rad=_of_actuators(actuators, "damping", names, path),
         torque_limit_nm=_limits(actuators, names, path),
-        physics_dt_s=_number(at(told, "sim", "dt")),
-        substeps=int(_number(told.get("decimation")) or 0) or None,
+        physics_dt_s=number_of(at(told, "sim", "dt")),
+        substeps=int(number_of(told.get("decimation")) or 0) or None,
         activation=activation_of(path.with_name("agent.yaml")),
         guessed={"joints": _ORDER},
     )
@@ -128,9 +128,9 @@ def read_descriptors(path: Path) -> Draft:
                 frames=more.get("history_length"),
             )
         )
-    offset, dt_s = action.get("offset"), _number(at(told, "scene", "physics_dt"))
-    step = _number(at(told, "scene", "dt"))
-    decimation = _number(at(told, "scene", "decimation"))
+    offset, dt_s = action.get("offset"), number_of(at(told, "scene", "physics_dt"))
+    step = number_of(at(told, "scene", "dt"))
+    decimation = number_of(at(told, "scene", "decimation"))
     if decimation is None and dt_s and step:
         decimation = round(step / dt_s)
     return Draft(
@@ -219,7 +219,7 @@ def _by_name(value: Any, names: list[str], otherwise: float, path: Path) -> Vect
         return twelve(value, str(path))
     found = [otherwise] * 12
     for pattern, number in value.items():
-        if (plain := _number(number)) is None:
+        if (plain := number_of(number)) is None:
             raise LawError(f"{path}: {str(pattern)[:40]} must be a number")
         fits = [i for i, name in enumerate(names) if _fits(str(pattern), name, path)]
         if not fits:
@@ -252,8 +252,3 @@ def _fits(pattern: str, name: str, path: Path) -> bool:
         return re.fullmatch(pattern, name) is not None
     except re.error:
         raise LawError(f"{path}: {pattern[:40]!r} is no regular expression") from None
-
-
-def _number(value: Any) -> float | None:
-    good = isinstance(value, int | float) and not isinstance(value, bool)
-    return float(value) if good else None

@@ -12,7 +12,7 @@ from typing import Any
 
 from policy.law.law import LawError
 
-from .draft import Draft, order_of, twelve, whole_of
+from .draft import Draft, number_of, order_of, twelve, whole_of
 from .plain_yaml import read_plain_yaml
 from .term_names import term_name, term_of
 
@@ -53,7 +53,7 @@ def read_rl_sar(config: Path, base: Path) -> Draft:
         terms=terms,
         newest_first=newest_first,
         by_term=both.get("observations_history_priority") == "term",
-        obs_limit=_number(both.get("clip_obs")),
+        obs_limit=number_of(both.get("clip_obs")),
         default_joint_pos_rad=twelve(both.get("default_dof_pos"), "default_dof_pos"),
         action_scale_rad=twelve(both.get("action_scale"), "action_scale"),
         action_limit=None
@@ -62,7 +62,7 @@ def read_rl_sar(config: Path, base: Path) -> Draft:
         kp_nm_per_rad=twelve(both.get("rl_kp"), "rl_kp"),
         kd_nm_s_per_rad=twelve(both.get("rl_kd"), "rl_kd"),
         torque_limit_nm=twelve(both.get("torque_limits"), "torque_limits"),
-        physics_dt_s=_number(both.get("dt")),
+        physics_dt_s=number_of(both.get("dt")),
         substeps=whole_of(both.get("decimation"), f"{base}: decimation"),
     )
 
@@ -88,8 +88,3 @@ def _history(path: Path, ages: Any) -> tuple[bool, int]:
         f"{path}: observations_history must be frames that follow one another, got "
         f"{str(ages)[:80]}"
     )
-
-
-def _number(value: Any) -> float | None:
-    good = isinstance(value, int | float) and not isinstance(value, bool)
-    return float(value) if good else None
