@@ -30,7 +30,6 @@ from tests.helpers.faulty_places import IN_PLACE, PLACES
 LINES = [typed.line for typed in TABLE]
 READ_NOTHING = ("data verify", "data recover")
 """Exit with 1 where something is damaged: that is what they are asked."""
-SERVED = ("label", "play")
 
 
 @pytest.fixture(scope="module")
