@@ -41,7 +41,7 @@ def test_one_with_a_decision_that_left_is_shown_and_not_gone_on_with(run: Path) 
         run_loop(run, read_config(run))
     assert main(["report", "--run", str(run)]) == 0
     page = (run / "report/index.html").read_text()
-    assert "not better than what it started from" in page
+    assert "than what it started from, which stays" in page
 
 
 def test_a_finished_one_is_left_as_it_is(without_what_left: Path) -> None:
