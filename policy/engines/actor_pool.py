@@ -50,13 +50,16 @@ class RemoteActor:
 
     def __init__(self, plan: Plan, wanted: dict[str, str]) -> None:
         self._actor, self._wanted = plan.begin(), wanted
+        self._is_checked = False
 
     def require_same_versions(self) -> None:
         """
         Raises:
             ActorsError: its machine has others than the learner's.
         """
-        require_same_versions(self._wanted, versions(), socket.gethostname())
+        if not self._is_checked:
+            require_same_versions(self._wanted, versions(), socket.gethostname())
+            self._is_checked = True
 
     def collect(
         self, method: str, weights: Weights, version: int, sequence: int
