@@ -149,6 +149,12 @@ class Worth:
         return statistics.stdev(self.shares) / math.sqrt(len(self.shares))
 
     @property
+    def told(self) -> str:
+        """The mean, with its standard error where there is one."""
+        beside = "" if len(self.shares) < 2 else f" ± {self.standard_error:.3f}"
+        return f"{self.mean:+.3f}{beside}"
+
+    @property
     def verdict(self) -> str:
         """What the rows say of the decision."""
         if len(self.shares) < 2 * SEEDS:
@@ -202,7 +208,7 @@ def markdown(found: Sequence[Worth]) -> str:
     ]
     lines += [
         f"| {LEFT_OUT[each.method]} (`{each.method}`) | {', '.join(each.places)} "
-        f"| {len(each.shares)} | {each.mean:+.3f} ± {each.standard_error:.3f} "
+        f"| {len(each.shares)} | {each.told} "
         f"| {statistics.fmean(each.errors_m_s):+.3f} m/s | {each.verdict} |"
         for each in found
     ]
