@@ -40,10 +40,15 @@ def alarm_section(rounds: list[dict[str, Any]], criterion: str | None) -> str:
     besides = findings_of_run(rounds, criterion=criterion).besides
     if raised:
         besides = tuple(told for told in besides if told != NO_ALARM)
-    told = "".join(f"<p>{html.escape(_capitalised(said))}.</p>" for said in besides)
+    told = "".join(f"<p>{_marked(_capitalised(said))}.</p>" for said in besides)
     if not raised:
         return told
     return f'<div class="alarm"><b>Alarm</b><ul>{"".join(raised)}</ul></div>{told}'
+
+
+def _marked(text: str) -> str:
+    """Words as HTML, commands between backticks as code."""
+    return re.sub("`([^`]*)`", r"<code>\1</code>", html.escape(text))
 
 
 def _capitalised(text: str) -> str:
@@ -54,8 +59,11 @@ def groups_section(rounds: list[dict[str, Any]]) -> str:
     """Who agrees with whom, and about what; nothing of a single rater."""
     if not (lines := rounds[-1].get("groups")):
         return ""
-    told = "<br>".join(html.escape(_capitalised(line.strip())) for line in lines)
-    return f"<p>{told}</p>"
+    told = (
+        "&emsp;" * (len(line) - len(line.lstrip())) + _marked(line.lstrip())
+        for line in lines
+    )
+    return f"<p>{'<br>'.join(told)}</p>"
 
 
 def decided_section(rounds: list[dict[str, Any]]) -> str:
@@ -90,11 +98,9 @@ def verdict_section(run: Path, rounds: list[dict[str, Any]]) -> str:
     if not (found := rounds[-1].get("verdict")):
         return ""
     verdict = Verdict.from_json(found)
-    advice = html.escape(verdict.advice(run))
-    advice = re.sub("`([^`]*)`", r"<code>\1</code>", advice)
     return (
         f"<p><strong>The run: {html.escape(verdict.sentence)}.</strong> "
-        f"Next: {advice}.</p>"
+        f"Next: {_marked(verdict.advice(run))}.</p>"
     )
 
 

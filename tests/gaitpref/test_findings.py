@@ -222,7 +222,8 @@ def test_a_rater_who_does_not_look_is_told_on_the_page(finished: Path) -> None:
     _change(finished, 1, ("trust",), "raters", [guessing])
     _change(finished, 2, ("trust", "policy"), "drift", {"share_far": 1.0})
     said = _said(finished)
-    assert f"Look before you trust it: {guessing}" in said
+    before, command, after = guessing.split("`")
+    assert f"Look before you trust it: {before} {command} {after}" in said
     assert "100% of its motion is far" in said
 
 

@@ -153,5 +153,6 @@ def test_a_report_says_who_agrees(tmp_path: Path) -> None:
     fill(dataset, "<bob>", lambda number, likes, left: "a" if likes else "b")
     lines = who_agrees(dataset, unchecked=True)
     assert lines[0] == "all want the same: <bob>, ada"
-    assert "&lt;bob&gt;, ada<br>" in groups_section([{"groups": lines}])
+    page = groups_section([{"groups": lines}])
+    assert "all want the same: &lt;bob&gt;, ada<br>&emsp;" in page
     assert groups_section([{}]) == ""

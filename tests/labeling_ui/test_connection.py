@@ -40,7 +40,7 @@ NOTE = "B drags a foot"
 SAID = re.compile("^Because of feet(, marked .*)?: now answer")
 BACK_S = 5.0
 """What the page promises, once the server is there again."""
-SLOWER = 8.0
+SLOWER = 4.0
 """A machine that draws in software and does other things besides."""
 
 

@@ -14,6 +14,7 @@ import pytest
 
 from benchmarks.visitor import Visitor
 from benchmarks.walks import walking_dataset
+from data.answers.overlap import Overlap
 from data.datasets.dataset import Dataset
 from labeling_ui.web.tokens import TokenStore
 
@@ -109,6 +110,11 @@ def test_sigkill_loses_no_acknowledged_answer(tmp_path: Path) -> None:
 
         visitors = asyncio.run(answering(doomed.url, tokens, killed))
     before = stored(root)
+    # A pair that somebody was shown is nobody else's, but those meant for several.
+    with Dataset.open(root).answers() as store:
+        answered = [pair.pair_id for pair, _ in store.current_answers()]
+    own = [name for name in answered if not Overlap().takes(name)]
+    assert len(set(own)) == len(own) > RATERS
     for name, visitor in zip(names, visitors, strict=True):
         assert before[name] >= (visitor.answered or 0) >= 3
 
