@@ -11,11 +11,11 @@ from rewardmodel.answers.answered_pairs import AnsweredPairs
 from rewardmodel.cfg import FitCfg
 from rewardmodel.descriptors.table import Sight, names_seen
 from rewardmodel.extensions.models.gp import GpScorer, fit_gp
-from rewardmodel.extensions.models.history import HistoryScorer, fit_history
+from rewardmodel.extensions.models.history import WindowScorer, make_history
 from rewardmodel.extensions.models.mlp import MlpScorer, fit_mlp
 from rewardmodel.extensions.models.raw import RawScorer, fit_raw
-from rewardmodel.extensions.models.transformer import TransformerScorer, fit_transformer
-from rewardmodel.extensions_cfg import GpCfg, HistoryCfg, MlpCfg, RawCfg, TransformerCfg
+from rewardmodel.extensions.models.transformer import make_transformer
+from rewardmodel.extensions_cfg import GpCfg, MlpCfg, RawCfg
 from rewardmodel.linear.linear import LinearScorer, fit_linear
 from rewardmodel.opinions.pool import Pool
 from rewardmodel.posterior.curve_scorer import PosteriorScorer
@@ -41,6 +41,15 @@ class Kind:
     tells_errors: bool = False
     """Whether more errors than can be overlooked are the raters', and not what the
     model cannot say."""
+
+
+def _on_windows(
+    make: Callable[[FitCfg, int], WindowScorer],
+) -> Callable[[Prepared, FitCfg, torch.Generator], WindowScorer]:
+    """How what `make` gives is fitted."""
+    return lambda prepared, cfg, generator: make(
+        cfg, prepared.standardised.steps.shape[-1]
+    ).fit(prepared, cfg, generator)
 
 
 KINDS: dict[str, Kind] = {
@@ -70,15 +79,13 @@ KINDS: dict[str, Kind] = {
     ),
     "history": Kind(
         sight="contacts",
-        make=lambda cfg, count: HistoryScorer(count, cfg.settings_of(HistoryCfg)),
-        fit=fit_history,
+        make=make_history,
+        fit=_on_windows(make_history),
     ),
     "transformer": Kind(
         sight="contacts",
-        make=lambda cfg, count: TransformerScorer(
-            count, cfg.settings_of(TransformerCfg)
-        ),
-        fit=fit_transformer,
+        make=make_transformer,
+        fit=_on_windows(make_transformer),
     ),
     "raw": Kind(
         sight="rows",

@@ -1,10 +1,11 @@
-"""A small network on the last steps at once, for rhythms that no single step shows.
+"""Networks on the last steps at once, for rhythms that no single step shows.
 
 Shapes: M ensemble members, B pairs, T steps, D descriptors, L steps of a window.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import torch
@@ -18,12 +19,7 @@ from rewardmodel.prepared.prepared import Prepared
 from rewardmodel.scorer import SequenceScorer
 
 from .mlp import MlpScorer
-from .network import fit_network, glimpses
-
-
-def lags_of(cfg: SequenceCfg) -> Tensor:
-    """[L] how many steps before a step its window looks, the step itself first."""
-    return torch.arange(0, cfg.history_steps + 1, cfg.stride)
+from .network import Network, fit_network, glimpses
 
 
 def windows(steps: Tensor, lags: Tensor, starts: Tensor | None = None) -> Tensor:
@@ -46,33 +42,48 @@ def windows(steps: Tensor, lags: Tensor, starts: Tensor | None = None) -> Tensor
     return flat.unflatten(-2, (length, len(lags)))
 
 
-class HistoryScorer(SequenceScorer):
-    """A network on windows, all members evaluated by one batched product."""
+class WindowScorer(SequenceScorer):
+    """A network that is shown each step with some of those before it."""
 
-    def __init__(self, num_descriptors: int, cfg: HistoryCfg) -> None:
+    def __init__(self, own: SequenceCfg, make: Callable[[int], Network]) -> None:
+        """`make` gives a network for windows of so many steps."""
         super().__init__()
-        self.history_steps = cfg.history_steps
+        self.own, self.history_steps = own, own.history_steps
+        # The step itself first.
+        lags = torch.arange(0, own.history_steps + 1, own.stride)
         self.lags: Tensor
-        self.register_buffer("lags", lags_of(cfg), persistent=False)
-        self.network = MlpScorer(num_descriptors * len(self.lags), cfg)
+        self.register_buffer("lags", lags, persistent=False)
+        self.network = make(len(lags))
 
     def forward(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
         """Raw rewards [M, ..., T] of standardised sequences [..., T, D]."""
-        return self.network(windows(steps, self.lags, starts).flatten(-2))
+        return self.network(windows(steps, self.lags, starts))
+
+    def fit(
+        self, prepared: Prepared, cfg: FitCfg, generator: torch.Generator
+    ) -> WindowScorer:
+        """Fit each member to its own bootstrap of the answers, by AdamW."""
+        own, lags = self.own, self.lags
+
+        def look(batch: StandardisedPairs, rng: torch.Generator) -> StandardisedPairs:
+            seen = replace(batch, steps=windows(batch.steps, lags).flatten(-2))
+            seen = glimpses(seen, own.steps_per_clip, own.min_crop, rng)
+            return replace(seen, steps=seen.steps.unflatten(-1, (len(lags), -1)))
+
+        pairs = prepared.standardised
+        fit_network(self.network, pairs, cfg, own, look=look, generator=generator)
+        return self
 
 
-def fit_history(
-    prepared: Prepared, cfg: FitCfg, generator: torch.Generator
-) -> HistoryScorer:
-    """Fit each member to its own bootstrap of the answers, by AdamW."""
-    pairs = prepared.standardised
+class SideBySide(MlpScorer):
+    """Hidden layers on the steps of a window side by side."""
+
+    def forward(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
+        """Raw rewards [M, ...] of windows [..., L, D]."""
+        return super().forward(steps.flatten(-2))
+
+
+def make_history(cfg: FitCfg, num_descriptors: int) -> WindowScorer:
+    """A small network on windows, not fitted yet."""
     own = cfg.settings_of(HistoryCfg)
-    scorer = HistoryScorer(pairs.steps.shape[-1], own)
-    scorer.network.initialise(generator)
-
-    def look(batch: StandardisedPairs, rng: torch.Generator) -> StandardisedPairs:
-        seen = replace(batch, steps=windows(batch.steps, scorer.lags).flatten(-2))
-        return glimpses(seen, own.steps_per_clip, own.min_crop, rng)
-
-    fit_network(scorer.network, pairs, cfg, own, look=look, generator=generator)
-    return scorer
+    return WindowScorer(own, lambda lags: SideBySide(num_descriptors * lags, own))

@@ -15,12 +15,11 @@ from rewardmodel.cfg import FitCfg
 from rewardmodel.extensions_cfg import MlpCfg, NetworkCfg, RawCfg
 from rewardmodel.prepared.described import StandardisedPairs
 from rewardmodel.prepared.prepared import Prepared
-from rewardmodel.scorer import Scorer
 
-from .network import draw_uniformly, fit_network, glimpses
+from .network import Network, draw_uniformly, fit_network, glimpses
 
 
-class MlpScorer(Scorer):
+class MlpScorer(Network):
     """Hidden layers of a member, all members evaluated by one batched product."""
 
     def __init__(
@@ -63,7 +62,6 @@ def fit_mlp(prepared: Prepared, cfg: FitCfg, generator: torch.Generator) -> MlpS
     pairs = prepared.standardised
     own = cfg.settings_of(MlpCfg)
     scorer = MlpScorer(pairs.steps.shape[-1], own)
-    scorer.initialise(generator)
 
     def look(batch: StandardisedPairs, rng: torch.Generator) -> StandardisedPairs:
         return glimpses(batch, own.steps_per_clip, own.min_crop, rng)

@@ -17,9 +17,18 @@ from rewardmodel.answers.clip_batch import mean_over
 from rewardmodel.cfg import FitCfg
 from rewardmodel.extensions_cfg import NetworkCfg
 from rewardmodel.prepared.described import StandardisedPairs, bootstrap_counts
+from rewardmodel.scorer import Scorer
 
 Look = Callable[[StandardisedPairs, torch.Generator], StandardisedPairs]
 """What a gradient step sees of a batch of pairs."""
+
+
+class Network(Scorer):
+    """Members that are drawn at random and then fitted by descent."""
+
+    def initialise(self, generator: torch.Generator) -> None:
+        """Draw every weight and bias."""
+        raise NotImplementedError
 
 
 def draw_uniformly(
@@ -31,7 +40,7 @@ def draw_uniformly(
 
 
 def fit_network(
-    network: nn.Module,
+    network: Network,
     pairs: StandardisedPairs,
     cfg: FitCfg,
     own: NetworkCfg,
@@ -39,7 +48,7 @@ def fit_network(
     look: Look,
     generator: torch.Generator,
 ) -> None:
-    """Fit each member of `network` to its own bootstrap of `pairs`, by AdamW.
+    """Draw and fit each member of `network` to its own bootstrap of `pairs`, by AdamW.
 
     Args:
         network: Turns what `look` gives of the steps into raw rewards [M, 2, B, S].
@@ -49,6 +58,7 @@ def fit_network(
         look: Draws a random view of every batch.
         generator: Every random draw.
     """
+    network.initialise(generator)
     # Pulling targets off 0 and 1 keeps the network from growing without end.
     target = pairs.target.clamp(own.smoothing, 1 - own.smoothing)
     pairs = replace(pairs, target=target)
@@ -108,7 +118,7 @@ def _batches(num_pairs: int, own: NetworkCfg, rng: torch.Generator) -> list[Tens
 
 
 def _loss(
-    network: nn.Module,
+    network: Network,
     pairs: StandardisedPairs,
     counts: Tensor,
     cfg: FitCfg,

@@ -11,20 +11,15 @@ stand for a step, H heads.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import elu, layer_norm
 
 from rewardmodel.cfg import FitCfg
 from rewardmodel.extensions_cfg import TransformerCfg
-from rewardmodel.prepared.described import StandardisedPairs
-from rewardmodel.prepared.prepared import Prepared
-from rewardmodel.scorer import SequenceScorer
 
-from .history import lags_of, windows
-from .network import draw_uniformly, fit_network, glimpses
+from .history import WindowScorer
+from .network import Network, draw_uniformly
 
 _LAG_SHARPNESS = 6.0
 """Logit by which each head prefers a lag of its own before it has learned anything: a
@@ -34,7 +29,7 @@ _AT_ONCE = 8192
 """Windows looked at together, some 30 MB in every layer."""
 
 
-class AttentionNetwork(nn.Module):
+class AttentionNetwork(Network):
     """Embedding, attention, a hidden layer; all members by batched products."""
 
     def __init__(self, num_descriptors: int, num_lags: int, cfg: TransformerCfg):
@@ -71,11 +66,11 @@ class AttentionNetwork(nn.Module):
             # The step itself is at hand without attention.
             self.lag_weights.data[:, head, 1 + head % (lags - 1)] = _LAG_SHARPNESS
 
-    def forward(self, windows: Tensor) -> Tensor:
+    def forward(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
         """Raw rewards [M, ...] of windows [..., L, D], the step itself first."""
-        flat = windows.flatten(0, -3)
+        flat = steps.flatten(0, -3)
         scored = torch.cat([self._score(part) for part in flat.split(_AT_ONCE)], dim=1)
-        return scored.reshape(-1, *windows.shape[:-2])
+        return scored.reshape(-1, *steps.shape[:-2])
 
     def _score(self, windows: Tensor) -> Tensor:
         """Raw rewards [M, K] of windows [K, L, D]."""
@@ -103,35 +98,7 @@ def _normed(hidden: Tensor) -> Tensor:
     return layer_norm(hidden, hidden.shape[-1:])
 
 
-class TransformerScorer(SequenceScorer):
-    """The network on windows of a sequence."""
-
-    def __init__(self, num_descriptors: int, cfg: TransformerCfg) -> None:
-        super().__init__()
-        self.history_steps = cfg.history_steps
-        self.lags: Tensor
-        self.register_buffer("lags", lags_of(cfg), persistent=False)
-        self.network = AttentionNetwork(num_descriptors, len(self.lags), cfg)
-
-    def forward(self, steps: Tensor, starts: Tensor | None = None) -> Tensor:
-        """Raw rewards [M, ..., T] of standardised sequences [..., T, D]."""
-        return self.network(windows(steps, self.lags, starts))
-
-
-def fit_transformer(
-    prepared: Prepared, cfg: FitCfg, generator: torch.Generator
-) -> TransformerScorer:
-    """Fit each member to its own bootstrap of the answers, by AdamW."""
-    pairs = prepared.standardised
+def make_transformer(cfg: FitCfg, num_descriptors: int) -> WindowScorer:
+    """The network on windows, not fitted yet."""
     own = cfg.settings_of(TransformerCfg)
-    scorer = TransformerScorer(pairs.steps.shape[-1], own)
-    scorer.network.initialise(generator)
-
-    def look(batch: StandardisedPairs, rng: torch.Generator) -> StandardisedPairs:
-        shape = (len(scorer.lags), batch.steps.shape[-1])
-        seen = replace(batch, steps=windows(batch.steps, scorer.lags).flatten(-2))
-        seen = glimpses(seen, own.steps_per_clip, own.min_crop, rng)
-        return replace(seen, steps=seen.steps.unflatten(-1, shape))
-
-    fit_network(scorer.network, pairs, cfg, own, look=look, generator=generator)
-    return scorer
+    return WindowScorer(own, lambda lags: AttentionNetwork(num_descriptors, lags, own))
