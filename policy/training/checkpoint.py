@@ -151,17 +151,6 @@ def holding_home(path: Path) -> bytes:
     return saved_bytes(payload)
 
 
-def without_optimizer(path: Path) -> bytes:
-    """The contents of the policy file `path` without its optimizer's state, two thirds
-    of it, which nothing begins from.
-
-    Raises:
-        PolicyError: the file is missing, damaged, or not ours.
-    """
-    payload = read_plain(path)
-    return saved_bytes({**payload, "optimizer_state_dict": {}})
-
-
 def save_policy(path: Path, states: dict[str, Any], info: PolicyInfo) -> None:
     """Write a policy file with these state dictionaries, all or nothing."""
     write_atomically(path, payload_bytes(states, info))
