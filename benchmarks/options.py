@@ -33,12 +33,12 @@ from gaitpref.options.measure import (
     Chosen,
     Measured,
     alone,
-    by_rule,
     chosen_by,
     measure,
 )
 from gaitpref.options.train_options import OptionsCfg, train_options
-from policy.env.course import KINDS, CourseCfg
+from policy.env.course import AHEAD_DIM, KINDS, CourseCfg
+from policy.env.feature_row import OBS_DIM
 from policy.options.choice_row import NEAR_M, TASK, ChoiceReward, written_reward
 from policy.options.choosing import ChoosingCfg
 from policy.rollouts.record_cfg import RecordCfg
@@ -135,6 +135,17 @@ def rule_of(names: Sequence[str]) -> Callable[[Tensor], Tensor]:
         return gait
 
     return rule
+
+
+def by_rule(gaits: Gaits, rule: Callable[[Tensor], Tensor]) -> Chosen:
+    """The gait [N] that `rule` gives of what is ahead [N, 6]."""
+
+    def act(obs: Tensor) -> tuple[Tensor, Tensor]:
+        gait = rule(obs[:, OBS_DIM : OBS_DIM + AHEAD_DIM])
+        actions = torch.stack([p(obs[:, :OBS_DIM]) for p in gaits.policies])
+        return actions[gait, torch.arange(len(obs))], gait
+
+    return act
 
 
 def rows_without_learning(

@@ -12,7 +12,6 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from policy.env.course import AHEAD_DIM
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg
 from policy.env.feature_row import OBS_DIM
@@ -52,17 +51,6 @@ def alone(gaits: Gaits, index: int) -> Chosen:
 
     def act(obs: Tensor) -> tuple[Tensor, Tensor]:
         return policy(obs[:, :OBS_DIM]), torch.full((len(obs),), index)
-
-    return act
-
-
-def by_rule(gaits: Gaits, rule: Callable[[Tensor], Tensor]) -> Chosen:
-    """The gait [N] that `rule` gives of what is ahead [N, 6]."""
-
-    def act(obs: Tensor) -> tuple[Tensor, Tensor]:
-        gait = rule(obs[:, OBS_DIM : OBS_DIM + AHEAD_DIM])
-        actions = torch.stack([p(obs[:, :OBS_DIM]) for p in gaits.policies])
-        return actions[gait, torch.arange(len(obs))], gait
 
     return act
 
