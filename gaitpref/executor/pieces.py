@@ -11,7 +11,6 @@ import os
 import pickle
 import traceback
 from collections.abc import Callable, Generator, Sequence
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, Self
@@ -104,22 +103,6 @@ class Executor(Protocol):
             PieceError: a piece asks for more than there is; none was started.
         """
         ...
-
-
-def in_order(executor: Executor, pieces: Sequence[Piece]) -> list[Any]:
-    """The values of all pieces, in their order.
-
-    Raises:
-        PieceError: one failed; the others that still ran are ended.
-    """
-    values: dict[int, Any] = {}
-    places = {id(piece): place for place, piece in enumerate(pieces)}
-    with closing(executor.outcomes(pieces)) as outcomes:
-        for outcome in outcomes:
-            if outcome.failure is not None:
-                raise PieceError(f"{outcome.piece.name}: {outcome.failure.reason}")
-            values[places[id(outcome.piece)]] = outcome.value
-    return [values[place] for place in range(len(pieces))]
 
 
 def attempt(packed: bytes) -> bytes:

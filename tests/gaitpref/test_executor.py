@@ -13,9 +13,10 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.pieces import in_order
 from data.errors import GaitprefError
 from gaitpref.executor.gpu_slots import Slots
-from gaitpref.executor.pieces import DEVICES, Executor, Piece, PieceError, in_order
+from gaitpref.executor.pieces import DEVICES, Executor, Piece, PieceError
 from gaitpref.executor.processes import Processes
 from gaitpref.executor.ray_tasks import RayTasks
 from tests.helpers.one_ray import one_ray

@@ -6,8 +6,9 @@ import time
 
 import pytest
 
+from benchmarks.pieces import in_order
 from gaitpref.executor.choose_executor import choose_executor
-from gaitpref.executor.pieces import Piece, PieceError, in_order
+from gaitpref.executor.pieces import Piece, PieceError
 from gaitpref.executor.processes import Processes
 from gaitpref.executor.ray_tasks import RayTasks
 from policy.parallel.ray_connection import RayError
