@@ -107,28 +107,9 @@ def evaluate(
     """
     if episodes < 1:
         raise ValueError(f"an evaluation needs at least 1 episode, got {episodes}")
-    return evaluate_actor(
-        policy,
-        policy.robot(),
-        env or policy.info.env,
-        score_fn,
-        episodes=episodes,
-        seed=seed,
-    )
-
-
-def evaluate_actor(
-    actor: Actor,
-    robot: Robot,
-    cfg: EnvCfg,
-    score_fn: ScoreFn,
-    *,
-    episodes: int = 64,
-    seed: int = 0,
-) -> Evaluation:
-    """`evaluate` for anything that acts."""
+    cfg = env or policy.info.env
     features, lengths = rollout_features(
-        actor, robot, cfg, episodes=episodes, seed=seed
+        policy, policy.robot(), cfg, episodes=episodes, seed=seed
     )
     return summarise(features, lengths, score_fn, control_dt_s=cfg.control_dt_s)
 

@@ -15,7 +15,7 @@ from data.episodes.episode import Episode
 from data.features import FEATURE_DIM, column
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import Robot, load_robot
-from policy.rollouts.evaluate import command_grid, evaluate_actor, summarise
+from policy.rollouts.evaluate import command_grid, rollout_features, summarise
 from policy.rollouts.record import record
 from policy.rollouts.record_cfg import RecordCfg, recorded_commands
 from policy.rollouts.rollout import hold_home
@@ -117,7 +117,8 @@ def test_a_diverged_simulation_reaches_no_clip(
 
 def test_holding_the_home_pose_stands(robot: Robot) -> None:
     """No fall, full length, and as wrong as the commands are fast."""
-    result = evaluate_actor(hold_home, robot, ENV, _ones, episodes=16)
+    rolled_out = rollout_features(hold_home, robot, ENV, episodes=16, seed=0)
+    result = summarise(*rolled_out, _ones, control_dt_s=ENV.control_dt_s)
     assert result.falls == 0
     assert result.episode_length_s == pytest.approx(10.0)
     assert result.return_mean == pytest.approx(10.0)
