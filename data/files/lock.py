@@ -25,7 +25,7 @@ class Busy(GaitprefError):
 
 @contextmanager
 def only_writer(
-    directory: Path, tell: Callable[[str], None], *, lock: Path | None = None
+    directory: Path, tell: Callable[[str], None], *, replaced: bool = False
 ) -> Iterator[None]:
     """Be the only process that writes into `directory`.
 
@@ -36,15 +36,18 @@ def only_writer(
         directory: What is written; made if it is missing, and gone again if nothing
             was written into it.
         tell: Gets a sentence where the file system has no locks.
-        lock: The file that is locked, for a directory that is replaced as a whole;
-            otherwise `LOCK_NAME` inside of it.
+        replaced: Whether the directory is replaced as a whole: the file of the lock
+            is then beside it, not inside.
 
     Raises:
         Busy: another process is at it; the message says which.
         FileError: something else than a file is where the lock should be.
         OSError: the file cannot be made.
     """
-    lock = lock or directory / LOCK_NAME
+    lock = directory / LOCK_NAME
+    if replaced:
+        out = directory.resolve()
+        lock = out.with_name(f".{out.name}{LOCK_NAME}")
     missing = [path for path in lock.parents if not path.exists()]
     descriptor = _locked(directory, lock, tell)
     try:

@@ -16,7 +16,7 @@ from data.datasets.gone import told_gone
 from data.datasets.manifest_file import writable
 from data.errors import GaitprefError
 from data.files.files import require_directory
-from data.files.lock import LOCK_NAME, only_writer
+from data.files.lock import only_writer
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.by_hand import (
     refuse_beside_method,
@@ -52,10 +52,7 @@ def run(command: options.Command) -> int:
 
 def _fit(command: options.Fit) -> None:
     require_directory(command.out, REWARD_NAMES if command.dataset else None)
-    out = command.out.resolve()
-    # Beside it, because the directory itself is replaced as a whole.
-    lock = out.with_name(f".{out.name}{LOCK_NAME}")
-    with only_writer(command.out, console.print, lock=lock):
+    with only_writer(command.out, console.print, replaced=True):
         _fit_alone(command)
 
 

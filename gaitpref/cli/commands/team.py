@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import asdict
 from pathlib import Path
 
@@ -13,17 +12,12 @@ from data.datasets.dataset import Dataset
 from data.datasets.manifest_file import writable
 from data.errors import GaitprefError
 from data.files.files import require_directory, write_atomically
-from data.files.lock import LOCK_NAME, only_writer
+from data.files.lock import only_writer
 from gaitpref.cli.options import team_options as options
 from gaitpref.cli.shared.next_of_answers import next_fit, next_pairs
 from gaitpref.cli.shared.shares_told import tell_shares
-from gaitpref.console.progress import (
-    console,
-    counted,
-    training_bar,
-    working,
-)
-from gaitpref.console.terminal import EXIT_INTERRUPTED
+from gaitpref.cli.shared.training_command import refuse_trained, told_stopped
+from gaitpref.console.progress import console, counted, training_bar, working
 from gaitpref.raters.criterion_scores import criterion_context
 from gaitpref.raters.rater_cfg import RaterCfg
 from gaitpref.raters.simulated import answer_pairs
@@ -51,7 +45,6 @@ from policy.training.checkpoint import PolicyError, PolicyInfo, load_policy
 from policy.training.ppo import PpoCfg, ScoreFn
 from policy.training.train import train
 from policy.training.train_cfg import TrainCfg
-from policy.training.training_dir import POLICY_NAME, RESUME_NAME
 from rewardmodel.answers.answered_pairs import load_pairs
 from rewardmodel.team.team_fit import fit_team, rows_in
 from rewardmodel.team.team_reward import TeamReward
@@ -73,10 +66,7 @@ def run(command: options.Team) -> int:
         case options.TeamAnswer():
             _answer(action)
         case options.TeamFit():
-            out = action.out.resolve()
-            # Beside it, because the directory itself is replaced as a whole.
-            lock = out.with_name(f".{out.name}{LOCK_NAME}")
-            with only_writer(action.out, console.print, lock=lock):
+            with only_writer(action.out, console.print, replaced=True):
                 _fit(action)
         case options.TeamShares():
             _shares(action)
@@ -84,12 +74,8 @@ def run(command: options.Team) -> int:
 
 
 def _train(command: options.TeamTrain) -> int:
-    names = (POLICY_NAME, RESUME_NAME)
-    if not command.resume and any((command.out / name).exists() for name in names):
-        raise PolicyError(
-            f"{command.out} holds a training run: --resume goes on with it, or give "
-            "another --out"
-        )
+    if not command.resume:
+        refuse_trained(command.out)
     _require_possible(command)
     start = _start(command)
     policy = load_policy(start)
@@ -121,12 +107,7 @@ def _train(command: options.TeamTrain) -> int:
             engine=team_runner,
         )
     if not result.finished:
-        print(
-            f"gaitpref: stopped after {result.steps:,} steps; the same command with "
-            "--resume goes on",
-            file=sys.stderr,
-        )
-        return EXIT_INTERRUPTED
+        return told_stopped(result.steps)
     console.print(f"the policy is {result.policy}")
     console.next(
         f"`gaitpref team record --policy {result.policy} --dataset DIR --lazy 0.5` "
@@ -282,7 +263,7 @@ def _fit(command: options.TeamFit) -> None:
     )
 
 
-def _largest(model: TeamReward, count: int = 5) -> list[tuple[str, float]]:
+def _largest(model: TeamReward) -> list[tuple[str, float]]:
     """Habits with the largest weights, and these: what one deviation more is worth."""
     own, pair = model.agreed
     weights = [*own.tolist(), *pair.tolist()]
@@ -290,7 +271,7 @@ def _largest(model: TeamReward, count: int = 5) -> list[tuple[str, float]]:
         (name, round(weight, 3))
         for name, weight in zip(model.names, weights, strict=True)
     ]
-    return sorted(named, key=lambda item: -abs(item[1]))[:count]
+    return sorted(named, key=lambda item: -abs(item[1]))[:5]
 
 
 def _shares(command: options.TeamShares) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +26,7 @@ from gaitpref.cli.shared.off_policy import (
     told_of_distance,
 )
 from gaitpref.cli.shared.simulator import sim_of
+from gaitpref.cli.shared.training_command import refuse_trained, told_stopped
 from gaitpref.console.progress import console, training_bar
 from gaitpref.console.terminal import EXIT_BAD_INPUT, EXIT_INTERRUPTED
 from gaitpref.raters.criterion_scores import criterion_context
@@ -45,12 +45,11 @@ from policy.law.own_law import OWN_TERMS, own_law
 from policy.offpolicy.off_policy_runner import OffPolicy
 from policy.parallel.ranks import Ranks
 from policy.rollouts.walking import from_rest
-from policy.training.checkpoint import PolicyError, load_policy
+from policy.training.checkpoint import load_policy
 from policy.training.ppo import ScoreFn
 from policy.training.setup import Setting, setting_of
 from policy.training.train import Engine, train
 from policy.training.train_cfg import TrainCfg
-from policy.training.training_dir import POLICY_NAME, RESUME_NAME
 from rewardmodel.models.model import RewardModel
 
 _LOOK_S = 5.0
@@ -67,12 +66,8 @@ def run(command: options.Train) -> int:
 
 
 def _train(command: options.Train, ranks: Ranks) -> int:
-    names = (POLICY_NAME, RESUME_NAME)
-    if not command.resume and any((command.out / name).exists() for name in names):
-        raise PolicyError(
-            f"{command.out} holds a training run: --resume goes on with it, or give "
-            f"another --out"
-        )
+    if not command.resume:
+        refuse_trained(command.out)
     setting = setting_of(command.init, command.robot)
     cfg = _plain_cfg(command, setting)
     refuse_beside_method(
@@ -110,13 +105,7 @@ def _train(command: options.Train, ranks: Ranks) -> int:
             engine=engine,
         )
     if not result.finished:
-        if ranks.is_first:
-            print(
-                f"gaitpref: stopped after {result.steps:,} steps; the same command "
-                "with --resume goes on",
-                file=sys.stderr,
-            )
-        return EXIT_INTERRUPTED
+        return told_stopped(result.steps) if ranks.is_first else EXIT_INTERRUPTED
     console.print(f"the policy is {result.policy}")
     if told := told_of_distance(result.stats):
         console.print(told)

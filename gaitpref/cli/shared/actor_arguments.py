@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from data.errors import GaitprefError
 from gaitpref.cli.options import options
+from gaitpref.cli.shared.training_command import refuse_unasked
 from gaitpref.console.extras import require
 from policy.engines.actors_cfg import ActorsCfg
 from policy.parallel.ranks import Ranks
@@ -16,13 +17,8 @@ def actors_of(command: options.Train, ranks: Ranks) -> ActorsCfg | None:
         GaitprefError: two ways to use many cores at once, or Ray is not installed.
     """
     if command.actors is None:
-        own = options.Train(out=command.out, reward=command.reward)
-        for name in ("ray", "update", "most_lag"):
-            if getattr(command, name) != getattr(own, name):
-                option = name.replace("_", "-")
-                raise GaitprefError(
-                    f"--{option} is about actors: give --actors N too, or leave it out"
-                )
+        names = ("ray", "update", "most_lag")
+        refuse_unasked(command, names, "is about actors: give --actors N")
         return None
     if ranks.size > 1:
         raise GaitprefError(

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from data.errors import GaitprefError
 from gaitpref.cli.options import options
+from gaitpref.cli.shared.training_command import refuse_unasked
 from policy.engines.actors_cfg import ActorsCfg
 from policy.offpolicy.distance import TOO_FAR
 from policy.offpolicy.off_policy_runner import OffPolicy
@@ -29,7 +30,11 @@ def off_policy_of(
         GaitprefError: options that do not go together.
     """
     if command.algorithm == "ppo":
-        _require_no_options_of_its_own(command)
+        refuse_unasked(
+            command,
+            ("replay", "offline", "memory", "updates_per_step", "prioritised"),
+            "is about off-policy learning: give --algorithm fastsac",
+        )
         return None
     if ranks.size > 1:
         raise GaitprefError(
@@ -81,13 +86,3 @@ def told_of_distance(stats: IterationStats | None) -> str:
         "thought to be worth is a guess; record episodes nearer to it, or leave "
         "--offline out"
     )
-
-
-def _require_no_options_of_its_own(command: options.Train) -> None:
-    own = options.Train(out=command.out, reward=command.reward)
-    for name in ("replay", "offline", "memory", "updates_per_step", "prioritised"):
-        if getattr(command, name) != getattr(own, name):
-            raise GaitprefError(
-                f"--{name.replace('_', '-')} is about off-policy learning: give "
-                "--algorithm fastsac too, or leave it out"
-            )
