@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rich.progress import (
     BarColumn,
@@ -25,6 +25,8 @@ from .terminal import PlainConsole
 if TYPE_CHECKING:
     # Only named here: who fits a reward may have no simulator.
     from policy.training.ppo import IterationStats
+
+Item = TypeVar("Item")
 
 console = PlainConsole(stderr=True, soft_wrap=True)
 _QUIET_S = 5.0
@@ -131,6 +133,21 @@ def counting_bar(title: str, total: int) -> Iterator[Progress]:
     ) as progress:
         progress.add_task(title, total=total)
         yield progress
+
+
+@contextmanager
+def each_counted(
+    title: str, items: Iterable[Item], total: int
+) -> Iterator[Iterator[Item]]:
+    """`items`, of which a bar counts every one that is taken."""
+    with counting_bar(title, total) as bar:
+
+        def each() -> Iterator[Item]:
+            for item in items:
+                bar.advance(bar.task_ids[0])
+                yield item
+
+        yield each()
 
 
 @contextmanager

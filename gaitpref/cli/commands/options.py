@@ -9,7 +9,7 @@ from data.errors import GaitprefError
 from data.files.files import write_atomically
 from data.files.lock import only_writer
 from gaitpref.cli.options import options
-from gaitpref.console.progress import console, counted, counting_bar, working
+from gaitpref.console.progress import console, counted, each_counted, working
 from gaitpref.console.terminal import EXIT_INTERRUPTED, complain
 from gaitpref.options.choice_fit import fit_choices
 from gaitpref.options.choice_rater import answer_choices, parse_wish, wisher_of
@@ -202,17 +202,10 @@ def _ask_wish(
     else:
         write_atomically(untaught, content)
         shown = RecordCfg(episodes=_CLIPS, episode_s=_CLIP_S, noisy_share=1.0)
-        with counting_bar("recording", _CLIPS) as bar:
-
-            def each():
-                policies = [load_policy(untaught)]
-                for episode in record(
-                    untaught, shown, seed=command.seed, policies=policies
-                ):
-                    bar.advance(bar.task_ids[0])
-                    yield episode
-
-            dataset.add_episodes(each())
+        policies = [load_policy(untaught)]
+        recorded = record(untaught, shown, seed=command.seed, policies=policies)
+        with each_counted("recording", recorded, _CLIPS) as episodes:
+            dataset.add_episodes(episodes)
     answer_choices(dataset, gaits.names, wish, count=command.answers, seed=command.seed)
 
 

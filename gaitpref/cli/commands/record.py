@@ -8,7 +8,7 @@ from data.errors import GaitprefError
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.by_hand import METHODS, told_without_method
 from gaitpref.cli.shared.next_of_answers import next_pairs
-from gaitpref.console.progress import console, counting_bar
+from gaitpref.console.progress import console, each_counted
 from gaitpref.team.team_sets import require_kind
 from gaitpref.training.by_method import recorded_by
 from policy.robots.shipped import WALK
@@ -57,15 +57,10 @@ def run(command: options.Record) -> int:
     cfg = _record_cfg(command)
     dataset = Dataset.create(command.dataset)
     require_kind(dataset, team=False)
-    with counting_bar("recording", cfg.episodes) as bar:
-
-        def counted():
-            for episode in record(policy, cfg, seed=command.seed, round=command.round):
-                bar.advance(bar.task_ids[0])
-                yield episode
-
-        compression: Compression = "zstd" if command.compression == "zstd" else ""
-        entries = dataset.add_episodes(counted(), compression=compression)
+    recorded = record(policy, cfg, seed=command.seed, round=command.round)
+    compression: Compression = "zstd" if command.compression == "zstd" else ""
+    with each_counted("recording", recorded, cfg.episodes) as episodes:
+        entries = dataset.add_episodes(episodes, compression=compression)
     steps = sum(entry.num_steps for entry in entries)
     console.print(
         f"{len(entries)} episodes with {steps:,} steps are in {command.dataset}"

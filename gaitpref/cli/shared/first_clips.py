@@ -9,7 +9,7 @@ import numpy as np
 from data.answers.address import Address
 from data.datasets.dataset import Dataset
 from gaitpref.cli.shared.by_hand import METHODS
-from gaitpref.console.progress import console, counting_bar
+from gaitpref.console.progress import console, each_counted
 from gaitpref.training.by_method import recorded_by
 from policy.robots.shipped import WALK
 from policy.rollouts.record import record
@@ -22,29 +22,23 @@ FIRST = Path("runs/first")
 _EPISODES, _PAIRS = 32, 40
 
 
-def first_clips(answers: Address | None, root: Path = FIRST) -> Dataset:
-    """The data set at `root` of the walk that ships, in many postures, with questions.
+def first_clips(answers: Address | None) -> Dataset:
+    """The data set at `FIRST` of the walk that ships, in many postures, with questions.
 
     What is there already is used again.
 
     Args:
         answers: Where questions and answers are, if not in a file of the directory.
-        root: The directory.
 
     Raises:
         GaitprefError: the directory holds something else, or cannot be written.
     """
-    dataset = Dataset.create(root, answers=answers)
+    dataset = Dataset.create(FIRST, answers=answers)
     if not dataset.entries():
         cfg = recorded_by(METHODS["style"].clips, RecordCfg(episodes=_EPISODES))
-        with counting_bar("recording", _EPISODES) as bar:
-
-            def counted():
-                for episode in record(WALK, cfg, seed=0):
-                    bar.advance(bar.task_ids[0])
-                    yield episode
-
-            dataset.add_episodes(counted())
+        recorded = record(WALK, cfg, seed=0)
+        with each_counted("recording", recorded, _EPISODES) as episodes:
+            dataset.add_episodes(episodes)
     with dataset.answers() as store:
         if not store.pairs():
             chosen = ask(
@@ -61,5 +55,5 @@ def first_clips(answers: Address | None, root: Path = FIRST) -> Dataset:
                 rng=np.random.default_rng(0),
             )
             store.add_pairs(chosen)
-    console.print(f"{root} holds clips of the walk that ships, and questions")
+    console.print(f"{FIRST} holds clips of the walk that ships, and questions")
     return dataset
