@@ -9,7 +9,6 @@ who asks again after a restart finds what is still open.
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -22,7 +21,7 @@ import torch
 from data.answers.address import Address
 from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
-from gaitpref.console.deaf_children import deaf_children
+from gaitpref.console.deaf_children import beside
 from gaitpref.console.progress import console
 from labeling_ui.page.loop_status import LoopStatus
 from rewardmodel.answers.used import count_evidence
@@ -38,7 +37,6 @@ from .run_dir import Round, context_of, seed_of
 _POLL_S = 0.5
 _OPEN_PAIRS = 2
 """Pairs that keep a person busy while the next are chosen."""
-_STOP_S = 20.0
 _TEACHES = (
     "Meanwhile, if you like: pairs of earlier clips; answers teach the next reward."
 )
@@ -89,22 +87,8 @@ def meanwhile(
     if cfg.rater != "human" or cfg.method.meanwhile is None:
         yield Meanwhile(cfg, people, None)
         return
-    context = multiprocessing.get_context("spawn")
-    here, there = context.Pipe()
-    process = context.Process(
-        target=_serve, args=(run, cfg, answers, there), name="meanwhile"
-    )
-    with deaf_children():
-        process.start()
-    there.close()
-    try:
-        yield Meanwhile(cfg, people, here)
-    finally:
-        here.close()
-        process.join(_STOP_S)
-        if process.is_alive():
-            process.kill()
-            process.join()
+    with beside(_serve, run, cfg, answers, name="meanwhile") as (_, pipe):
+        yield Meanwhile(cfg, people, pipe)
 
 
 def _serve(run: Path, cfg: LoopCfg, answers: Address | None, pipe: Connection) -> None:

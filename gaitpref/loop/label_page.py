@@ -7,7 +7,6 @@ however it ended, the pipe ends, and so does the page.
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,12 +18,11 @@ from pathlib import Path
 from data.answers.answer_records import Answer, Pair
 from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
-from gaitpref.console.deaf_children import deaf_children
+from gaitpref.console.deaf_children import beside
 from labeling_ui.label_server import LabelCfg, LabelServer
 from labeling_ui.page.loop_status import LoopStatus
 
 _START_S = 120.0
-_STOP_S = 20.0
 NICENESS = 5
 """Niceness of the loop: who answers must not wait for a training of minutes."""
 
@@ -65,21 +63,9 @@ def loop_page(root: Path, cfg: LabelCfg) -> Iterator[tuple[list[str], LoopPage]]
     Raises:
         GaitprefError: the page cannot be served, as where the port is busy.
     """
-    context = multiprocessing.get_context("spawn")
-    here, there = context.Pipe()
-    process = context.Process(target=_serve, args=(root, cfg, there), name="page")
-    with deaf_children():
-        process.start()
-    there.close()
-    try:
-        url, notices = _greeting(here)
-        yield notices, LoopPage(process, here, url)
-    finally:
-        here.close()
-        process.join(_STOP_S)
-        if process.is_alive():
-            process.kill()
-            process.join()
+    with beside(_serve, root, cfg, name="page") as (process, pipe):
+        url, notices = _greeting(pipe)
+        yield notices, LoopPage(process, pipe, url)
 
 
 def _greeting(pipe: Connection) -> tuple[str, list[str]]:
