@@ -22,7 +22,7 @@ from policy.training.training_dir import CHECKPOINTS_NAME
 
 from .babble import Babble
 from .record_cfg import Command, RecordCfg, recorded_commands
-from .rolled_out import LOGGED, episode_of, meta_of
+from .rolled_out import episode_of, logged, meta_of
 from .rollout import Actor, RolloutStep, first_episodes
 from .variation import Varied
 
@@ -118,12 +118,7 @@ def _record_one(
         steps.append(step)
         if (gait := policy.gait) is not None and not babble:
             ran.append(gait.numpy())
-    # Once for all: taking steps apart for every episode costs a third of the rollout.
-    arrays = {
-        name: np.stack([np.asarray(getattr(step, name)) for step in steps], axis=1)
-        for name in LOGGED
-    }
-    lengths = np.sum([np.asarray(step.alive) for step in steps], axis=0)
+    arrays, lengths = logged(steps)
     for index in range(count):
         meta = meta_of(
             None if babble else policy,

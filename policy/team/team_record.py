@@ -15,13 +15,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.episodes.episode_records import ROBOTS, TEAM_TASK, Episode, EpisodeMeta
+from data.episodes.episode_records import ROBOTS, Episode
 from data.errors import GaitprefError
 from data.features import FEATURE_DIM
 from policy.env.env import ONE_OR_TWO
 from policy.env.seeding import spawned
 from policy.rollouts.record_cfg import recorded_commands
-from policy.rollouts.rolled_out import LOGGED, episode_of
+from policy.rollouts.rolled_out import episode_of, logged, meta_of
 from policy.rollouts.rollout import Actor, first_episodes
 from policy.training.checkpoint import Policy
 
@@ -121,33 +121,23 @@ def record_team(
             rng=torch.Generator().manual_seed(actor_seed),
         )
     )
-    arrays = {
-        name: np.stack([np.asarray(getattr(step, name)) for step in steps], axis=1)
-        for name in LOGGED
-    }
+    arrays, lengths = logged(steps)
     arrays["features"] = arrays["features"][..., :FEATURE_DIM]
-    lengths = np.sum([np.asarray(step.alive) for step in steps], axis=0)
     for team in range(count):
-        extra = {"trained_against": info.reward, ROBOTS: "2"}
-        if who[team]:
-            extra[LAZY] = str(who[team])
         both: list[Episode] = []
         for robot in (2 * team, 2 * team + 1):
-            meta = EpisodeMeta(
-                task=TEAM_TASK,
-                seed=seed,
-                env_index=robot,
+            meta = meta_of(
+                policy,
+                env,
                 command=told[team],
-                policy_sha256=policy.sha256,
-                policy_step=info.steps,
+                seed=seed,
+                index=robot,
                 stochastic=bool(noisy[team]),
-                control_dt_s=env_cfg.control_dt_s,
-                physics_dt_s=env_cfg.physics_dt_s,
-                robot=info.robot_name,
-                model_sha256=env.sim.robot.model_sha256,
                 round=round,
-                extra=extra,
             )
+            meta.extra[ROBOTS] = "2"
+            if who[team]:
+                meta.extra[LAZY] = str(who[team])
             num_steps = int(lengths[robot])
             rows = {name: array[robot, :num_steps] for name, array in arrays.items()}
             both.append(
