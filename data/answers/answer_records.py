@@ -43,6 +43,11 @@ _ALLOWED = {
 }
 
 
+def now_utc() -> str:
+    """The time, as `Answer.created_utc` has it."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
 @dataclass(frozen=True, slots=True)
 class Pair:
     """Two clips to be compared; make one with `Pair.make`.

@@ -16,11 +16,10 @@ import pickle
 import uuid
 from collections import Counter
 from collections.abc import Mapping
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from data.answers.answer_records import Answer, Choice, Pair
+from data.answers.answer_records import Answer, Choice, Pair, now_utc
 from data.datasets.dataset import Dataset
 from data.episodes.clips import Clip
 from data.errors import DatasetError
@@ -121,7 +120,7 @@ def imported_answer(pair: Pair, rater_id: str, number: int, choice: Choice) -> A
         choice=choice,
         shown_left="a",
         note="imported",
-        created_utc=datetime.now(UTC).isoformat(timespec="milliseconds"),
+        created_utc=now_utc(),
     )
 
 

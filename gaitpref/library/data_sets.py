@@ -5,14 +5,13 @@ Shapes: T steps of a clip, F feature columns (`data.features.FEATURES`).
 
 from __future__ import annotations
 
-import datetime
 import uuid
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-from data.answers.answer_records import Answer, Choice, Pair
+from data.answers.answer_records import Answer, Choice, Pair, now_utc
 from data.answers.strategy_names import StrategyName
 from data.datasets.dataset import Dataset, EpisodeEntry
 from data.datasets.gone import listed_in
@@ -130,12 +129,11 @@ def answer(dataset: Dataset, judge: Judge, *, rater_id: str) -> int:
 
 
 def _answer(pair: Pair, choice: Choice, rater_id: str) -> Answer:
-    now = datetime.datetime.now(datetime.UTC)
     return Answer(
         answer_id=str(uuid.uuid4()),
         pair_id=pair.pair_id,
         rater_id=rater_id,
         choice=choice,
         shown_left="a",
-        created_utc=now.isoformat(timespec="milliseconds"),
+        created_utc=now_utc(),
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import hashlib
 import uuid
 from collections.abc import Mapping
@@ -10,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 import torch
 
-from data.answers.answer_records import Answer, Choice, Pair
+from data.answers.answer_records import Answer, Choice, Pair, now_utc
 from data.datasets.dataset import Dataset
 from data.episodes.clips import Clip
 from data.errors import GaitprefError
@@ -71,7 +70,8 @@ def answer_choices(
         )
     reward = written_reward(wish, gaits, "wish")
     segments = ChoiceClips(dataset, gaits).segments(clips)
-    worth = _means(reward(torch.from_numpy(segments.rows)).numpy())
+    # Behind the end of a segment it is NaN.
+    worth = np.nanmean(reward(torch.from_numpy(segments.rows)).numpy(), axis=1)
     worth = worth / max(float(np.std(worth)), 1e-9)
     rng = np.random.default_rng([seed, 1])
     pairs: dict[str, tuple[int, int]] = {}
@@ -102,17 +102,11 @@ def _number(pair: Pair) -> int:
 
 
 def _answer(pair: Pair, wisher: str, choice: Choice) -> Answer:
-    now = datetime.datetime.now(datetime.UTC)
     return Answer(
         answer_id=str(uuid.uuid5(_NAMESPACE, f"{pair.pair_id} {wisher}")),
         pair_id=pair.pair_id,
         rater_id=wisher,
         choice=choice,
         shown_left="a",
-        created_utc=now.isoformat(timespec="milliseconds"),
+        created_utc=now_utc(),
     )
-
-
-def _means(scores: np.ndarray) -> np.ndarray:
-    """Mean [S] of scores [S, T], NaN behind the end of a segment."""
-    return np.nanmean(scores, axis=1)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import datetime
 import time
 import uuid
 
 import numpy as np
 
-from data.answers.answer_records import Answer, Choice, Pair, Side
+from data.answers.answer_records import Answer, Choice, Pair, Side, now_utc
 from data.answers.typed_text import plain_text
 from data.datasets.dataset import Dataset
 from data.datasets.gone import listed_in
@@ -87,7 +86,6 @@ def _answer(
     began_s = time.monotonic()
     verdict = rate(seen_pair(dataset, pair, shown_left))
     took_s = time.monotonic() - began_s
-    now = datetime.datetime.now(datetime.UTC)
     return Answer(
         answer_id=str(answer_id),
         pair_id=pair.pair_id,
@@ -97,7 +95,7 @@ def _answer(
         response_ms=round(1000 * took_s),
         note=plain_text(verdict.reason)[:NOTE_CHARS],
         client={FACTS: {"questions": 1, "seconds": round(took_s, 3)} | verdict.facts},
-        created_utc=now.isoformat(timespec="milliseconds"),
+        created_utc=now_utc(),
     )
 
 

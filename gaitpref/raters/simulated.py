@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import datetime
 import uuid
 from collections.abc import Callable, Iterable
 
 import numpy as np
 import torch
 
-from data.answers.answer_records import Answer, Pair
+from data.answers.answer_records import Answer, Pair, now_utc
 from data.datasets.dataset import Dataset
 from data.datasets.gone import listed_in
 from data.episodes.clips import Clip
@@ -108,8 +107,6 @@ def _answer(
         rater_id=rater_id,
         choice=choice,
         shown_left=shown_left,
-        created_utc=datetime.datetime.now(datetime.UTC).isoformat(
-            timespec="milliseconds"
-        ),
+        created_utc=now_utc(),
         why=said_why(cfg, rng) if choice in ("a", "b") else "",
     )
