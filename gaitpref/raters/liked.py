@@ -5,16 +5,13 @@ from __future__ import annotations
 import uuid
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 
-from data.answers.answer_records import Answer, Pair
+from data.answers.answer_records import Answer, Pair, now_utc
 from data.answers.strategy_names import DRIVEN
 from data.datasets.dataset import Dataset
 from data.episodes.clips import Clip
 from policy.rollouts.driven_policy import DrivenPolicy
 
-LONGEST_S = 3.0
-"""What is judged: the last seconds, as many as the footfalls on the page show."""
 SHORTEST_S = 1.2
 """Less than a clip of other questions is not judged."""
 
@@ -42,14 +39,13 @@ class Liked:
         if a == b:
             return "not kept: both robots did exactly the same"
         pair = Pair.make(a, b, strategy=DRIVEN, round=0)
-        now = datetime.now(UTC).isoformat(timespec="milliseconds")
         answer = Answer(
             answer_id=str(uuid.uuid4()),
             pair_id=pair.pair_id,
             rater_id=self.rater_id,
             choice="a" if liked == 0 else "b",
             shown_left="a",
-            created_utc=now,
+            created_utc=now_utc(),
         )
         with self.dataset.answers() as store:
             store.add_rater(self.rater_id, "human")

@@ -15,7 +15,7 @@ from .geometry import RobotGeometry, instance_poses
 from .scene import Pose
 
 HISTORY_S = 3.0
-"""How far back the footfalls go."""
+"""How far back the footfalls go, and what is judged."""
 _FOLLOW_S = 0.4
 """The camera follows the base with this delay, so that its surging stays visible."""
 _FALLEN_S = 1.0

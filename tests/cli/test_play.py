@@ -18,8 +18,8 @@ from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from gaitpref.cli.commands.looking.play import live_policy, run
 from gaitpref.cli.options.policy_options import Play
-from gaitpref.raters.liked import LONGEST_S, Liked
-from labeling_ui.scene.live_robot import Drive, LiveState, StepFn
+from gaitpref.raters.liked import Liked
+from labeling_ui.scene.live_robot import HISTORY_S, Drive, LiveState, StepFn
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import SHIPPED_XML, load_robot
 from policy.robots.shipped import WALK
@@ -90,7 +90,7 @@ def test_what_is_liked_is_kept_with_an_answer(tmp_path: Path) -> None:
     policy = load_policy(WALK)
     robot = policy.robot()
     one, other, twin = (
-        DrivenPolicy(policy, robot, seed=seed, memory_s=LONGEST_S) for seed in (0, 1, 1)
+        DrivenPolicy(policy, robot, seed=seed, memory_s=HISTORY_S) for seed in (0, 1, 1)
     )
     dataset = Dataset.create(tmp_path / "set")
     like = Liked(dataset, "ann")

@@ -16,10 +16,16 @@ from gaitpref.cli.shared.serving import require_port, stoppable, wait_until_stop
 from gaitpref.console.browser import open_page
 from gaitpref.console.progress import working
 from gaitpref.console.terminal import say
-from gaitpref.raters.liked import LONGEST_S, Liked
+from gaitpref.raters.liked import Liked
 from labeling_ui.play_server import Like, PlayPage, play_site
 from labeling_ui.scene.geometry import robot_geometry
-from labeling_ui.scene.live_robot import Drive, LivePolicy, LiveState, StepFn
+from labeling_ui.scene.live_robot import (
+    HISTORY_S,
+    Drive,
+    LivePolicy,
+    LiveState,
+    StepFn,
+)
 from labeling_ui.web.proxy_cfg import ProxyCfg
 from labeling_ui.web.tokens import TokenStore
 from labeling_ui.web.visit import Visit
@@ -80,7 +86,7 @@ def live_policy(path: Path, xml: Path | None) -> LivePolicy:
 
     def new_step() -> StepFn:
         # A policy that chooses among gaits remembers which one runs: of one visitor.
-        return LiveStep(DrivenPolicy(deepcopy(policy), robot, memory_s=LONGEST_S))
+        return LiveStep(DrivenPolicy(deepcopy(policy), robot, memory_s=HISTORY_S))
 
     return LivePolicy(
         name=f"{path.parent.name}/{path.name}, {policy.info.steps:,} steps{on_other}",
