@@ -267,20 +267,18 @@ def differing(left: np.ndarray, right: np.ndarray) -> list[VisibleHabit]:
     return [VISIBLE_HABITS[index] for index in order if apart[index] >= 1.0]
 
 
-def difference_words(
-    left: np.ndarray, right: np.ndarray, *, names: tuple[str, str] = ("A", "B")
-) -> list[str]:
-    """Sentences such as "B lifts its feet 3 cm higher.", the plainest first.
+def difference_words(left: np.ndarray, right: np.ndarray) -> list[str]:
+    """Sentences of clips A and B such as "B lifts its feet 3 cm higher.", the plainest
+    first.
 
     Args:
-        left: [H] as `visible_habits` gives them.
-        right: The same of the other clip.
-        names: What they are called.
+        left: [H] of A, as `visible_habits` gives them.
+        right: The same of B.
     """
     said = []
     for habit in differing(left, right):
         index = VISIBLE_HABITS.index(habit)
         lead = float(left[index] - right[index]) * habit.noticed
         does = habit.says.format(habit.amount(abs(lead)))
-        said.append(f"{names[lead < 0]} {does}.")
+        said.append(f"{'AB'[lead < 0]} {does}.")
     return said

@@ -5,14 +5,14 @@ from __future__ import annotations
 import base64
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from data.answers.typed_text import plain_text
 
-from .chat import Reply, completion
+from .chat import completion
 from .program_cfg import ProgramCfg, ProgramError, ReachCfg
 from .seen_pair import SWAPPED, ProgramRater, SeenClip, SeenPair, Verdict, Word
 from .strips import png_of
@@ -40,11 +40,7 @@ _TOLD = (
 )
 
 
-def vision_rater(
-    cfg: ProgramCfg,
-    reach: ReachCfg,
-    ask: Callable[[str, dict[str, Any], ReachCfg], Reply] = completion,
-) -> ProgramRater:
+def vision_rater(cfg: ProgramCfg, reach: ReachCfg) -> ProgramRater:
     """The model that `cfg` names as a rater.
 
     Each pair is put in both orders. Where the two do not agree, what was said is about
@@ -53,7 +49,6 @@ def vision_rater(
     Args:
         cfg: Address, model, what is looked for.
         reach: How it is reached.
-        ask: Puts one question.
 
     Raises:
         ProgramError: it may not be asked there; later, that it cannot be reached or
@@ -68,7 +63,8 @@ def vision_rater(
     def rate(pair: SeenPair) -> Verdict:
         nonlocal odd
         replies = [
-            ask(url, question(cfg, shown), reach) for shown in (pair, pair.swapped)
+            completion(url, question(cfg, shown), reach)
+            for shown in (pair, pair.swapped)
         ]
         found = [answer_in(reply.text) for reply in replies]
         for reply, said in zip(replies, found, strict=True):

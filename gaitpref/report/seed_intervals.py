@@ -12,8 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
-LEVEL = 0.95
-
 
 @dataclass(frozen=True)
 class SeedMean:
@@ -45,7 +43,7 @@ class SeedMean:
         return f"{self.mean:.2f}{width}"
 
 
-def t_quantile(freedom: int, level: float = LEVEL) -> float:
+def t_quantile(freedom: int, level: float = 0.95) -> float:
     """What a Student-t variable of so many degrees of freedom stays below, in absolute
     value, with probability `level`."""
     low, high = 0.0, 1.0

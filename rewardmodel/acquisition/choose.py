@@ -45,7 +45,6 @@ def choose_pairs(
     strategy: Strategy,
     round: int,
     known_pairs: Iterable[Pair] = (),
-    folds: int = 5,
     least_candidates: int = 0,
     apart: Apart = "episodes",
     told_apart: ToldApart | None = None,
@@ -67,7 +66,6 @@ def choose_pairs(
         strategy: What makes a candidate worth asking.
         round: Round of the loop, stored with the pairs.
         known_pairs: Pairs asked already, in either order.
-        folds: Groups of episodes, as in `FitCfg.folds`.
         least_candidates: Pairs `strategy` is asked about, however few are wanted.
         apart: `stretches` chooses within episodes instead, which then may come as often
             as they have clips: for logs that are few and long.
@@ -79,7 +77,7 @@ def choose_pairs(
     """
     entries, known_pairs = list(entries), list(known_pairs)
     drawn = [clips[index] for index in rng.permutation(len(clips))[:MAX_CLIPS]]
-    pool = _pool(drawn, entries, folds)
+    pool = _pool(drawn, entries)
     wanted = max(least_candidates, CANDIDATES_PER_PAIR * count)
     candidates = _candidates(pool, known_pairs, wanted, apart, told_apart, rng)
     if len(candidates) == 0:
@@ -133,7 +131,7 @@ class _Pool:
         return low * len(self.clips) + high
 
 
-def _pool(clips: Sequence[Clip], entries: Iterable[EpisodeEntry], folds: int) -> _Pool:
+def _pool(clips: Sequence[Clip], entries: Iterable[EpisodeEntry]) -> _Pool:
     by_sha256 = {entry.sha256: entry for entry in entries}
     own = [by_sha256[clip.rollout] for clip in clips]
     return _Pool(
@@ -142,7 +140,7 @@ def _pool(clips: Sequence[Clip], entries: Iterable[EpisodeEntry], folds: int) ->
         command=_numbered(
             [asked_for(entry, clip) for entry, clip in zip(own, clips, strict=True)]
         ),
-        fold=np.array([fold_of(entry.sha256, folds) for entry in own], dtype=int),
+        fold=np.array([fold_of(entry.sha256) for entry in own], dtype=int),
         fell=np.array(
             [
                 entry.end_reason == "terminated" and clip.stop >= entry.num_steps

@@ -16,7 +16,7 @@ from rewardmodel.descriptors.stride_rate import STRIDE_RATE
 from rewardmodel.descriptors.table import columns_seen
 from rewardmodel.models.model import RewardModel
 
-_POINTS = 41
+_POINTS, _MOST = 41, 6
 _USUAL = 2.0
 """Deviations to either side that a straight line is told for."""
 _LEAST = 0.1
@@ -42,16 +42,13 @@ class Curve:
         return float(np.ptp(self.reward))
 
 
-def learned_curves(
-    model: RewardModel, *, control_dt_s: float, count: int = 6
-) -> tuple[Curve, ...]:
+def learned_curves(model: RewardModel, *, control_dt_s: float) -> tuple[Curve, ...]:
     """The curves that matter most, first the one that does most; none of a model that
     is no sum over descriptors.
 
     Args:
         model: The reward.
         control_dt_s: Of the steps, for the unit of the stride rate.
-        count: How many at most.
     """
     habits: list[Habit] = [*columns_seen(model.sight)]
     centre, unit = model.normaliser.mean, model.normaliser.std
@@ -76,7 +73,7 @@ def learned_curves(
     spread = ((added - added.mean(dim=1, keepdim=True)) / model.reward_std).std(dim=0)
     weights = mean.amax(dim=0) - mean.amin(dim=0)
     chosen = [
-        i for i in weights.argsort(descending=True)[:count] if weights[i] > _LEAST
+        i for i in weights.argsort(descending=True)[:_MOST] if weights[i] > _LEAST
     ]
     return tuple(
         Curve(habits[i], *(_plain(t[:, i]) for t in (shown, mean, spread)))
