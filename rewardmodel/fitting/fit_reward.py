@@ -32,11 +32,7 @@ from rewardmodel.measures.calibration import (
     counting,
     fit_temperature,
 )
-from rewardmodel.measures.held_out import (
-    fold_of,
-    folds_of,
-    held_out_predictions,
-)
+from rewardmodel.measures.held_out import folds_of, held_out_predictions
 from rewardmodel.measures.rater_reliability import Judged, judge
 from rewardmodel.models.ensemble import fit_ensemble
 from rewardmodel.models.fit_report import FitReport as FitReport
@@ -115,15 +111,13 @@ def fit_reward(
         cfg,
         time.perf_counter() - started_s,
         at_random=pairs.at_random,
-        fold=folds_of(pairs.episodes, cfg),
+        fold=folds_of(pairs.episodes, cfg)[:, 0],
         without_target=pairs.num_without_target,
     )
     report = replace(
         report, raters=judged.raters, doubted=doubted, considered=considered
     )
-    seen = frozenset(sha256 for pair in pairs.episodes for sha256 in pair)
-    provenance = Provenance(cfg, report, pairs.answers_sha256, seen)
-    model = RewardModel(normaliser, scorer, provenance)
+    model = RewardModel(normaliser, scorer, _made_from(pairs, cfg, report))
     model.calibrate(answers.described)
     if measured:
         report = _with_remaining(model, pairs)
@@ -146,13 +140,17 @@ def no_reward(pairs: AnsweredPairs, cfg: FitCfg) -> tuple[RewardModel, FitReport
         cfg,
         time.perf_counter() - started_s,
         at_random=pairs.at_random,
-        fold=folds_of(pairs.episodes, cfg),
+        fold=folds_of(pairs.episodes, cfg)[:, 0],
         without_target=pairs.num_without_target,
     )
-    seen = frozenset(sha256 for pair in pairs.episodes for sha256 in pair)
-    provenance = Provenance(cfg, report, pairs.answers_sha256, seen)
+    provenance = _made_from(pairs, cfg, report)
     model = RewardModel(prepared.clips.normaliser, make_scorer(cfg), provenance)
     return model, _with_remaining(model, pairs)
+
+
+def _made_from(pairs: AnsweredPairs, cfg: FitCfg, report: FitReport) -> Provenance:
+    seen = frozenset(sha256 for pair in pairs.episodes for sha256 in pair)
+    return Provenance(cfg, report, pairs.answers_sha256, seen)
 
 
 def _with_remaining(model: RewardModel, pairs: AnsweredPairs) -> FitReport:
@@ -190,8 +188,7 @@ def _settled(
 def _described(pairs: AnsweredPairs | None, cfg: FitCfg) -> Unanswered | None:
     if pairs is None or cfg.semi_supervised is None:
         return None
-    folds = [[fold_of(sha256, cfg.folds) for sha256 in pair] for pair in pairs.episodes]
-    return Unanswered(prepare(pairs, cfg).described, torch.tensor(folds))
+    return Unanswered(prepare(pairs, cfg).described, folds_of(pairs.episodes, cfg))
 
 
 def report_of(

@@ -199,7 +199,7 @@ def fit_measured(
         foreseen,
         found,
         time.perf_counter() - started_s,
-        fold=folds_of(names, cfg),
+        fold=folds_of(names, cfg)[:, 0],
         at_random=(
             torch.ones(len(prepared), dtype=torch.bool)
             if at_random is None

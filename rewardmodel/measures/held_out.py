@@ -27,8 +27,9 @@ def fold_of(sha256: str, folds: int = 5) -> int:
 
 
 def folds_of(episodes: Sequence[tuple[str, str]], cfg: FitCfg) -> Tensor:
-    """[B] group of the left episode of each pair."""
-    return torch.tensor([fold_of(left, cfg.folds) for left, _ in episodes])
+    """[B, 2] groups of the left and the right episode of each pair."""
+    folds = [[fold_of(sha256, cfg.folds) for sha256 in pair] for pair in episodes]
+    return torch.tensor(folds).reshape(-1, 2)
 
 
 def held_out_predictions(
@@ -47,9 +48,7 @@ def held_out_predictions(
     Returns:
         The pairs asked about, [B] bool, and what was foreseen of each of them.
     """
-    folds = torch.tensor(
-        [[fold_of(sha256, cfg.folds) for sha256 in pair] for pair in episodes]
-    )
+    folds = folds_of(episodes, cfg)
     asked = torch.zeros(len(prepared), dtype=torch.bool)
     found = Prediction.none(len(prepared))
     for fold in range(cfg.folds):

@@ -187,7 +187,7 @@ def _summary(
     lead, logit = opinion.lead, opinion.logit
     target = pairs.target if pairs else torch.empty(0)
     episodes = pairs.episodes if pairs else ()
-    group = folds_of(episodes, cfg)
+    group = folds_of(episodes, cfg)[:, 0]
     at_random = pairs.at_random if pairs else torch.empty(0, dtype=torch.bool)
     counts = counting(at_random, target, erring=takes_to_err(cfg))
     commands = [_command(row) for row in pairs.commands.tolist()] if pairs else []
