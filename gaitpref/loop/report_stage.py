@@ -72,17 +72,15 @@ def report_stage(
         "policy_sha256": policy.sha256,
         "evaluation": measured(score_of_criterion(criterion)),
     }
-    summary = round.policy.parent / SUMMARY_NAME
-    if summary.exists():
-        result["training"] = read_json(summary)
-    if round.approval.exists():
-        result["approval"] = read_json(round.approval)
-    if round.verdict.exists():
-        result["verdict"] = read_json(round.verdict)
-    if round.decided.exists():
-        result["decided"] = read_json(round.decided)
-    if round.standstill.exists():
-        result["standstill"] = read_json(round.standstill)
+    for name, file in (
+        ("training", round.policy.parent / SUMMARY_NAME),
+        ("approval", round.approval),
+        ("verdict", round.verdict),
+        ("decided", round.decided),
+        ("standstill", round.standstill),
+    ):
+        if file.exists():
+            result[name] = read_json(file)
     rose = False
     if round.number:
         trained_against = measured(load_reward(round.before.reward))

@@ -13,7 +13,6 @@ from data.answers.answer_records import Pair
 from data.answers.curation import answers_heard
 from data.answers.strategy_names import APPROVAL
 from data.datasets.dataset import Dataset
-from data.episodes.clips import Clip
 from data.files.files import read_json, write_atomically
 from gaitpref.method.acceptance import Duel
 from gaitpref.method.clip_sources import ClipSources
@@ -147,16 +146,14 @@ def pairs_of_both(
         meta = entry.meta
         alike = [other for other in olds if other.meta.env_index == meta.env_index]
         # Who falls in the middle of a manoeuvre was told less than the other.
-        beside = _nearest(
-            clip,
-            [
-                other
-                for other in clips_of(alike, cut)
-                if asked_for(entries[other.rollout], other) == asked_for(entry, clip)
-            ],
-        )
-        if beside is None:
+        others = [
+            other
+            for other in clips_of(alike, cut)
+            if asked_for(entries[other.rollout], other) == asked_for(entry, clip)
+        ]
+        if not others:
             continue
+        beside = min(others, key=lambda other: abs(other.start - clip.start))
         sides = (clip, beside) if rng.random() < 0.5 else (beside, clip)
         pair = in_step(
             Pair.make(*sides, strategy=APPROVAL, round=round.number),
@@ -169,10 +166,6 @@ def pairs_of_both(
             by_command.setdefault(meta.command, []).append(pair)
     turns = zip_longest(*by_command.values())
     return [pair for turn in turns for pair in turn if pair is not None]
-
-
-def _nearest(clip: Clip, others: Sequence[Clip]) -> Clip | None:
-    return min(others, key=lambda other: abs(other.start - clip.start), default=None)
 
 
 def duel_of(round: Round, dataset: Dataset, new: str, old: str) -> Duel:

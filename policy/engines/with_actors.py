@@ -93,12 +93,7 @@ class ActorsRunner(Runner):
         num_learning_iterations: int,
         on_iteration: Callable[[IterationStats], bool],
     ) -> None:
-        """Run iterations until `num_learning_iterations` are done since the beginning.
-
-        Args:
-            num_learning_iterations: Total, those before a resume included.
-            on_iteration: Called after each; answers whether to go on.
-        """
+        """See `Learning.learn`."""
         if self.current_learning_iteration >= num_learning_iterations:
             return
         self.alg.train_mode()

@@ -256,12 +256,7 @@ class Runner(OnPolicyRunner):
         num_learning_iterations: int,
         on_iteration: Callable[[IterationStats], bool],
     ) -> None:
-        """Run iterations until `num_learning_iterations` are done since the beginning.
-
-        Args:
-            num_learning_iterations: Total, those before a resume included.
-            on_iteration: Called after each; answers whether to go on.
-        """
+        """See `Learning.learn`."""
         self.alg.train_mode()
         obs = self.env.get_observations()
         while self.current_learning_iteration < num_learning_iterations:
