@@ -12,25 +12,10 @@ import torch
 from data.files.files import read_json
 from gaitpref.cli.main import main
 from gaitpref.loop.loop_cfg import LoopCfg
-from gaitpref.loop.run import run_loop
 from gaitpref.loop.run_dir import Round, seed_of
 from policy.env.feature_row import OBS_DIM
 from policy.training.checkpoint import load_policy
-from tests.helpers.small_loop import small_cfg
-
-
-class _Killed(Exception):
-    pass
-
-
-def _kill_in(round_number: int):
-    """A stage that ends the loop in a round."""
-
-    def killed(cfg: LoopCfg, round: Round, *others: object) -> None:
-        if round.number == round_number:
-            raise _Killed
-
-    return killed
+from tests.helpers.small_loop import small_cfg, stopped
 
 
 def cfg_of(method: str) -> LoopCfg:
@@ -51,10 +36,7 @@ def looped(tmp_path_factory: pytest.TempPathFactory, method: str) -> tuple[Path,
     folder = tmp_path_factory.mktemp(method)
     run, fitted = folder / "run", folder / "fitted"
     for number, stage in ((0, "report_stage"), (1, "record_stage")):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(f"gaitpref.loop.run.{stage}", _kill_in(number))
-            with pytest.raises(_Killed):
-                run_loop(run, cfg_of(method))
+        stopped(stage, number, run, cfg_of(method))
         if number == 0:
             shutil.copytree(run, fitted)
     return fitted, run

@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from data.datasets.dataset import Dataset
-from gaitpref.loop import run as loop
 from gaitpref.loop.fit_stage import fit_stage
 from gaitpref.loop.loop_cfg import LoopCfg
 from gaitpref.loop.people import People
@@ -24,27 +23,8 @@ from gaitpref.raters.rater_cfg import RaterCfg
 from rewardmodel import FitCfg
 from rewardmodel.linear.noise_level import takes_to_err
 from rewardmodel.models.storage import load_reward
-from tests.helpers.small_loop import small_cfg
+from tests.helpers.small_loop import Killed, small_cfg, stopped
 from tests.rewardmodel.test_acquisition import model_of
-
-
-class _Killed(Exception):
-    pass
-
-
-def stopped(stage: str, number: int, run: Path, cfg: LoopCfg) -> None:
-    """Run a loop until a stage of a round would begin."""
-    begun = getattr(loop, stage)
-
-    def killed(cfg: LoopCfg, round: Round, *others: object) -> object:
-        if round.number == number:
-            raise _Killed
-        return begun(cfg, round, *others)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(loop, stage, killed)
-        with pytest.raises(_Killed):
-            run_loop(run, cfg)
 
 
 def told_to_rounds(
@@ -140,10 +120,10 @@ def test_killed_before_its_reward_is_kept_it_decides_the_same(tmp_path: Path) ->
     with pytest.MonkeyPatch.context() as patch:
 
         def killed(*others: object) -> None:
-            raise _Killed
+            raise Killed
 
         patch.setattr("gaitpref.loop.fit_stage.save_reward", killed)
-        with pytest.raises(_Killed):
+        with pytest.raises(Killed):
             run_loop(run, cfg)
     decided = Round(run, 0).decided
     assert not Round(run, 0).reward.exists()

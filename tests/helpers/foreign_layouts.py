@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import torch
+import yaml
 from torch import Tensor
 
 from policy.law.encoder import OWN_STARTS
@@ -116,3 +117,19 @@ def toml_of(policy: Policy, order: tuple[str, ...], *, scaled: bool) -> str:
         scale = SCALES.get(name, 1.0) if scaled else 1.0
         lines += ["[[terms]]", f'name = "{name}"', f"scale = {scale}"]
     return "\n".join(lines)
+
+
+def deploy_yaml(**changes: Any) -> str:
+    """A deploy.yaml of Unitree's."""
+    return yaml.safe_dump(
+        {
+            "joint_ids_map": list(range(12)),
+            "step_dt": 0.02,
+            "stiffness": 20.0,
+            "damping": 0.5,
+            "default_joint_pos": 0.5,
+            "actions": {"JointPositionAction": {"scale": 0.25}},
+            "observations": {"base_ang_vel": {"scale": 1.0}},
+            **changes,
+        }
+    )

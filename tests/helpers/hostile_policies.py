@@ -11,6 +11,8 @@ import onnx
 import torch
 import yaml
 
+from tests.helpers.foreign_layouts import deploy_yaml
+
 LEGS = [f"{leg}_{part}_joint" for leg in ("FL", "FR", "RL", "RR") for part in "abc"]
 
 
@@ -59,21 +61,6 @@ def beside(name: str, text: str, **others: Any) -> Callable[[Path], None]:
             (path.parent.parent / f"{above}.yaml").write_text(yaml.safe_dump(values))
 
     return make
-
-
-def _deploy(**changes: Any) -> str:
-    return yaml.safe_dump(
-        {
-            "joint_ids_map": list(range(12)),
-            "step_dt": 0.02,
-            "stiffness": 20.0,
-            "damping": 0.5,
-            "default_joint_pos": 0.5,
-            "actions": {"JointPositionAction": {"scale": 0.25}},
-            "observations": {"base_ang_vel": {"scale": 1.0}},
-            **changes,
-        }
-    )
 
 
 def env_yaml(pattern: str = ".*", **changes: Any) -> str:
@@ -174,15 +161,17 @@ BESIDE: dict[str, tuple[Callable[[Path], None], str]] = {
         "alias",
     ),
     "aliases of a number": (
-        beside("deploy.yaml", _deploy() + _laughing("stiffness: {}")),
+        beside("deploy.yaml", deploy_yaml() + _laughing("stiffness: {}")),
         "alias",
     ),
     "alias of itself": (beside("deploy.yaml", "a: &a [*a]"), "alias"),
-    "a long number": (beside("deploy.yaml", _deploy(stiffness=10**400)), "large"),
+    "a long number": (beside("deploy.yaml", deploy_yaml(stiffness=10**400)), "large"),
     "endless history": (
         beside(
             "deploy.yaml",
-            _deploy(observations={"base_ang_vel": {"history_length": float("inf")}}),
+            deploy_yaml(
+                observations={"base_ang_vel": {"history_length": float("inf")}}
+            ),
         ),
         "inf",
     ),

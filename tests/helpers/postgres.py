@@ -6,7 +6,6 @@ import importlib.util
 import os
 import pwd
 import shutil
-import socket
 import subprocess
 import tempfile
 import time
@@ -15,6 +14,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+
+from tests.helpers.local_host import free_port
 
 REQUIRED = "GAITPREF_REQUIRE_POSTGRES"
 """Set where a missing server is a failure and not a reason to skip."""
@@ -68,9 +69,7 @@ def server() -> Iterator[str]:
             check=True,
             stdout=subprocess.DEVNULL,
         )
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            port = free.getsockname()[1]
+        port = free_port()
         log = Path(root) / "log"
         with log.open("wb") as output:
             # The tests kill clients, never the machine: nothing waits for the disk.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
 from pathlib import Path
 
 import torch
@@ -16,6 +15,7 @@ from policy.robots.robot import load_robot
 from policy.robots.shipped import WALK
 from policy.training.checkpoint import load_policy
 from tests.helpers.foreign_layouts import checkpoint_of, toml_of
+from tests.helpers.local_host import certificate
 from tests.helpers.older_run import older_run
 from tests.helpers.ros2_bag import Motion, write_bag
 
@@ -57,7 +57,7 @@ def make_readers_world(world: Path) -> None:
     assert looker
     (world / "looker.py").write_text(looker[1])
     (world / "examples").symlink_to(ROOT / "examples")
-    _make_certificate(world)
+    certificate(world)
 
 
 def _write_checkpoint(world: Path) -> None:
@@ -89,13 +89,3 @@ def _write_segments(world: Path) -> None:
         answers += [f"s{left},s{left + 1},right,ada", f"s{left + 1},s{left},left,ada"]
     (world / "segments.csv").write_text("\n".join(segments) + "\n")
     (world / "answers.csv").write_text("\n".join(answers) + "\n")
-
-
-def _make_certificate(world: Path) -> None:
-    """Write `cert.pem` and `key.pem` for this host."""
-    words = (
-        "req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 1 "
-        "-subj /CN=localhost"
-    )
-    files = ["-keyout", str(world / "key.pem"), "-out", str(world / "cert.pem")]
-    subprocess.run(["openssl", *words.split(), *files], check=True, capture_output=True)

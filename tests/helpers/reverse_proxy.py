@@ -18,6 +18,8 @@ import aiohttp
 import pytest
 from aiohttp.abc import AbstractResolver, ResolveResult
 
+from tests.helpers.local_host import certificate
+
 DOCUMENT = Path(__file__).parents[2] / "docs" / "how-to" / "reverse-proxy.md"
 NAME = "label.example.org"
 REQUIRED = {"nginx": "GAITPREF_REQUIRE_NGINX"}
@@ -82,13 +84,6 @@ class ReverseProxy:
         )
 
 
-def free_port() -> int:
-    """A port nobody uses."""
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        return taken.getsockname()[1]
-
-
 def require(kind: str) -> str:
     """The program, or a skip that says what is missing."""
     search = f"{os.environ.get('PATH', '')}:/usr/sbin"
@@ -118,13 +113,13 @@ def reverse_proxy(
 ) -> Iterator[ReverseProxy]:
     """The proxy of `kind` on `port` before a page on `page_port`, files in `root`."""
     program = require(kind)
-    certificate, key = _certificate(root)
+    cert, key = certificate(root, NAME)
     block = documented(kind, path=path).replace(
         "127.0.0.1:8080", f"127.0.0.1:{page_port}"
     )
     if kind == "nginx":
         block = block.replace("listen 443", f"listen 127.0.0.1:{port}")
-        block = block.replace(f"/etc/ssl/{NAME}.pem", str(certificate))
+        block = block.replace(f"/etc/ssl/{NAME}.pem", str(cert))
         block = block.replace(f"/etc/ssl/{NAME}.key", str(key))
         # Its children could not read what only root may.
         user = "user root;" if os.geteuid() == 0 else ""
@@ -132,7 +127,7 @@ def reverse_proxy(
         command = ["-p", str(root), "-c", str(root / "config")]
     else:
         block = block.replace(
-            f"{NAME} {{", f"https://{NAME}:{port} {{\n    tls {certificate} {key}"
+            f"{NAME} {{", f"https://{NAME}:{port} {{\n    tls {cert} {key}"
         )
         text = _CADDY.format(block=block)
         command = ["run", "--adapter", "caddyfile", "--config", str(root / "config")]
@@ -147,22 +142,10 @@ def reverse_proxy(
         )
     try:
         _wait(process, port, log)
-        yield ReverseProxy(port, certificate)
+        yield ReverseProxy(port, cert)
     finally:
         process.terminate()
         process.wait(timeout=30)
-
-
-def _certificate(root: Path) -> tuple[Path, Path]:
-    certificate, key = root / "cert.pem", root / "key.pem"
-    subprocess.run(
-        "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes "
-        f"-days 1 -subj /CN={NAME} -addext subjectAltName=DNS:{NAME} "
-        f"-keyout {key} -out {certificate}".split(),
-        check=True,
-        capture_output=True,
-    )
-    return certificate, key
 
 
 def _wait(process: subprocess.Popen[bytes], port: int, log: Path) -> None:

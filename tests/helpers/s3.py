@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import os
-import socket
 import subprocess
 import sys
 import tempfile
@@ -15,6 +14,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 import pytest
+
+from tests.helpers.local_host import free_port
 
 REQUIRED = "GAITPREF_REQUIRE_S3"
 """Set where a missing server is a failure and not a reason to skip."""
@@ -36,9 +37,7 @@ def server(**environment: str) -> Iterator[Mapping[str, str]]:
         pytest.fail(f"{REQUIRED} is set, but {missing} are not installed (`s3-server`)")
     if missing:
         pytest.skip(f"{', '.join(missing)} not installed (extra `s3-server`)")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     url = f"http://127.0.0.1:{port}"
     with tempfile.TemporaryFile() as log:
         process = subprocess.Popen(

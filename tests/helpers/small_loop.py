@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated
 
+import pytest
 import torch
 import tyro
 
@@ -18,8 +19,10 @@ from gaitpref.cli.commands.loop import page_of_loop
 from gaitpref.cli.options.options import Loop, Serving
 from gaitpref.cli.shared.launched import ranks_of_launch
 from gaitpref.cli.shared.loop_arguments import resolve
+from gaitpref.loop import run as loop
 from gaitpref.loop.loop_cfg import LoopCfg, StepsCfg
 from gaitpref.loop.run import run_loop
+from gaitpref.loop.run_dir import Round
 from gaitpref.method.meanwhile import Meanwhile
 from policy.rollouts.record_cfg import RecordCfg
 from policy.training.ppo import PpoCfg
@@ -57,6 +60,25 @@ def human_cfg() -> LoopCfg:
         method=replace(cfg.method, meanwhile=Meanwhile()),
         steps=replace(cfg.steps, round=120_000),
     )
+
+
+class Killed(Exception):
+    """What ends a loop where it is, as a kill does."""
+
+
+def stopped(stage: str, number: int, run: Path, cfg: LoopCfg) -> None:
+    """Run a loop until a stage of a round would begin."""
+    begun = getattr(loop, stage)
+
+    def killed(cfg: LoopCfg, round: Round, *others: object) -> object:
+        if round.number == number:
+            raise Killed
+        return begun(cfg, round, *others)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(loop, stage, killed)
+        with pytest.raises(Killed):
+            run_loop(run, cfg)
 
 
 def main(options: Options) -> None:

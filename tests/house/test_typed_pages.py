@@ -8,7 +8,6 @@ import re
 import shlex
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -24,6 +23,7 @@ from data.datasets.dataset import Dataset
 from gaitpref.cli.main import main
 from gaitpref.film.camera import Camera, NoRenderer
 from policy.robots.shipped import WALK
+from tests.helpers.local_host import free_port
 from tests.helpers.readers_world import ROOT, make_readers_world
 
 DOCS = sorted((ROOT / "docs").rglob("*.md"))
@@ -195,9 +195,7 @@ def _answer(label: list[str]) -> None:
 
 def _serve(args: list[str]) -> None:
     """Start the server, see that it gives its page, and stop it by Ctrl-C."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     command = [sys.executable, "-m", "gaitpref", *args, "--port", str(port)]
     server = subprocess.Popen(command, env=_environment(), start_new_session=True)
     try:

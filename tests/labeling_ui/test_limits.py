@@ -3,7 +3,6 @@
 import asyncio
 import logging
 import ssl
-import subprocess
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -35,6 +34,7 @@ from labeling_ui.web.websocket_relay import (
     CLOSE_REPLACED,
 )
 from tests.helpers.labeling_visitor import CAMERA, close_code, house, open_socket, send
+from tests.helpers.local_host import certificate
 
 AT_ONCE = QueueCfg(guard=GuardCfg(min_shown_s=0, repeat_gap_s=0, same_verdict_s=0))
 
@@ -252,14 +252,7 @@ def test_silent_connections_keep_nobody_out(
     cfg: dict[str, Any] = {}
     trust: Any = True
     if tls:
-        cert, key = tmp_path / "cert.pem", tmp_path / "key.pem"
-        subprocess.run(
-            "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes "
-            "-days 1 -subj /CN=localhost -addext subjectAltName=DNS:localhost "
-            f"-keyout {key} -out {cert}".split(),
-            check=True,
-            capture_output=True,
-        )
+        cert, key = certificate(tmp_path)
         trust = ssl.create_default_context(cafile=str(cert))
         cfg = {"cert": cert, "key": key}
 

@@ -5,7 +5,6 @@ import re
 import shutil
 import socket
 import ssl
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from labeling_ui.web.pages import LINK_SCRIPT, guidelines_page, login_page
 from labeling_ui.web.tokens import TokenStore
 from labeling_ui.web.visitors import Attempts, Visitors
 from tests.helpers.labeling_visitor import PROTOCOL, house
+from tests.helpers.local_host import certificate, free_port
 from tests.labeling_ui.test_figures import row
 
 
@@ -80,14 +80,7 @@ def test_others_are_warned_of_a_page_in_clear(
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl makes the key")
 def test_the_page_is_served_over_tls(tmp_path: Path) -> None:
     """With a cookie that never goes out in clear."""
-    cert, key = tmp_path / "cert.pem", tmp_path / "key.pem"
-    subprocess.run(
-        "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes "
-        f"-days 1 -subj /CN=localhost -addext subjectAltName=DNS:localhost "
-        f"-keyout {key} -out {cert}".split(),
-        check=True,
-        capture_output=True,
-    )
+    cert, key = certificate(tmp_path)
     trust = ssl.create_default_context(cafile=str(cert))
     token = TokenStore(tmp_path).add("ada")
 
@@ -166,9 +159,7 @@ def test_a_page_that_is_not_up_yet_is_said_so(
     monkeypatch.setattr("labeling_ui.web.websocket_relay._REACH_S", 0.5)
 
     async def scenario() -> None:
-        with socket.create_server(("127.0.0.1", 0)) as other:
-            free = other.getsockname()[1]
-        async with house(tmp_path, auth=False, upstream_port=free) as built:
+        async with house(tmp_path, auth=False, upstream_port=free_port()) as built:
             assert await built.knock() == 502
             assert (await built.get("/"))[0] == 502
 

@@ -29,7 +29,8 @@ from labeling_ui.web.public_url import parse_public_url
 from labeling_ui.web.tokens import TokenStore
 from labeling_ui.web.websocket_relay import CLOSE_GOING_AWAY
 from tests.helpers.labeling_visitor import PROTOCOL, House, house
-from tests.helpers.reverse_proxy import NAME, ReverseProxy, free_port, reverse_proxy
+from tests.helpers.local_host import free_port
+from tests.helpers.reverse_proxy import NAME, ReverseProxy, reverse_proxy
 
 PUBLIC = "https://label.example.org/gait"
 Scenario = Callable[["Front"], Awaitable[None]]

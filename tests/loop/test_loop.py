@@ -16,7 +16,6 @@ import pytest
 
 from data.answers.store import AnswerStore
 from data.datasets.dataset import Dataset
-from data.files.files import sha256_file
 from gaitpref.cli.options.options import Loop
 from gaitpref.cli.shared.loop_arguments import resolve
 from gaitpref.loop.loop_cfg import RunError
@@ -25,6 +24,7 @@ from gaitpref.method.context import RoundContext
 from policy.env.env_cfg import getup_env
 from policy.training.checkpoint import load_policy
 from tests.helpers.small_loop import small_cfg
+from tests.helpers.small_sweep import made_by
 
 STAGES = {
     "training": lambda run: (run / "rounds/01/policy.partial").exists(),
@@ -43,16 +43,6 @@ def _answers(run: Path) -> int:
         return 0
     with AnswerStore.open(path) as store:
         return store.count()
-
-
-def _results(run: Path) -> dict[str, str]:
-    """Hashes of all policies, rewards and episodes of a run by their path."""
-    files = [
-        *run.glob("rounds/*/policy/policy.pt"),
-        *run.glob("rounds/*/reward/*"),
-        *run.glob("dataset/rollouts/*/*.mcap"),
-    ]
-    return {str(file.relative_to(run)): sha256_file(file) for file in files}
 
 
 def _judgements(run: Path) -> list[tuple[str, str, str]]:
@@ -92,7 +82,7 @@ def test_another_seed_gives_other_weights(undisturbed: Path, tmp_path: Path) -> 
     """The seed reaches everything: nothing is equal by accident."""
     other = tmp_path / "run"
     run_loop(other, replace(small_cfg(seed=1), rounds=1))
-    assert not set(_results(other).values()) & set(_results(undisturbed).values())
+    assert not set(made_by(other).values()) & set(made_by(undisturbed).values())
 
 
 def test_killed_in_every_stage_it_ends_the_same(
@@ -110,7 +100,7 @@ def test_killed_in_every_stage_it_ends_the_same(
         process.send_signal(signal.SIGKILL)
         process.wait()
     assert subprocess.run(command, check=False).returncode == 0
-    assert _results(run) == _results(undisturbed)
+    assert made_by(run) == made_by(undisturbed)
     assert _judgements(run) == _judgements(undisturbed)
 
 

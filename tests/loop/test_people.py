@@ -25,19 +25,13 @@ from gaitpref.loop.run_config import claim
 from gaitpref.loop.run_inputs import inputs_of
 from labeling_ui.web.tokens import TokenStore
 from rewardmodel.answers.answered_pairs import count_evidence
+from tests.helpers.local_host import free_port
 from tests.helpers.small_loop import human_cfg
 
 LIMIT_S = 180.0
 """For anything to come: the machine may be busy."""
 
 Part = Callable[[Visitor], Coroutine[None, None, None]]
-
-
-def free_port() -> int:
-    """A port nobody uses."""
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        return taken.getsockname()[1]
 
 
 @contextmanager

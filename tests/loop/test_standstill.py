@@ -34,7 +34,7 @@ from rewardmodel.extensions_cfg import MlpCfg
 from rewardmodel.linear.linear import LinearScorer
 from rewardmodel.models.model import RewardModel
 from rewardmodel.paid.optimism import OptimisticReward
-from tests.helpers.small_loop import small_cfg
+from tests.helpers.small_loop import small_cfg, stopped
 from tests.rewardmodel.test_acquisition import model_of
 
 STEPS, EPISODES = 7, 3
@@ -149,10 +149,6 @@ def test_a_robot_stands_that_is_far_slower_than_it_is_told(
         assert str(found) == "0.09 m/s where told 0.50"
 
 
-class _Killed(Exception):
-    pass
-
-
 def untrained_cfg() -> LoopCfg:
     """A small loop whose first policy is untrained: it surely goes nowhere."""
     cfg = small_cfg()
@@ -170,24 +166,11 @@ def context(cfg: LoopCfg, number: int, *, noisy: bool = False) -> RoundContext:
     )
 
 
-def killed(*others: object) -> None:
-    raise _Killed
-
-
-def until_it_is_fitted(run: Path, cfg: LoopCfg, patch: pytest.MonkeyPatch) -> None:
-    """Run a loop until it has fitted its first reward."""
-    with patch.context() as stopping:
-        stopping.setattr("gaitpref.loop.run.report_stage", killed)
-        with pytest.raises(_Killed):
-            run_loop(run, cfg)
-
-
 @pytest.fixture(scope="module")
 def asked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small loop that has fitted its first reward, and not trained on it."""
     run = tmp_path_factory.mktemp("loop") / "run"
-    with pytest.MonkeyPatch.context() as patch:
-        until_it_is_fitted(run, untrained_cfg(), patch)
+    stopped("report_stage", 0, run, untrained_cfg())
     return run
 
 
@@ -289,12 +272,12 @@ def test_a_policy_to_be_seen_is_not_kept_where_answers_do_not_agree(
 
 
 def test_who_leaves_a_standstill_is_not_judged_and_the_page_says_so(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
 ) -> None:
     """Of answers that err; the first reward here finds that they hardly do."""
     run = tmp_path / "run"
     cfg = replace(untrained_cfg(), rounds=3)
-    until_it_is_fitted(run, cfg, monkeypatch)
+    stopped("report_stage", 0, run, cfg)
     decided = Round(run, 0).decided
     found = json.loads(decided.read_text())
     assert not found["noisy"]

@@ -24,7 +24,7 @@ from gaitpref.report.verdict import Verdict
 from policy.rollouts.evaluate import evaluate
 from policy.training.checkpoint import holding_home, load_policy, read_plain
 from rewardmodel.models.storage import load_reward
-from tests.helpers.small_loop import small_cfg
+from tests.helpers.small_loop import small_cfg, stopped
 
 KEPT = 7
 
@@ -38,23 +38,11 @@ def judging(cfg: LoopCfg, accept: Compared) -> LoopCfg:
     return replace(cfg, method=replace(cfg.method, accept=accept))
 
 
-class _Killed(Exception):
-    pass
-
-
-def _killed_at_the_end(cfg: LoopCfg, round: Round, *others: object) -> None:
-    if round.number == cfg.rounds:
-        raise _Killed
-
-
 @pytest.fixture(scope="module")
 def before_approval(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small loop, killed when its last policy was trained and not yet judged."""
     run = tmp_path_factory.mktemp("loop") / "run"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gaitpref.loop.run.show_stage", _killed_at_the_end)
-        with pytest.raises(_Killed):
-            run_loop(run, erring_cfg())
+    stopped("show_stage", erring_cfg().rounds, run, erring_cfg())
     return run
 
 
@@ -168,17 +156,12 @@ def test_a_loop_killed_with_its_verdict_keeps_it(
     assert report["verdict"]["word"] == "not better"
 
 
-def test_a_style_is_judged_at_its_end_and_not_before(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_style_is_judged_at_its_end_and_not_before(tmp_path: Path) -> None:
     """Though no answer errs: nobody is asked after the longest training. Where the
     policy it began from is the first, there is one duel."""
     cfg = replace(small_cfg(), labels=40, rounds=1)
     run = tmp_path / "run"
-    with monkeypatch.context() as patch:
-        patch.setattr("gaitpref.loop.run.show_stage", _killed_at_the_end)
-        with pytest.raises(_Killed):
-            run_loop(run, cfg)
+    stopped("show_stage", 1, run, cfg)
     (run / "rounds/01/candidate/policy.pt").write_bytes(
         wild(run / "rounds/01/candidate/policy.pt")
     )

@@ -5,23 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-import yaml
 
 from policy.imported.meaning.deploy_yaml import read_deploy
 from policy.law.law import LawError
+from tests.helpers.foreign_layouts import deploy_yaml
 
 
 def _told(path: Path, **observations: object) -> Path:
-    told = {
-        "joint_ids_map": list(range(12)),
-        "step_dt": 0.02,
-        "stiffness": 20.0,
-        "damping": 0.5,
-        "default_joint_pos": 0.5,
-        "actions": {"JointPositionAction": {"scale": 0.25}},
-        "observations": observations,
-    }
-    path.write_text(yaml.safe_dump(told, sort_keys=False))
+    path.write_text(deploy_yaml(observations=observations))
     return path
 
 
