@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -48,11 +49,6 @@ def shaking(out: Path, seed: int) -> Path:
     ).policy
 
 
-@pytest.fixture(scope="module")
-def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return shaking(tmp_path_factory.mktemp("policy"), 0)
-
-
 def recorded(root: Path, policy: Path, episodes: int, seed: int) -> Dataset:
     """Shaking and random rhythms, as in the first round from scratch."""
     cfg = RecordCfg(episodes=episodes, episode_s=3.0, noisy_share=1.0, babble_share=0.5)
@@ -89,23 +85,43 @@ def unseen(root: Path, policy: Path) -> list[np.ndarray]:
     return [clip for clip in clips if not clip[:, column("fallen")].any()]
 
 
-@pytest.fixture(scope="module")
-def judged(
-    tmp_path_factory: pytest.TempPathFactory, policy: Path, criterion: Criterion
-) -> Dataset:
-    return judged_by(criterion, tmp_path_factory.mktemp("set") / "set", policy)
+@dataclass(frozen=True, eq=False)
+class World:
+    """Clips of a policy that shakes, what was fitted to them, and clips nobody saw."""
+
+    judged: Dataset
+    model: RewardModel
+    unseen: list[np.ndarray]
 
 
 @pytest.fixture(scope="module")
-def model(judged: Dataset) -> RewardModel:
-    return fit_reward(load_pairs([judged]), FitCfg(), seed=0)[0]
+def worlds(
+    tmp_path_factory: pytest.TempPathFactory, criterion: Criterion
+) -> list[World]:
+    """Three: one policy alone may shake in a way that says little."""
+    found = []
+    for seed in range(3):
+        root = tmp_path_factory.mktemp("world")
+        policy = shaking(root / "policy", seed)
+        judged = judged_by(criterion, root / "judged", policy)
+        model, _ = fit_reward(load_pairs([judged]), FitCfg(), seed=0)
+        found.append(World(judged, model, unseen(root / "unseen", policy)))
+    return found
 
 
 @pytest.fixture(scope="module")
-def held_out(
-    tmp_path_factory: pytest.TempPathFactory, policy: Path
-) -> list[np.ndarray]:
-    return unseen(tmp_path_factory.mktemp("fresh") / "set", policy)
+def judged(worlds: list[World]) -> Dataset:
+    return worlds[0].judged
+
+
+@pytest.fixture(scope="module")
+def model(worlds: list[World]) -> RewardModel:
+    return worlds[0].model
+
+
+@pytest.fixture(scope="module")
+def held_out(worlds: list[World]) -> list[np.ndarray]:
+    return worlds[0].unseen
 
 
 def rewards(model: RewardModel, clips: list[np.ndarray]) -> list[np.ndarray]:
@@ -121,12 +137,9 @@ def rank_correlation(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def test_steps_of_unseen_clips_are_ranked_like_the_criterion(
-    criterion: Criterion, tmp_path: Path
+    criterion: Criterion, worlds: list[World]
 ) -> None:
-    """Though people only ever said which whole clip is better.
-
-    Over three policies: one alone may shake in a way that says little.
-    """
+    """Though people only ever said which whole clip is better."""
     score = score_of_criterion(criterion)
 
     def truth(clip: np.ndarray) -> np.ndarray:
@@ -134,49 +147,41 @@ def test_steps_of_unseen_clips_are_ranked_like_the_criterion(
         return score(torch.tensor(clip)[:, None], starts)[:, 0].numpy()
 
     found: list[float] = []
-    for seed in range(3):
-        root = tmp_path / str(seed)
-        policy = shaking(root / "policy", seed)
-        judged = judged_by(criterion, root / "judged", policy)
-        model, _ = fit_reward(load_pairs([judged]), FitCfg(), seed=0)
-        clips = unseen(root / "unseen", policy)
-        for reward, clip in zip(rewards(model, clips), clips, strict=True):
+    for world in worlds:
+        told = rewards(world.model, world.unseen)
+        for reward, clip in zip(told, world.unseen, strict=True):
             found.append(rank_correlation(reward, truth(clip)))
     assert len(found) > 80
     assert np.median(found) > 0.6
 
 
-def test_a_stumble_is_the_worst_moment(criterion: Criterion, tmp_path: Path) -> None:
+def test_a_stumble_is_the_worst_moment(worlds: list[World]) -> None:
     """Planted anywhere, it is the minimum within 5 of 60 steps far more often than by
     chance (0.18), though robots that shake and move at random stumble all the time.
 
-    Over three policies, of which one shakes in a way that says little. In walks of
-    finished runs it is found in nine of ten: `python -m studies.moments`.
+    One of the policies shakes in a way that says little. In walks of finished runs it
+    is found in nine of ten: `python -m studies.moments`.
     """
-    found: list[float] = []
-    for seed in range(3):
-        root = tmp_path / str(seed)
-        policy = shaking(root / "policy", seed)
-        judged = judged_by(criterion, root / "judged", policy)
-        model, _ = fit_reward(load_pairs([judged]), FitCfg(), seed=0)
-        clips = unseen(root / "unseen", policy)
-        found.append(share_found(model, clips, np.random.default_rng(0)))
+    found = [
+        share_found(world.model, world.unseen, np.random.default_rng(0))
+        for world in worlds
+    ]
     assert np.mean(found) > 0.45
 
 
-def test_shares_add_up(judged: Dataset, held_out: list[np.ndarray]) -> None:
+def test_shares_add_up(
+    judged: Dataset, model: RewardModel, held_out: list[np.ndarray]
+) -> None:
     """To the reward less that of an average step: exactly where the model is linear,
     and nearly so by integrated gradients of a network."""
-    pairs = load_pairs([judged])
-    linear, _ = fit_reward(pairs, FitCfg(), seed=0)
-    shown = explain(linear, pad_clips([held_out[0]]))
+    shown = explain(model, pad_clips([held_out[0]]))
     assert shown.method == "exact"
     total = shown.shares.sum(axis=1) + shown.average
     assert np.allclose(total, shown.reward, atol=1e-4)
 
     pytest.importorskip("captum")
-    cfg = FitCfg(kind="mlp", folds=2, models=(MlpCfg(num_updates=30),))
-    network, _ = fit_reward(pairs, cfg, seed=0)
+    cfg = FitCfg(kind="mlp", models=(MlpCfg(num_updates=30),))
+    network, _ = fit_reward(load_pairs([judged]), cfg, seed=0, measured=False)
     shown = explain(network, pad_clips([held_out[0]]))
     assert shown.method == "gradients"
     total = shown.shares.sum(axis=1) + shown.average

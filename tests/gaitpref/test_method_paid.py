@@ -104,7 +104,7 @@ def test_a_habit_in_doubt_is_paid_as_was_expected() -> None:
 
 
 def test_what_was_expected_is_kept_with_a_fitted_reward(tmp_path: Path) -> None:
-    model, _ = fit_reward(answered(40, seed=0), FitCfg(kind="linear"), seed=0)
+    model, _ = fit_reward(answered(40, seed=0), FitCfg(), seed=0, measured=False)
     save_reward(model, tmp_path / "reward")
     scorer = load_reward(tmp_path / "reward").scorer
     assert isinstance(scorer, LinearScorer)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.count_house import imports, shape_of
+from benchmarks.count_house import Shape, imports, shape_of
 
 ROOT = Path(__file__).resolve().parents[2]
 OURS = {"data", "gaitpref", "labeling_ui", "policy", "rewardmodel"}
@@ -118,21 +118,25 @@ def test_help_needs_no_torch() -> None:
         assert not imported_packages((ROOT / path).read_text()) & heavy, path
 
 
-def test_no_rooms_and_no_modules_import_each_other_in_a_circle() -> None:
-    shape = shape_of(ROOT)
+@pytest.fixture(scope="module")
+def shape() -> Shape:
+    return shape_of(ROOT)
+
+
+def test_no_rooms_and_no_modules_import_each_other_in_a_circle(shape: Shape) -> None:
     assert shape.circle == ()
     assert shape.modules_circle == ()
 
 
-def test_no_folder_holds_more_than_twenty_files() -> None:
-    assert {room: n for room, n in shape_of(ROOT).files.items() if n > 20} == {}
+def test_no_folder_holds_more_than_twenty_files(shape: Shape) -> None:
+    assert {room: n for room, n in shape.files.items() if n > 20} == {}
 
 
-def test_a_file_name_means_one_thing() -> None:
+def test_a_file_name_means_one_thing(shape: Shape) -> None:
     """A command's module is called like the command; each package has its errors."""
     several = {
         name: places
-        for name, own in shape_of(ROOT).twice.items()
+        for name, own in shape.twice.items()
         if len(places := [p for p in own if ".cli.commands." not in p]) > 1
     }
     assert several == {"errors": ["data.errors", "rewardmodel.errors"]}

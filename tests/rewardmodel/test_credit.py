@@ -18,7 +18,8 @@ STEPS = 20
 
 @pytest.fixture(scope="module", params=["linear", "posterior"])
 def model(request: pytest.FixtureRequest) -> RewardModel:
-    return fit_reward(answered(30, seed=3), FitCfg(kind=request.param), seed=0)[0]
+    cfg = FitCfg(kind=request.param)
+    return fit_reward(answered(30, seed=3), cfg, seed=0, measured=False)[0]
 
 
 def one(seed: int, steps: int = STEPS, *, fell: bool = False) -> ClipBatch:

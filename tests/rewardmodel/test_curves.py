@@ -333,20 +333,26 @@ def test_a_clip_begins_in_the_middle_of_a_walk() -> None:
     assert torch.allclose(shortest, clip[49])
 
 
+@pytest.fixture(scope="module")
+def by_rate() -> RewardModel:
+    """Fitted to who likes one rhythm best."""
+    pairs = asked(best_rate, 120, seed=0)
+    return fit_reward(pairs, POSTERIOR, seed=0, measured=False)[0]
+
+
 @pytest.mark.parametrize("start", [0, 30, 50, 110])
-def test_a_clip_with_its_past_is_paid_as_the_episode_is(start: int) -> None:
+def test_a_clip_with_its_past_is_paid_as_the_episode_is(
+    by_rate: RewardModel, start: int
+) -> None:
     """Step by step, also where the episode has not lasted a second yet."""
-    model, _ = fit_reward(
-        asked(best_rate, 120, seed=0), POSTERIOR, seed=0, measured=False
-    )
     rng = np.random.default_rng(5)
     walk = np.concatenate([stepping(rng) for _ in range(4)])
-    assert "stride_rate" in curves_kept(model)
-    whole, _ = model.episode_rewards(torch.from_numpy(walk))
+    assert "stride_rate" in curves_kept(by_rate)
+    whole, _ = by_rate.episode_rewards(torch.from_numpy(walk))
     clip = Clip("walk", start, 40)
-    paid, _ = model.clip_rewards(read_clips([clip], lambda clip: walk[clip.rows]))
+    paid, _ = by_rate.clip_rewards(read_clips([clip], lambda clip: walk[clip.rows]))
     assert torch.allclose(paid[0], whole[clip.rows], atol=1e-4)
-    alone, _ = model.clip_rewards(pad_clips([walk[clip.rows]]))
+    alone, _ = by_rate.clip_rewards(pad_clips([walk[clip.rows]]))
     same = torch.allclose(alone[0], whole[clip.rows], atol=1e-2)
     assert same == (start == 0)
 
@@ -424,28 +430,24 @@ def test_a_clip_without_feet_still_has_a_reward() -> None:
     assert accuracy(model, pairs) > 0.8
 
 
-def test_a_short_clip_is_worth_the_same_beside_any_other() -> None:
+def test_a_short_clip_is_worth_the_same_beside_any_other(by_rate: RewardModel) -> None:
     """It is padded to the longest of its batch, and padding is no step."""
-    model, _ = fit_reward(
-        asked(best_rate, 120, seed=0), POSTERIOR, seed=0, measured=False
-    )
-    assert "stride_rate" in curves_kept(model)
+    assert "stride_rate" in curves_kept(by_rate)
     rng = np.random.default_rng(3)
     short = [stepping(rng)[:25] for _ in range(6)]
-    alone = model.clip_returns(pad_clips(short))
-    beside = model.clip_returns(pad_clips([*short, stepping(rng)]))[:, :6]
+    alone = by_rate.clip_returns(pad_clips(short))
+    beside = by_rate.clip_returns(pad_clips([*short, stepping(rng)]))[:, :6]
     assert torch.allclose(alone, beside, atol=1e-4)
 
 
-def test_an_explained_clip_is_worth_what_it_was_to_the_fit() -> None:
+def test_an_explained_clip_is_worth_what_it_was_to_the_fit(
+    by_rate: RewardModel,
+) -> None:
     """A clip is not the start of an episode, before which nobody stepped; its shares
     begin at a step that is average in everything, its rate of strides too."""
-    model, _ = fit_reward(
-        asked(best_rate, 120, seed=0), POSTERIOR, seed=0, measured=False
-    )
     rows = stepping(np.random.default_rng(3))
-    found = explain(model, pad_clips([rows]))
-    rewards, spread = model.clip_rewards(pad_clips([rows]))
+    found = explain(by_rate, pad_clips([rows]))
+    rewards, spread = by_rate.clip_rewards(pad_clips([rows]))
     assert np.allclose(found.reward, rewards[0], atol=1e-5)
     assert np.allclose(found.spread, spread[0], atol=1e-5)
     paid = found.shares[:, found.groups.index("stepping")] + found.average

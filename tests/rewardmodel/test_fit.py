@@ -60,6 +60,12 @@ HABITS = (
 
 QUICK = FitCfg(folds=2)
 
+
+def fitted(pairs: AnsweredPairs, cfg: FitCfg = QUICK) -> RewardModel:
+    """A reward that nobody asks how well it foresees answers."""
+    return fit_reward(pairs, cfg, seed=0, measured=False)[0]
+
+
 DISLIKED = {"torque_sq": 12.0, "tilt_sq": 2.0, "slip": 2.0}
 """Descriptors the planted taste adds up, in units of the number given."""
 
@@ -175,8 +181,8 @@ def test_how_much_better_a_clip_is_teaches_more() -> None:
     plain, strong = [], []
     for seed in range(8):
         pairs = answered(40, seed=seed)
-        plain.append(accuracy(fit_reward(pairs, QUICK, seed=0)[0], fresh))
-        strong.append(accuracy(fit_reward(graded(pairs), QUICK, seed=0)[0], fresh))
+        plain.append(accuracy(fitted(pairs), fresh))
+        strong.append(accuracy(fitted(graded(pairs)), fresh))
     assert np.mean(strong) > np.mean(plain) + 0.01
 
 
@@ -204,9 +210,8 @@ def test_a_rater_who_does_not_look_is_found_out(how: str) -> None:
         assert shares["ada"] < 0.2
         assert shares["bob"] > 0.8
         robust.append(accuracy(model, fresh))
-        fooled.append(accuracy(fit_reward(pairs, blind, seed=0)[0], fresh))
-        half = answered(80, seed=seed)
-        careful.append(accuracy(fit_reward(half, QUICK, seed=0)[0], fresh))
+        fooled.append(accuracy(fitted(pairs, blind), fresh))
+        careful.append(accuracy(fitted(answered(80, seed=seed)), fresh))
     assert np.mean(robust) > np.mean(fooled) + 0.02
     assert np.mean(robust) > np.mean(careful) - 0.04
 
@@ -240,13 +245,10 @@ def test_a_gaussian_process_learns_what_no_weighted_sum_says() -> None:
     middle = likes_the_middle(fresh)
     pairs = answered(150, seed=1)
     bent = {
-        cfg.kind: accuracy(fit_reward(likes_the_middle(pairs), cfg, seed=0)[0], middle)
+        cfg.kind: accuracy(fitted(likes_the_middle(pairs), cfg), middle)
         for cfg in (QUICK, gp)
     }
-    straight = {
-        cfg.kind: accuracy(fit_reward(pairs, cfg, seed=0)[0], fresh)
-        for cfg in (QUICK, gp)
-    }
+    straight = {cfg.kind: accuracy(fitted(pairs, cfg), fresh) for cfg in (QUICK, gp)}
     assert bent["linear"] < 0.65
     assert bent["gp"] > 0.7
     assert straight["gp"] > straight["linear"] - 0.03
@@ -264,7 +266,7 @@ def test_the_model_is_chosen_by_held_out_answers(tmp_path: Path) -> None:
     stiff, report = fit_reward(pairs, auto, seed=0)
     # Lines of few habits are what the planted taste is; fresh pairs say so too.
     assert stiff.provenance.cfg.kind in ("linear", "posterior")
-    fresh, linear = answered(400, seed=99), fit_reward(pairs, QUICK, seed=0)[0]
+    fresh, linear = answered(400, seed=99), fitted(pairs)
     assert accuracy(stiff, fresh) >= accuracy(linear, fresh)
     assert accuracy(stiff, fresh) > 0.9
     # A transformer is tried only where looking back was worth it.
@@ -352,7 +354,7 @@ def test_the_reward_has_mean_zero_and_deviation_one_on_the_fitted_clips() -> Non
 def test_members_mean_and_spread_belong_together() -> None:
     """The reward is the members' mean and the spread their deviation, rescaled."""
     pairs = answered(40, seed=3)
-    model, _ = fit_reward(pairs, FitCfg(), seed=0)
+    model = fitted(pairs)
     rows, starts = pairs.left.features.transpose(0, 1), starts_of(pairs.left)
     members = model.members(rows, starts)
     assert members.shape == (50, 20, 40)
@@ -364,7 +366,7 @@ def test_members_mean_and_spread_belong_together() -> None:
 
 def test_a_fall_costs_its_fixed_price() -> None:
     """The same clip with a fallen row appended loses by exactly `fall_logit`."""
-    model, _ = fit_reward(answered(40, seed=3), FitCfg(fall_logit=2.5), seed=0)
+    model = fitted(answered(40, seed=3), FitCfg(fall_logit=2.5))
     rows = gait(np.random.default_rng(0), 10)
     fallen = np.concatenate([rows, rows[-1:]])
     fallen[-1, column("fallen")] = 1.0
@@ -378,8 +380,7 @@ def test_swapping_all_sides_changes_nothing() -> None:
     mirrored = replace(
         pairs, left=pairs.right, right=pairs.left, target=1 - pairs.target
     )
-    model, _ = fit_reward(pairs, FitCfg(), seed=0)
-    twin, _ = fit_reward(mirrored, FitCfg(), seed=0)
+    model, twin = fitted(pairs), fitted(mirrored)
     leads = model.leads(pairs.left, pairs.right)
     assert torch.allclose(twin.leads(pairs.left, pairs.right), leads, atol=1e-3)
 

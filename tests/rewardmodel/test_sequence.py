@@ -181,9 +181,8 @@ def test_networks_on_raw_rows_learn_from_many_answers(min_crop: float) -> None:
         error_share=0.0,
         tie_threshold=0.0,
         adapt=False,
-        folds=2,
         models=(RawCfg(hidden_size=64, min_crop=min_crop),),
     )
-    model, _ = fit_reward(answered(150, seed=1), cfg, seed=0)
+    model, _ = fit_reward(answered(150, seed=1), cfg, seed=0, measured=False)
     assert accuracy(model, answered(200, seed=2)) > 0.75
     assert len(model.names) == 89

@@ -48,7 +48,7 @@ def answered(root: Path) -> Dataset:
 
 
 def weights(pairs: AnsweredPairs) -> dict[str, torch.Tensor]:
-    model, _ = fit_reward(pairs, FitCfg(), seed=0)
+    model, _ = fit_reward(pairs, FitCfg(), seed=0, measured=False)
     return model.state_dict()
 
 

@@ -14,7 +14,7 @@ from rewardmodel.measures.calibration import calibration, counting, fit_temperat
 from rewardmodel.measures.held_out import held_out_predictions
 from rewardmodel.models.kinds import prepare
 from rewardmodel.trust.alarms import Reach, alarms, reach
-from rewardmodel.trust.held_out_report import accuracy_of, foresee, opinion_of
+from rewardmodel.trust.held_out_report import Foreseen, accuracy_of, foresee, opinion_of
 from rewardmodel.trust.support import PIECE_STEPS, Drift, support_of
 from tests.rewardmodel.test_fit import answered, gait
 
@@ -199,17 +199,25 @@ def test_close_questions_hardly_count() -> None:
     assert opinion_of(torch.zeros(3), torch.ones(3)) is None
 
 
+@pytest.fixture(scope="module")
+def of_sixty() -> Foreseen:
+    """What a linear reward foresees of sixty answers."""
+    pairs = answered(60, seed=0)
+    model, _ = fit_reward(pairs, FitCfg(kind="linear"), seed=0, measured=False)
+    return foresee(model, pairs, seed=0)
+
+
 @pytest.mark.parametrize("sure_is_right", [True, False])
-def test_answers_disagree_only_where_it_is_wrong_and_sure(sure_is_right: bool) -> None:
+def test_answers_disagree_only_where_it_is_wrong_and_sure(
+    sure_is_right: bool, of_sixty: Foreseen
+) -> None:
     """Of fifty answers 30 or 25 are foreseen; what counts is whether the ten it is
     sure of are."""
     lead = torch.cat([torch.ones(10), torch.full((40,), 0.01)])
     coin = (torch.arange(50) % 2).float()
     target = torch.cat([torch.ones(10), coin[10:]]) if sure_is_right else coin
-    pairs = answered(60, seed=0)
-    model, _ = fit_reward(pairs, FitCfg(kind="linear"), seed=0)
     foreseen = replace(
-        foresee(model, pairs, seed=0),
+        of_sixty,
         accuracy=accuracy_of(lead, target),
         opinion=opinion_of(lead, target),
     )
@@ -219,14 +227,12 @@ def test_answers_disagree_only_where_it_is_wrong_and_sure(sure_is_right: bool) -
 
 
 @pytest.mark.parametrize("by_chance", [None, 0.5, 0.025])
-def test_answers_that_are_hardly_random_do_agree(by_chance: float | None) -> None:
+def test_answers_that_are_hardly_random_do_agree(
+    by_chance: float | None, of_sixty: Foreseen
+) -> None:
     """Though none of them is foreseen: the closest are asked."""
     coin = accuracy_of(torch.ones(50), (torch.arange(50) % 2).float())
-    pairs = answered(60, seed=0)
-    model, _ = fit_reward(pairs, FitCfg(kind="linear"), seed=0)
-    foreseen = replace(
-        foresee(model, pairs, seed=0), accuracy=coin, opinion=coin, by_chance=by_chance
-    )
+    foreseen = replace(of_sixty, accuracy=coin, opinion=coin, by_chance=by_chance)
     reasons = alarms(foreseen, None)
     assert bool(reasons) == (by_chance != 0.025)
     told = any("random with probability 0.50" in reason for reason in reasons)
@@ -238,7 +244,7 @@ def test_only_a_posterior_is_held_against_chance(curved: bool) -> None:
     """And only where held-out answers say too little of them."""
     random = answered(40, seed=2, flipped=0.5)
     kind = "posterior" if curved else "linear"
-    model, _ = fit_reward(random, FitCfg(kind=kind), seed=0)
+    model, _ = fit_reward(random, FitCfg(kind=kind), seed=0, measured=False)
     foreseen = foresee(model, random, seed=0)
     assert foreseen.accuracy is not None
     assert foreseen.accuracy.too_low
@@ -246,15 +252,15 @@ def test_only_a_posterior_is_held_against_chance(curved: bool) -> None:
 
 
 @pytest.mark.parametrize("erring", [True, False])
-def test_where_answers_err_the_sure_ones_decide(erring: bool) -> None:
+def test_where_answers_err_the_sure_ones_decide(
+    erring: bool, of_sixty: Foreseen
+) -> None:
     """Two thirds are foreseen, of the sure ones as of the others: enough, if they
     were not known to err; too little where they are."""
     lead = torch.ones(60)
     target = (torch.arange(60) % 3 > 0).float()
-    pairs = answered(60, seed=0)
-    model, _ = fit_reward(pairs, FitCfg(kind="linear"), seed=0)
     foreseen = replace(
-        foresee(model, pairs, seed=0),
+        of_sixty,
         accuracy=accuracy_of(lead, target),
         opinion=opinion_of(lead, target),
         erring=erring,
@@ -268,7 +274,7 @@ def test_agreeing_answers_raise_no_alarm() -> None:
     """A hundred of them, also when a fifth is wrong."""
     for flipped in (0.0, 0.2):
         pairs = answered(100, seed=1, flipped=flipped)
-        model, _ = fit_reward(pairs, FitCfg(), seed=0)
+        model, _ = fit_reward(pairs, FitCfg(), seed=0, measured=False)
         foreseen = foresee(model, pairs, seed=0)
         assert foreseen.answers == 100
         assert foreseen.unseen == 0
@@ -280,7 +286,7 @@ def test_answers_at_odds_raise_it() -> None:
     raised = 0
     for seed in range(8):
         pairs = answered(100, seed=seed, flipped=0.4)
-        model, _ = fit_reward(pairs, FitCfg(), seed=0)
+        model, _ = fit_reward(pairs, FitCfg(), seed=0, measured=False)
         raised += any(
             "do not agree" in reason
             for reason in alarms(foresee(model, pairs, seed=0), None)
@@ -291,7 +297,7 @@ def test_answers_at_odds_raise_it() -> None:
 def test_few_answers_at_odds_are_no_finding() -> None:
     """Chance alone may look like that."""
     pairs = answered(20, seed=0, flipped=0.5)
-    model, _ = fit_reward(pairs, FitCfg(), seed=0)
+    model, _ = fit_reward(pairs, FitCfg(), seed=0, measured=False)
     assert alarms(foresee(model, pairs, seed=0), None) == ()
 
 
@@ -313,7 +319,7 @@ def test_the_newest_round_is_foreseen_without_its_answers() -> None:
     turned = torch.cat([pairs.target[:60], 1 - pairs.target[60:]])
     for target, bad in ((pairs.target, False), (turned, True)):
         changed = replace(pairs, rounds=rounds, target=target)
-        model, _ = fit_reward(changed, FitCfg(), seed=0)
+        model, _ = fit_reward(changed, FitCfg(), seed=0, measured=False)
         foreseen = foresee(model, changed, seed=0)
         assert foreseen.newest is not None
         assert foreseen.newest.answers == 20
