@@ -103,7 +103,6 @@ class BatchSim:
             joint_pos=_tensor(qpos[:, at.qpos]),
             joint_vel=_tensor(qvel[:, at.qvel]),
             joint_torque=_tensor(self._torque[chosen][:, at.qvel]),
-            foot_pos_w=_tensor(feet_w),
             foot_vel_w=_tensor(sensors[:, at.velocity].reshape(-1, 4, 3)),
             foot_contact=_tensor(sensors[:, at.contact] > 0),
             base_contact=_tensor(sensors[:, at.base_contact] > 0),

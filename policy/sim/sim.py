@@ -42,8 +42,6 @@ class SimState:
     """[N, 12] rad/s"""
     joint_torque: Tensor
     """[N, 12] N m, of the last physics step"""
-    foot_pos_w: Tensor
-    """[N, 4, 3] m, foot sites"""
     foot_vel_w: Tensor
     """[N, 4, 3] m/s"""
     foot_contact: Tensor

@@ -121,7 +121,6 @@ class WarpSim:
             joint_pos=self._qpos[:, cols["qpos"]].clone(),
             joint_vel=self._qvel[:, joints].clone(),
             joint_torque=self._torque[:, joints].clone(),
-            foot_pos_w=feet_w,
             foot_vel_w=sensors[:, cols["velocity"]].reshape(-1, 4, 3).clone(),
             foot_contact=(sensors[:, cols["contact"]] > 0).float(),
             base_contact=(sensors[:, at.base_contact] > 0).float(),

@@ -102,8 +102,8 @@ def test_a_reset_leaves_the_others_as_they_were(env: RandomisedEnv) -> None:
     state, after = env.sim.read(), env.sim.snapshot()
     assert after[~mask].equal(before[~mask])
     assert state.joint_pos[mask].sub(seen.joint_pos[mask]).sub(0.01).abs().max() < 1e-6
-    assert state.foot_pos_w[~mask].equal(seen.foot_pos_w[~mask])
-    assert not state.foot_pos_w[mask].equal(seen.foot_pos_w[mask])
+    assert state.foot_height[~mask].equal(seen.foot_height[~mask])
+    assert not state.foot_height[mask].equal(seen.foot_height[mask])
 
 
 def test_a_robot_that_diverged_is_ended_and_no_other(env: RandomisedEnv) -> None:
