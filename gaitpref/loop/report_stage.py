@@ -81,8 +81,6 @@ def report_stage(
         result["verdict"] = read_json(round.verdict)
     if round.decided.exists():
         result["decided"] = read_json(round.decided)
-    if round.standstill.exists():
-        result["standstill"] = read_json(round.standstill)
     rose = False
     if round.number:
         trained_against = measured(load_reward(round.before.reward))
