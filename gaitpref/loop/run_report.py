@@ -24,7 +24,6 @@ from gaitpref.report.trust_section import (
     clips_section,
     decided_section,
     groups_section,
-    standstill_section,
     trust_cells,
     verdict_section,
 )
@@ -101,7 +100,7 @@ def render(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
         f"<style>{STYLE}</style><h1>{title}</h1>"
         f'<p class="lead">{settings}; {done}.</p>{verdict_section(run, rounds)}'
         f"<p>{measured}</p>{_before_and_after(run, cfg, rounds)}"
-        f"{decided_section(rounds)}{standstill_section(rounds)}"
+        f"{decided_section(rounds)}"
         f"{approval_section(rounds)}"
         f"{groups_section(rounds)}{alarm_section(rounds, cfg.wish)}"
         f'<div class="curves">{_curves(criterion, rounds)}</div>{_table(rounds)}'

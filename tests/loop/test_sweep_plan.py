@@ -96,7 +96,10 @@ def test_a_file_says_it_too_and_the_command_line_counts_more(
     ("words", "told"),
     [
         ("--set method.wieght=1", "no setting method.wieght: .* did you mean weight?"),
-        ("--set method.unstick.x=1", "method.unstick is null in this loop"),
+        (
+            "--set base=none --set method.tracking.x=1",
+            "method.tracking is null in this loop",
+        ),
         ("--set method.paid={class:AsFit}", "paid"),
         ("--set labels=some", "labels must be a whole number, got 'some'"),
         ("--set labels=3", "--labels 3 is too few"),

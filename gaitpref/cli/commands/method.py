@@ -83,9 +83,6 @@ def _decided_in(run: Path, rounds: int) -> Iterator[str]:
     """What the finished rounds of a run decided, in words."""
     for number in range(rounds + 1):
         round = Round(run, number)
-        if round.standstill.exists():
-            speed = read_json(round.standstill)["speed_m_s"]
-            yield f"round {number}: trained to leave a standstill ({speed:.2f} m/s)"
         if round.decided.exists():
             yield f"round {number}: {read_json(round.decided)['told']}"
         if round.approval.exists():
