@@ -10,13 +10,14 @@ from aiohttp import web
 
 from .checks import address_block, form_field, visitor_address
 from .pages import login_page
-from .proxy_cfg import ProxyCfg
+from .proxy_cfg import LOCAL_RATER, ProxyCfg
 from .responses import page, redirect
 from .tokens import TokenStore
 from .visitors import Attempts, Ended
 
 logger = logging.getLogger(__name__)
-_DAY_S = 86_400
+_LASTS_S = 14 * 86_400
+"""How long a login does."""
 _COOKIE = re.compile(
     r"(?P<rater>[A-Za-z0-9_-]+)\.(?P<expires>[0-9]{1,12})\.(?P<signature>[0-9a-f]{64})"
 )
@@ -42,7 +43,7 @@ class Login:
     def rater(self, request: web.Request) -> str | None:
         """Who sent the request; None without a valid cookie."""
         if not self._cfg.auth:
-            return self._cfg.local_rater
+            return LOCAL_RATER
         cookie = _COOKIE.fullmatch(request.cookies.get(self._cookie_name(), ""))
         if cookie is None or not self._tokens.is_signed(*cookie.groups()):
             return None
@@ -106,14 +107,14 @@ class Login:
     def _with_cookie(
         self, response: web.Response, rater: str, now_s: float
     ) -> web.Response:
-        expires = str(int(now_s) + self._cfg.cookie_days * _DAY_S)
+        expires = str(int(now_s) + _LASTS_S)
         while f"{rater}.{expires}" in self._ended:
             # Logged out and in again within a second.
             expires = str(int(expires) + 1)
         response.set_cookie(
             self._cookie_name(),
             f"{rater}.{expires}.{self._tokens.signature(rater, expires)}",
-            max_age=self._cfg.cookie_days * _DAY_S,
+            max_age=_LASTS_S,
             path=self._cookie_path,
             httponly=True,
             samesite="Strict",

@@ -15,6 +15,9 @@ from .checks import is_loopback, same_origin
 from .public_url import PublicUrl
 from .tokens import TokenStore
 
+LOCAL_RATER = "local"
+"""Who answers where nobody logs in."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ProxyCfg:
@@ -31,21 +34,15 @@ class ProxyCfg:
     public_url: PublicUrl | None = None
     """Where people open the page, if a reverse proxy stands before it."""
     auth: bool = True
-    """Ask for a token; without, everybody is `local_rater`. Only on loopback."""
-    local_rater: str = "local"
-    """Who answers where nobody logs in."""
+    """Ask for a token; without, everybody is `LOCAL_RATER`. Only on loopback."""
     guidelines: Path | None = None
     """Markdown file; a default text without."""
-    max_message_bytes: int = limits.MESSAGE_BYTES
-    """Longest message a browser may send."""
     max_clients: int = limits.PAGES
     """Open pages in all."""
     max_clients_per_rater: int = limits.PAGES_PER_RATER
     """Open pages of one rater; a new one closes the oldest."""
     login_failures_per_minute: int = limits.LOGIN_FAILURES_PER_MINUTE
     """Wrong tokens an address may try."""
-    cookie_days: int = 14
-    """How long a login lasts."""
 
     @property
     def path(self) -> str:

@@ -173,7 +173,7 @@ class Relay:
             return refused(400, "This is not the page's client.")
         browser = web.WebSocketResponse(
             protocols=[protocol],
-            max_msg_size=self._cfg.max_message_bytes,
+            max_msg_size=limits.MESSAGE_BYTES,
             compress=False,
             heartbeat=30.0,
             timeout=limits.CLOSE_S,

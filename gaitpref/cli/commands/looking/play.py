@@ -26,7 +26,7 @@ from labeling_ui.scene.live_robot import (
     LiveState,
     StepFn,
 )
-from labeling_ui.web.proxy_cfg import ProxyCfg
+from labeling_ui.web.proxy_cfg import LOCAL_RATER
 from labeling_ui.web.tokens import TokenStore
 from labeling_ui.web.visit import Visit
 from policy.env.world import in_world
@@ -109,7 +109,7 @@ def _like(command: options.Play) -> Like | None:
             "--dataset keeps which of two robots you like: give --against POLICY too, "
             "or leave it out"
         )
-    liked = Liked(Dataset.create(command.dataset), ProxyCfg.local_rater)
+    liked = Liked(Dataset.create(command.dataset), LOCAL_RATER)
 
     def like(steps: Sequence[StepFn], which: int) -> str:
         driven = [step.driven for step in steps if isinstance(step, LiveStep)]
