@@ -20,6 +20,7 @@ from policy.training.ppo import PpoCfg
 from policy.training.train import train
 from policy.training.train_cfg import TrainCfg
 from tests.helpers.foreign_robots import Drawing, mjcf
+from tests.helpers.short_program import give_plain_motors, in_a_row, seen
 
 onnxruntime = pytest.importorskip(
     "onnxruntime", reason="the extra export is not installed"
@@ -112,18 +113,7 @@ def test_the_exported_policy_walks_the_same_in_plain_mujoco(
     substeps = round(told["control_dt_s"] / told["physics_dt_s"])
     last = np.zeros(12)
     for step in range(STEPS):
-        rotation = np.empty(9)
-        mujoco.mju_quat2Mat(rotation, mj_data.qpos[3:7])
-        to_world = rotation.reshape(3, 3)
-        parts = {
-            "base_lin_vel_b": mj_data.qvel[:3] @ to_world,
-            "base_ang_vel_b": mj_data.qvel[3:6],
-            "gravity_b": -to_world[2],
-            "joint_pos_offset": mj_data.qpos[qpos_adr] - told["home_joint_pos_rad"],
-            "joint_vel": mj_data.qvel[qvel_adr],
-            "last_action": last,
-            "command": np.array(command),
-        }
+        parts = seen(told, mj_data, qpos_adr, qvel_adr, last, command)
         row = np.zeros((1, 48), np.float32)
         for part in told["observation"]:
             row[0, part["start"] : part["start"] + part["width"]] = parts[part["name"]]
@@ -144,12 +134,7 @@ def _on_plain_motors(
     """How upright it stays at least, 1 at best, and how fast its joints turn, rad/s
     (root mean square); dropped from 5 cm, with no damping in any joint."""
     spec = mujoco.MjSpec.from_file(str(folder / "robot.xml"))
-    for element in [*spec.actuators, *spec.keys]:
-        spec.delete(element)
-    for name in told["joint_names"]:
-        spec.joint(name).damping = [0.0, 0.0, 0.0]
-        motor = spec.add_actuator(trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name)
-        motor.set_to_motor()
+    give_plain_motors(spec, told)
     mj_model = spec.compile()
     mj_data = mujoco.MjData(mj_model)
     joints = [mj_model.joint(name) for name in told["joint_names"]]
@@ -162,28 +147,15 @@ def _on_plain_motors(
     mj_data.qpos[qpos_adr] = home
     session, last, upright, speeds = _session(folder), np.zeros(12), [], []
     for _ in range(150):
-        rotation = np.empty(9)
-        mujoco.mju_quat2Mat(rotation, mj_data.qpos[3:7])
-        to_world = rotation.reshape(3, 3)
-        parts = {
-            "base_lin_vel_b": mj_data.qvel[:3] @ to_world,
-            "base_ang_vel_b": mj_data.qvel[3:6],
-            "gravity_b": -to_world[2],
-            "joint_pos_offset": mj_data.qpos[qpos_adr] - home,
-            "joint_vel": mj_data.qvel[qvel_adr],
-            "last_action": last,
-            "command": np.array([0.5, 0.0, 0.0]),
-        }
-        row = np.concatenate([parts[part["name"]] for part in told["observation"]])
-        last, target = (
-            rows[0] for rows in session.run(None, {"obs": row[None].astype("f4")})
-        )
+        parts = seen(told, mj_data, qpos_adr, qvel_adr, last, (0.5, 0.0, 0.0))
+        obs = in_a_row(told, parts)
+        last, target = (rows[0] for rows in session.run(None, {"obs": obs}))
         for _ in range(round(told["control_dt_s"] / told["physics_dt_s"])):
             angle, velocity = mj_data.qpos[qpos_adr], mj_data.qvel[qvel_adr]
             torque = kp * (target - angle) - kd * velocity
             mj_data.ctrl[:] = np.clip(torque, -limit, limit)
             mujoco.mj_step(mj_model, mj_data)
-        upright.append(to_world[2, 2])
+        upright.append(-parts["gravity_b"][2])
         speeds.append(mj_data.qvel[qvel_adr])
     return min(upright), float(np.sqrt(np.mean(np.square(speeds))))
 

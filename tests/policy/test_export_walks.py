@@ -11,11 +11,12 @@ import pytest
 
 from gaitpref.cli.main import main
 from policy.robots.shipped import WALK
+from tests.helpers.short_program import give_plain_motors, in_a_row, seen
 
 onnxruntime = pytest.importorskip(
     "onnxruntime", reason="the extra export is not installed"
 )
-COMMAND = np.array([0.5, 0.0, 0.0])
+COMMAND = (0.5, 0.0, 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -23,24 +24,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("walk") / "out"
     assert main(["export", "--policy", str(WALK), "--out", str(out)]) == 0
     return out
-
-
-def seen(told, mj_data, qpos_adr, qvel_adr, last):
-    """What the network sees of a robot, as the file says."""
-    rotation = np.empty(9)
-    mujoco.mju_quat2Mat(rotation, mj_data.qpos[3:7])
-    to_world = rotation.reshape(3, 3)
-    parts = {
-        "base_lin_vel_b": mj_data.qvel[:3] @ to_world,
-        "base_ang_vel_b": mj_data.qvel[3:6],
-        "gravity_b": -to_world[2],
-        "joint_pos_offset": mj_data.qpos[qpos_adr] - told["home_joint_pos_rad"],
-        "joint_vel": mj_data.qvel[qvel_adr],
-        "last_action": last,
-        "command": COMMAND,
-    }
-    row = np.concatenate([parts[part["name"]] for part in told["observation"]])
-    return row[None].astype(np.float32), parts["base_lin_vel_b"][0], to_world[2, 2]
 
 
 @pytest.mark.parametrize("motors", ["position servos", "plain PD at 500 Hz"])
@@ -54,12 +37,7 @@ def test_the_onnx_file_alone_walks(folder: Path, motors: str) -> None:
     spec = mujoco.MjSpec.from_file(str(folder / "robot.xml"))
     plain = motors != "position servos"
     if plain:
-        for element in [*spec.actuators, *spec.keys]:
-            spec.delete(element)
-        for name in told["joint_names"]:
-            spec.joint(name).damping = [0.0, 0.0, 0.0]
-            motor = spec.add_actuator(trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name)
-            motor.set_to_motor()
+        give_plain_motors(spec, told)
         spec.option.timestep = 0.002
     mj_model = spec.compile()
     mj_data = mujoco.MjData(mj_model)
@@ -72,15 +50,16 @@ def test_the_onnx_file_alone_walks(folder: Path, motors: str) -> None:
     kp, kd = np.array(told["kp_nm_per_rad"]), np.array(told["kd_nm_s_per_rad"])
     limit, last, speeds = np.array(told["torque_limit_nm"]), np.zeros(12), []
     for _ in range(round(10.0 / told["control_dt_s"])):
-        obs, forward, upright = seen(told, mj_data, qpos_adr, qvel_adr, last)
+        parts = seen(told, mj_data, qpos_adr, qvel_adr, last, COMMAND)
+        obs = in_a_row(told, parts)
         last, target = (rows[0] for rows in session.run(None, {"obs": obs}))
         for _ in range(round(told["control_dt_s"] / mj_model.opt.timestep)):
             angle, velocity = mj_data.qpos[qpos_adr], mj_data.qvel[qvel_adr]
             torque = np.clip(kp * (target - angle) - kd * velocity, -limit, limit)
             mj_data.ctrl[servos] = torque if plain else target
             mujoco.mj_step(mj_model, mj_data)
-        assert upright > 0.9
-        speeds.append(forward)
+        assert -parts["gravity_b"][2] > 0.9
+        speeds.append(parts["base_lin_vel_b"][0])
     assert np.mean(speeds[100:]) == pytest.approx(0.5, abs=0.1)
 
 
