@@ -23,15 +23,6 @@ def write_labels(path: Path, rows: Sequence[dict[str, Any]]) -> None:
     """
     kinds = {str: pa.string(), int: pa.int64(), float: pa.float64()}
     schema = pa.schema([(name, kinds[kind]) for name, kind in LABEL_TYPES.items()])
-    write_table(path, pa.Table.from_pylist(list(rows), schema=schema))
-
-
-def write_table(path: Path, table: Any) -> None:
-    """Write an Arrow table.
-
-    Raises:
-        OSError: the disk is full or not writable.
-    """
     stream = BytesIO()
-    pq.write_table(table, stream)
+    pq.write_table(pa.Table.from_pylist(list(rows), schema=schema), stream)
     write_atomically(path, stream.getvalue())

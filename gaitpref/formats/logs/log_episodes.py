@@ -13,6 +13,7 @@ import numpy as np
 
 from data.episodes.episode import Episode
 from data.episodes.resample import overlaps, split_at_gaps
+from data.files.files import sha256_bytes, sha256_file
 from policy.robots.robot import Robot, load_robot
 
 from .as_episode import as_episode
@@ -86,6 +87,15 @@ def log_episodes(
         for number, (track, part) in enumerate(parts)
     )
     return LogEpisodes(episodes, len(tracks), findings)
+
+
+def source_of(kind: str, log: Path, files: Sequence[Path]) -> dict[str, str]:
+    """What is kept of a log: its kind, its name, and the hash of its file, or of the
+    hashes of its files."""
+    hashes = [sha256_file(path) for path in files]
+    joined = "\n".join(hashes).encode()
+    sha256 = hashes[0] if len(hashes) == 1 else sha256_bytes(joined)
+    return {"source": kind, "log": log.name, "log_sha256": sha256}
 
 
 def robot_of(log_map: LogMap, root: Path) -> Robot:

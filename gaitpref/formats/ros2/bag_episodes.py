@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gaitpref.formats.logs.log_episodes import LogEpisodes, log_episodes, robot_of
+from gaitpref.formats.logs.log_episodes import (
+    LogEpisodes,
+    log_episodes,
+    robot_of,
+    source_of,
+)
 from gaitpref.formats.logs.log_findings import Findings
-from gaitpref.formats.logs.log_hash import sha256_of
 from gaitpref.formats.logs.log_map import LogMap
 
 from .bag_files import files_of
@@ -30,6 +34,6 @@ def bag_episodes(bag: Path, log_map: LogMap, root: Path) -> LogEpisodes:
     files = files_of(bag, findings)
     runs = runs_of(read_samples(files, log_map, findings), log_map, findings)
     recordings = recordings_of(runs, log_map, findings)
-    source = {"source": "ros2", "log": bag.name, "log_sha256": sha256_of(files)}
+    source = source_of("ros2", bag, files)
     robot = robot_of(log_map, root)
     return log_episodes(recordings, log_map, robot, findings, source=source)

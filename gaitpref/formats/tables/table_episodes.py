@@ -6,9 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from gaitpref.formats.logs.log_episodes import LogEpisodes, log_episodes, robot_of
+from gaitpref.formats.logs.log_episodes import (
+    LogEpisodes,
+    log_episodes,
+    robot_of,
+    source_of,
+)
 from gaitpref.formats.logs.log_findings import Findings
-from gaitpref.formats.logs.log_hash import sha256_of
 from gaitpref.formats.logs.log_map import Columns, LogError, LogMap
 
 from .csv_npz import read_csv, read_npz
@@ -59,7 +63,7 @@ def table_episodes(place: Path, form: Form, log_map: LogMap, root: Path) -> LogE
         for table in tables
         for recording in recordings_of_table(table, columns, log_map, robot, findings)
     ]
-    source = {"source": form, "log": place.name, "log_sha256": sha256_of(_files(place))}
+    source = source_of(form, place, _files(place))
     return log_episodes(recordings, log_map, robot, findings, source=source)
 
 
