@@ -5,7 +5,7 @@ from __future__ import annotations
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rewardmodel.measures.calibration import Bin, Calibration
+from rewardmodel.measures.calibration import Calibration
 from rewardmodel.models.fit_report import wilson_interval
 from rewardmodel.trust.held_out_report import Foreseen
 
@@ -50,8 +50,5 @@ def _draw(
     label = f"{name}: error {found.ece:.2f}"
     axes.plot(sure, right, style, color=color, markersize=4, linewidth=1, label=label)
     for part in found.bins if bars else ():
-        axes.plot([part.confidence] * 2, _interval(part), color=color, alpha=0.4)
-
-
-def _interval(part: Bin) -> tuple[float, float]:
-    return wilson_interval(part.right * part.alike, part.alike)
+        interval = wilson_interval(part.right * part.alike, part.alike)
+        axes.plot([part.confidence] * 2, interval, color=color, alpha=0.4)

@@ -15,10 +15,11 @@ from data.errors import GaitprefError
 
 from .answer_credit import credited
 from .credit_picture import credit_picture
-from .crediting import Crediting, load_crediting
+from .crediting import load_crediting
 from .pictures import svg_of
 
 logger = logging.getLogger(__name__)
+_model = lru_cache(maxsize=1)(load_crediting)
 
 
 def answer_picture(dataset: Path, reward: Path, pair: Pair, answer: Answer) -> str:
@@ -37,8 +38,3 @@ def newest_picture(run: Path, pair: Pair, answer: Answer) -> str:
     if not rewards:
         return ""
     return answer_picture(run / "dataset", rewards[-1], pair, answer)
-
-
-@lru_cache(maxsize=1)
-def _model(reward: Path) -> Crediting:
-    return load_crediting(reward)

@@ -112,7 +112,7 @@ def explain(
         shares=by_group.numpy(),
         descriptors=shares.numpy(),
         names=model.names,
-        average=_average(model, steps.shape[1]),
+        average=float(model.reward_of(model.payer.of_average(steps.shape[1]))),
         method=chosen,
     )
 
@@ -137,16 +137,6 @@ def _chosen(model: RewardModel, method: Method) -> str:
     return "gradients" if _integrated_gradients() else "occlusion"
 
 
-def _reward(model: RewardModel, steps: Tensor) -> Tensor:
-    """Reward [K] of consecutive steps, standardised [K, D]."""
-    return model.reward_of(model.payer(steps))
-
-
-def _average(model: RewardModel, num_descriptors: int) -> float:
-    """Reward of an average judged step, which also steps at the average rate."""
-    return float(model.reward_of(model.payer.of_average(num_descriptors)))
-
-
 def _occluded(
     model: RewardModel, steps: Tensor, hidden: Tensor, before: Tensor | None
 ) -> Tensor:
@@ -165,7 +155,7 @@ def _gradients(model: RewardModel, steps: Tensor) -> Tensor:
             "--method gradients needs the package captum: pip install -e '.[explain]' "
             "-c constraints.txt; or take --method occlusion"
         )
-    found = method(lambda inputs: _reward(model, inputs)).attribute(
+    found = method(lambda inputs: model.reward_of(model.payer(inputs))).attribute(
         steps.requires_grad_(), n_steps=_INTEGRATION_STEPS
     )
     return found.detach().to(torch.float32)

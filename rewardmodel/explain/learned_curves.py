@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from rewardmodel.descriptors.row import Habit
 from rewardmodel.descriptors.stride_rate import STRIDE_RATE
@@ -75,11 +74,7 @@ def learned_curves(model: RewardModel, *, control_dt_s: float) -> tuple[Curve, .
     chosen = [
         i for i in weights.argsort(descending=True)[:_MOST] if weights[i] > _LEAST
     ]
+    drawn = [each.cpu().numpy().astype(float) for each in (shown, mean, spread)]
     return tuple(
-        Curve(habits[i], *(_plain(t[:, i]) for t in (shown, mean, spread)))
-        for i in map(int, chosen)
+        Curve(habits[i], *(each[:, i] for each in drawn)) for i in map(int, chosen)
     )
-
-
-def _plain(values: Tensor) -> np.ndarray:
-    return values.cpu().numpy().astype(float)

@@ -17,7 +17,6 @@ import torch
 from torch import Tensor
 
 from rewardmodel.answers.answered_pairs import AnsweredPairs
-from rewardmodel.answers.clip_batch import ClipBatch
 from rewardmodel.descriptors.normaliser import fill_missing
 from rewardmodel.models.model import RewardModel
 
@@ -109,14 +108,11 @@ def support_of(pairs: AnsweredPairs, model: RewardModel) -> Support:
     for clips, side in ((pairs.left, 0), (pairs.right, 1)):
         names = [episode[side] for episode in pairs.episodes]
         ids = torch.tensor([numbers.setdefault(n, len(numbers)) for n in names])
-        cut, sequence = _cut(model, *_rows(clips))
+        rows = clips.features.transpose(0, 1)
+        cut, sequence = _cut(model, rows, clips.scored.mT)
         pieces.append(cut)
         episodes.append(ids[sequence])
     return Support(model, torch.cat(pieces), torch.cat(episodes))
-
-
-def _rows(clips: ClipBatch) -> tuple[Tensor, Tensor]:
-    return clips.features.transpose(0, 1), clips.scored.mT
 
 
 def _cut(model: RewardModel, features: Tensor, valid: Tensor) -> tuple[Tensor, Tensor]:

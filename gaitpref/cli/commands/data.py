@@ -76,7 +76,9 @@ def _done(action: options.Action) -> int:
         case options.Import():
             _imported(action, import_into(action))
         case options.Export():
-            _say(action.json, _exported(action))
+            with working("writing it in another format"):
+                written = asdict(export(action))
+            _say(action.json, written)
         case options.Push() | options.Pull():
             _share(action)
     return 0
@@ -315,11 +317,6 @@ def _folder(path: Path) -> Iterator[None]:
         if not path.parent.is_dir():
             raise DatasetError(f"{path.parent} is no directory; make it first")
         yield
-
-
-def _exported(action: options.Export) -> dict[str, Any]:
-    with working("writing it in another format"):
-        return asdict(export(action))
 
 
 def _imported(action: options.Import, facts: dict[str, Any]) -> None:

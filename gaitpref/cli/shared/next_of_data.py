@@ -22,7 +22,8 @@ def next_of_data(action: options.Action, *, damaged: bool) -> str:
                 f"`gaitpref data info --dataset {action.dataset}` counts what it holds"
             )
         case options.Split():
-            return next_fit(Dataset.open(action.out / _first(action)))
+            first = action.part[0].partition("=")[0]
+            return next_fit(Dataset.open(action.out / first))
         case options.Subset():
             return f"`gaitpref data info --dataset {action.out}` counts what it holds"
         case options.Pack():
@@ -40,7 +41,3 @@ def next_of_data(action: options.Action, *, damaged: bool) -> str:
         case options.View():
             return "open it in Foxglove, Rerun or PlotJuggler"
     return ""
-
-
-def _first(split: options.Split) -> str:
-    return split.part[0].partition("=")[0]
