@@ -12,8 +12,7 @@ from __future__ import annotations
 import resource
 import shutil
 import time
-from collections.abc import Callable, Sequence
-from contextlib import closing
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -22,7 +21,7 @@ import torch
 import tyro
 
 from data.datasets.dataset import Dataset
-from gaitpref.executor.pieces import Executor, Piece, PieceError
+from gaitpref.executor.pieces import Piece
 from gaitpref.executor.processes import Processes
 from gaitpref.method.method import STYLE
 from policy.rollouts.evaluate import rollout_features
@@ -35,6 +34,7 @@ from rewardmodel.answers.answered_pairs import load_pairs
 from rewardmodel.fitting.fit_reward import fit_reward
 
 from .harness import Figure, gaitpref, publish
+from .in_order import in_order
 
 STAGES = ("recording", "fits", "evaluation")
 GOALS = {
@@ -82,22 +82,6 @@ def evaluated(path: Path, episodes: int, seed: int) -> int:
         policy, policy.robot(), policy.info.env, episodes=episodes, seed=seed
     )
     return int(lengths.sum())
-
-
-def in_order(executor: Executor, pieces: Sequence[Piece]) -> list[Any]:
-    """The values of all pieces, in their order.
-
-    Raises:
-        PieceError: one failed; the others that still ran are ended.
-    """
-    values: dict[int, Any] = {}
-    places = {id(piece): place for place, piece in enumerate(pieces)}
-    with closing(executor.outcomes(pieces)) as outcomes:
-        for outcome in outcomes:
-            if outcome.failure is not None:
-                raise PieceError(f"{outcome.piece.name}: {outcome.failure.reason}")
-            values[places[id(outcome.piece)]] = outcome.value
-    return [values[place] for place in range(len(pieces))]
 
 
 def cores_s(work: Callable[[], Any]) -> float:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.pieces import in_order
+from benchmarks.in_order import in_order
 from data.errors import GaitprefError
 from gaitpref.executor.gpu_slots import Slots
 from gaitpref.executor.pieces import DEVICES, Executor, Piece, PieceError

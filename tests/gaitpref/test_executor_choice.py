@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from benchmarks.pieces import in_order
+from benchmarks.in_order import in_order
 from gaitpref.executor.choose_executor import choose_executor
 from gaitpref.executor.pieces import Piece, PieceError
 from gaitpref.executor.processes import Processes
