@@ -68,7 +68,6 @@ def test_numbers_by_name_follow_another_order_of_the_joints(
         assert all("standing" not in line for line in tried(known, None))
 
 
-MJLAB: dict[str, Any] = {"scene": {"entities": {"robot": {}}}}
 OBSERVED = ("base_lin_vel", "base_ang_vel", "projected_gravity", "command")
 OBSERVED += ("joint_pos", "joint_vel", "last_action")
 
@@ -76,8 +75,8 @@ OBSERVED += ("joint_pos", "joint_vel", "last_action")
 def test_a_whole_law_or_an_exported_onnx_does_without_an_env_yaml(
     tmp_path: Path,
 ) -> None:
-    """mjlab writes another env.yaml; --explain leaves open what it cannot read."""
-    run = _run(tmp_path / "run", **MJLAB)
+    """Of another trainer it cannot be read; --explain leaves open what it says."""
+    run = _run(tmp_path / "run", scene={})
     with pytest.raises(LawError, match=r"no scene\.robot .* --law takes it"):
         understand(run)
     assert "no scene.robot" in understand(run, explain=True).draft.source

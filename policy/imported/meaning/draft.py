@@ -9,6 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from data.features import JOINTS
 from policy.law.law import Law, LawError, Term, Vector
 from policy.robots.robot import Robot
 
@@ -104,6 +105,12 @@ def names_of(robot: Robot) -> list[str]:
     model: mujoco.MjModel = robot.mj_model
     ids = [int(np.flatnonzero(model.jnt_qposadr == adr)[0]) for adr in robot.qpos_adr]
     return [model.joint(joint).name for joint in ids]
+
+
+def spelled_by(robot: Robot) -> dict[str, str]:
+    """What the model calls each of `JOINTS`, in the order of the model."""
+    named = dict(zip(JOINTS, names_of(robot), strict=True))
+    return {JOINTS[i]: named[JOINTS[i]] for i in np.argsort(robot.qpos_adr)}
 
 
 def with_guesses(draft: Draft, obs_dim: int) -> Draft:

@@ -1,73 +1,183 @@
 """What Isaac Lab leaves beside a policy: IO_descriptors.yaml, or params/env.yaml.
 
 env.yaml holds the configuration of the training, its joints by regular expressions and
-without their order, which is that of Isaac Sim: all hips, all thighs, all calves.
+mostly without their order, which is that of Isaac Sim: hips, thighs, calves.
+mjlab's file of the same name has them in the order of the robot's model.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from data.features import JOINTS
-from policy.law.law import LawError, Vector
+from policy.law.law import LawError, Term, Vector
 
-from .draft import BY_TYPE, Draft, number_of, twelve
+from .draft import BY_TYPE, LEFT_FIRST, Draft, number_of, twelve, whole_of
 from .joint_names import canonical_joints
+from .mjlab import as_isaac_lab
+from .named_joints import NamedJoints
 from .plain_yaml import at, read_plain_yaml
 from .term_names import term_of
 
-_ORDER = "hips, thighs, calves, each FL FR RL RR: Isaac Sim's order, which no file says"
+_BY_TYPE = (
+    "hips, thighs, calves, each FL FR RL RR: Isaac Sim's order, which no file says"
+)
+_BY_MODEL = "as the robot's model has them, which is mjlab's order; no file says it"
 _ABSOLUTE = ("joint_pos", "joint_pos_limit_normalized")
-_PATTERN_CHARS = 200
-_REPEATED_GROUP = re.compile(r"\)\s*[*+{]")
+_INSTEAD = "say the law in a TOML (--explain prints one, --law takes it)"
 
 
-def read_env(path: Path, joints: tuple[str, ...] = BY_TYPE) -> Draft:
+def read_env(
+    path: Path,
+    joints: tuple[str, ...] | None = None,
+    spelled: Mapping[str, str] | None = None,
+) -> Draft:
     """The law of an env.yaml, and of an agent.yaml beside it.
 
     Args:
         path: The env.yaml.
-        joints: The order of the policy, in which its numbers are put by their names.
+        joints: The order of the policy, in which its numbers are put by their names;
+            None is what the file says, or the order that its trainer has.
+        spelled: What the robot's model calls each of `JOINTS`, in its order.
 
     Raises:
         LawError: it is none.
     """
     told = read_plain_yaml(path)
-    robot, action = at(told, "scene", "robot"), at(told, "actions", "joint_pos")
-    if not isinstance(robot, dict) or not isinstance(action, dict):
+    of_mjlab = as_isaac_lab(told)
+    told, spelled = of_mjlab or told, spelled or {}
+    robot, action = at(told, "scene", "robot"), _action(path, told.get("actions"))
+    if not isinstance(robot, dict):
         raise LawError(
-            f"{path}: it has no scene.robot and actions.joint_pos, as Isaac Lab "
-            "writes: say the law in a TOML (--explain prints one, --law takes it)"
+            f"{path}: it has no scene.robot or scene.entities, as Isaac Lab and mjlab "
+            f"write: {_INSTEAD}"
         )
-    joints = canonical_joints(joints, JOINTS)
-    names = [f"{joint}_joint" for joint in joints]
-    pose = _by_name(at(robot, "init_state", "joint_pos"), names, 0.0, path)
-    actuators = at(robot, "actuators") or {}
-    if not isinstance(actuators, dict):
-        raise LawError(f"{path}: scene.robot.actuators must have names")
-    scale = action.get("scale")
-    offset = pose
-    if not action.get("use_default_offset", True):
-        offset = _by_name(action.get("offset", 0.0), names, 0.0, path)
+    agent = path.with_name("agent.yaml")
+    trained = read_plain_yaml(agent) if agent.exists() else {}
+    groups = _seen(path, told.get("observations"), trained.get("obs_groups"))
+    guessed = _late(robot)
+    if joints is None and (joints := _said_order(path, action, groups)) is None:
+        guessed["joints"] = _BY_MODEL if of_mjlab else _BY_TYPE
+        joints = (tuple(spelled) or LEFT_FIRST) if of_mjlab else BY_TYPE
+    joints = canonical_joints(joints, [spelled.get(each, each) for each in JOINTS])
+    named = NamedJoints.of(path, joints, spelled)
+    pose = at(robot, "init_state", "joint_pos")
+    pose = None if pose is None else named.numbers(pose, "joint_pos", 0.0)
+    scale, offset, clip = (action.get(key) for key in ("scale", "offset", "clip"))
+    motors = list((at(robot, "actuators") or {}).values())
     return Draft(
         source=f"{path.parent.name}/{path.name}",
         joints=joints,
-        terms=_terms(path, at(told, "observations", "policy")),
+        terms=tuple(term for group in groups for term in _terms(path, group)),
         newest_first=False,
         by_term=True,
         default_joint_pos_rad=pose,
-        action_scale_rad=_by_name(1.0 if scale is None else scale, names, 1.0, path),
-        action_offset_rad=offset,
-        kp_nm_per_rad=_of_actuators(actuators, "stiffness", names, path),
-        kd_nm_s_per_rad=_of_actuators(actuators, "damping", names, path),
-        torque_limit_nm=_limits(actuators, names, path),
+        action_scale_rad=named.numbers(1.0 if scale is None else scale, "scale", 1.0),
+        action_offset_rad=pose
+        if action.get("use_default_offset", True)
+        else named.numbers(offset or 0.0, "offset", 0.0),
+        action_limit=number_of(trained.get("clip_actions")),
+        target_clip_rad=tuple(named.mapped(clip, _bounds, "clip", (-1e9, 1e9)))
+        if isinstance(clip, dict)
+        else None,
+        kp_nm_per_rad=named.of_actuators(motors, "stiffness"),
+        kd_nm_s_per_rad=named.of_actuators(motors, "damping"),
+        torque_limit_nm=_limits(named, motors),
         physics_dt_s=number_of(at(told, "sim", "dt")),
-        substeps=int(number_of(told.get("decimation")) or 0) or None,
-        activation=activation_of(path.with_name("agent.yaml")),
-        guessed={"joints": _ORDER},
+        substeps=whole_of(told.get("decimation"), f"{path}: decimation"),
+        activation=activation_of(agent),
+        guessed=guessed,
     )
+
+
+def _action(path: Path, actions: Any) -> dict[str, Any]:
+    """The term of joint targets: it is called joint_pos, or is the only one."""
+    named = actions if isinstance(actions, dict) else {}
+    action = named.get("joint_pos")
+    if action is None and len(named) == 1:
+        action = next(iter(named.values()))
+    kind = re.split(r"[:.]", str(at(action, "class_type") or "JointPositionAction"))[-1]
+    if not isinstance(action, dict) or kind != "JointPositionAction":
+        told = ", ".join(map(str, named))[:60] or "none"
+        raise LawError(
+            f"{path}: its actions are {told} ({kind[:60]}), and one target for each "
+            f"joint (JointPositionAction) is followed alone: {_INSTEAD}"
+        )
+    return action
+
+
+def _seen(path: Path, observed: Any, of_agent: Any) -> list[dict[str, Any]]:
+    """The groups of observations that the actor sees, in their order."""
+    named = observed if isinstance(observed, dict) else {}
+    names = at(of_agent, "actor") or at(of_agent, "policy")
+    if not isinstance(names, list):
+        names = [name for name in ("actor", "policy") if name in named][:1]
+    seen = [named.get(str(name)) for name in names]
+    if not seen or not all(isinstance(group, dict) for group in seen):
+        raise LawError(
+            f"{path}: it has no observations of {' and '.join(map(str, names))[:80]} "
+            f"for the actor, but of {', '.join(map(str, named))[:80] or 'nothing'}: "
+            f"{_INSTEAD}"
+        )
+    return seen  # type: ignore[return-value]
+
+
+def _said_order(
+    path: Path, action: dict[str, Any], groups: list[dict[str, Any]]
+) -> tuple[str, ...] | None:
+    """The order of joints, where actions and observations list twelve and keep to it.
+
+    Raises:
+        LawError: each has another order.
+    """
+    orders = {_kept(action)}
+    for name in ("joint_pos", "joint_vel"):
+        terms = [group[name] for group in groups if name in group]
+        orders |= {_kept(at(term, "params", "asset_cfg")) for term in terms}
+    if len(orders) > 1:
+        raise LawError(
+            f"{path}: actions, joint_pos and joint_vel do not all list their joints in "
+            "one order (preserve_order), which is not followed here: give a policy "
+            "trained with one order"
+        )
+    return orders.pop()
+
+
+def _kept(told: Any) -> tuple[str, ...] | None:
+    """Twelve names of joints whose order is kept."""
+    names = at(told, "joint_names") or at(told, "actuator_names")
+    if at(told, "preserve_order") is not True or not isinstance(names, list):
+        return None
+    plain = len(names) == 12 and all(re.fullmatch(r"[\w/-]+", str(n)) for n in names)
+    return tuple(map(str, names)) if plain else None
+
+
+def _late(robot: Any) -> dict[str, str]:
+    """What is told of a delay of the motors, which no law has."""
+    motors = (at(robot, "actuators") or {}).values()
+    lags = [at(each, key) for each in motors for key in ("delay_max_lag", "max_delay")]
+    if most := max((number_of(lag) or 0.0 for lag in lags), default=0.0):
+        return {
+            "delay": f"none: in the training targets came up to {most:g} steps late"
+        }
+    return {}
+
+
+def _limits(named: NamedJoints, motors: list[Any]) -> Vector | None:
+    for key in ("effort_limit_sim", "effort_limit", "saturation_effort"):
+        if (found := named.of_actuators(motors, key)) is not None:
+            return found
+    return None
+
+
+def _bounds(value: Any) -> tuple[float, float] | None:
+    if not isinstance(value, list) or len(value) != 2:
+        return None
+    low, high = map(number_of, value)
+    return None if low is None or high is None or low >= high else (low, high)
 
 
 def activation_of(agent: Path) -> str | None:
@@ -163,9 +273,7 @@ def _entries(values: Any, *, named: bool = False) -> list[dict[str, Any]]:
     return []
 
 
-def _terms(path: Path, group: Any) -> Any:
-    if not isinstance(group, dict):
-        raise LawError(f"{path}: it has no observations.policy")
+def _terms(path: Path, group: Any) -> list[Term]:
     common = group.get("history_length")
     terms = []
     for name, value in group.items():
@@ -188,67 +296,4 @@ def _terms(path: Path, group: Any) -> Any:
                 frames=common or value.get("history_length"),
             )
         )
-    return tuple(terms)
-
-
-def _of_actuators(
-    actuators: dict[str, Any], key: str, names: list[str], path: Path
-) -> Vector:
-    values: list[float | None] = [None] * 12
-    for group in actuators.values():
-        patterns = at(group, "joint_names_expr")
-        patterns = patterns if isinstance(patterns, list) else [patterns or ".*"]
-        for index, name in enumerate(names):
-            if any(_fits(str(pattern), name, path) for pattern in patterns):
-                values[index] = _by_name(at(group, key), names, 0.0, path)[index]
-    if any(value is None for value in values):
-        raise LawError(f"{path}: no actuator says the {key} of every joint")
-    return twelve(values, key)
-
-
-def _limits(actuators: dict[str, Any], names: list[str], path: Path) -> Vector | None:
-    for key in ("effort_limit_sim", "effort_limit", "saturation_effort"):
-        if all(at(group, key) is not None for group in actuators.values()):
-            return _of_actuators(actuators, key, names, path)
-    return None
-
-
-def _by_name(value: Any, names: list[str], otherwise: float, path: Path) -> Vector:
-    """A number, twelve, or a mapping of regular expressions to numbers."""
-    if not isinstance(value, dict):
-        return twelve(value, str(path))
-    found = [otherwise] * 12
-    for pattern, number in value.items():
-        if (plain := number_of(number)) is None:
-            raise LawError(f"{path}: {str(pattern)[:40]} must be a number")
-        fits = [i for i, name in enumerate(names) if _fits(str(pattern), name, path)]
-        if not fits:
-            raise LawError(
-                f"{path}: {str(pattern)[:40]!r} fits none of the joints "
-                f"{', '.join(names[:3])}, ...: say the law in a TOML (--explain prints "
-                "one, --law takes it)"
-            )
-        for index in fits:
-            found[index] = plain
-    return tuple(found)
-
-
-def _fits(pattern: str, name: str, path: Path) -> bool:
-    # A stranger's expression could be matched for ever: repetitions in a repetition,
-    # many in a row, or many alternatives are more ways than can be tried.
-    open_ends = sum(map(pattern.replace("(?", "(").count, "*+?{"))
-    if (
-        len(pattern) > _PATTERN_CHARS
-        or open_ends > 4
-        or pattern.count("|") > 12
-        or _REPEATED_GROUP.search(pattern)
-    ):
-        raise LawError(
-            f"{path}: {pattern[:40]!r} is no plain pattern of joint names, with at "
-            f"most {_PATTERN_CHARS} letters, 4 of * + ? {{ and none after a group: "
-            "write names or .*"
-        )
-    try:
-        return re.fullmatch(pattern, name) is not None
-    except re.error:
-        raise LawError(f"{path}: {pattern[:40]!r} is no regular expression") from None
+    return terms
