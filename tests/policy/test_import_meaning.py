@@ -16,7 +16,9 @@ from policy.imported.bring import embodied, understand
 from policy.imported.meaning.draft import BY_TYPE, LEFT_FIRST, RIGHT_FIRST
 from policy.imported.readers.onnx_file import read_onnx
 from policy.imported.readers.script_file import read_script
+from policy.law.encoder import Encoder
 from policy.law.law import LawError
+from tests.helpers.foreign_layouts import law_in
 
 POSE = {".*L_hip_joint": 0.1, ".*R_hip_joint": -0.1, ".*thigh_joint": 0.8}
 POSE[".*calf_joint"] = -1.5
@@ -122,15 +124,35 @@ def test_names_that_fit_no_joint_are_told(tmp_path: Path) -> None:
         understand(run)
 
 
-@pytest.mark.parametrize("func", ["joint_pos", "joint_pos_limit_normalized"])
-def test_angles_from_elsewhere_than_the_pose_are_refused(
-    func: str, tmp_path: Path
-) -> None:
-    """Isaac Lab has three functions for the term that its users call joint_pos."""
-    told = {"joint_pos": {"func": f"isaaclab.envs.mdp.observations:{func}"}}
-    run = _run(tmp_path / "run", observations={"policy": told})
-    with pytest.raises(LawError, match="not measured from the default pose"):
-        understand(run)
+@pytest.mark.parametrize("file", ["env.yaml", "IO_descriptors.yaml"])
+def test_absolute_angles_are_seen_as_such(file: str, tmp_path: Path) -> None:
+    """A term called joint_pos is absolute where its function is."""
+    path = "isaaclab.envs.mdp.observations:joint_pos"
+    run = _run(tmp_path / "run", observations={"policy": {"joint_pos": {"func": path}}})
+    if file == "IO_descriptors.yaml":
+        told = {
+            "actions": [{"joint_names": list(LEFT_FIRST), "scale": 0.25}],
+            "articulations": {"robot": {"default_joint_pos": [0.1, 0.8, -1.5] * 4}},
+            "observations": {"policy": [{"name": "joint_pos"}]},
+        }
+        (run / file).write_text(yaml.safe_dump(told))
+    draft = understand(run).draft
+    assert draft.terms is not None
+    assert [term.name for term in draft.terms] == ["joint_pos_abs"]
+    pose = draft.default_joint_pos_rad
+    assert pose is not None
+    assert draft.joints is not None
+    law = law_in(draft.joints, terms=draft.terms, default_joint_pos_rad=pose)
+    encoder = Encoder(law, 1, device=torch.device("cpu"))
+    seen = encoder.observe(torch.full((1, 48), 0.2), torch.ones(1, dtype=torch.bool))
+    assert seen[0, :12].tolist() == pytest.approx([angle + 0.2 for angle in pose])
+
+
+def test_angles_within_their_limits_are_refused(tmp_path: Path) -> None:
+    """No term has them, whatever the policy calls them."""
+    told = {"joint_pos": {"func": "isaaclab.envs.mdp:joint_pos_limit_normalized"}}
+    with pytest.raises(LawError, match="sees 'joint_pos_limit_normalized'"):
+        understand(_run(tmp_path / "run", observations={"policy": told}))
 
 
 def test_walk_these_ways_is_refused_by_name(tmp_path: Path) -> None:

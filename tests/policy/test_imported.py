@@ -178,7 +178,13 @@ def _descriptors(policy: Policy, order: tuple[str, ...]) -> dict[str, Any]:
         },
         "observations": {
             "policy": [
-                {"name": n, "overloads": {"scale": None, "history_length": 0}}
+                {
+                    "name": (
+                        name := f"{n}_rel" if n in ("joint_pos", "joint_vel") else n
+                    ),
+                    "full_path": f"isaaclab.envs.mdp.observations.{name}",
+                    "overloads": {"scale": None, "history_length": 0},
+                }
                 for n in TERMS
             ]
         },

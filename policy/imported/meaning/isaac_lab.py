@@ -26,7 +26,12 @@ _BY_TYPE = (
     "hips, thighs, calves, each FL FR RL RR: Isaac Sim's order, which no file says"
 )
 _BY_MODEL = "as the robot's model has them, which is mjlab's order; no file says it"
-_ABSOLUTE = ("joint_pos", "joint_pos_limit_normalized")
+_ANGLES = {
+    "joint_pos": "joint_pos_abs",
+    "joint_pos_limit_normalized": "joint_pos_limit_normalized",
+}
+"""What functions give that are not angles from the default pose, whatever a term of
+them is called."""
 _INSTEAD = "say the law in a TOML (--explain prints one, --law takes it)"
 
 
@@ -99,7 +104,7 @@ def _action(path: Path, actions: Any) -> dict[str, Any]:
     action = named.get("joint_pos")
     if action is None and len(named) == 1:
         action = next(iter(named.values()))
-    kind = re.split(r"[:.]", str(at(action, "class_type") or "JointPositionAction"))[-1]
+    kind = _last(at(action, "class_type") or "JointPositionAction")
     if not isinstance(action, dict) or kind != "JointPositionAction":
         told = ", ".join(map(str, named))[:60] or "none"
         raise LawError(
@@ -230,9 +235,10 @@ def read_descriptors(path: Path) -> Draft:
     terms = []
     for entry in _entries(group, named=True):
         more = entry.get("overloads") or entry
+        name = _last(entry.get("full_path") or entry.get("name"))
         terms.append(
             term_of(
-                str(entry.get("name")),
+                _ANGLES.get(name, name),
                 scale=more.get("scale"),
                 clip=more.get("clip"),
                 frames=more.get("history_length"),
@@ -260,6 +266,11 @@ def read_descriptors(path: Path) -> Draft:
     )
 
 
+def _last(path: Any) -> str:
+    """The name at the end of a path of Python."""
+    return re.split(r"[:.]", str(path))[-1]
+
+
 def _entries(values: Any, *, named: bool = False) -> list[dict[str, Any]]:
     """The mappings in a list, or in a mapping, whose names they get."""
     if isinstance(values, list):
@@ -279,15 +290,10 @@ def _terms(path: Path, group: Any) -> list[Term]:
     for name, value in group.items():
         if not isinstance(value, dict) or "func" not in value:
             continue
-        func = str(value["func"])
-        if re.split(r"[:.]", func)[-1] in _ABSOLUTE:
-            raise LawError(
-                f"{path}: the policy sees {func[-60:]!r}, angles that are not measured "
-                "from the default pose, which is not followed here: give one trained "
-                "with joint_pos_rel"
-            )
+        func = _last(value["func"])
         # The function says it more surely than the name somebody gave the term.
         known = func if func.endswith(("_rel", "_vel", "_gravity", "_scan")) else name
+        known = _ANGLES.get(func, known)
         terms.append(
             term_of(
                 known,
