@@ -25,7 +25,7 @@ from policy.training.training_dir import POLICY_NAME
 from .meaning.beside import activation_beside, meaning_of, policy_file
 from .meaning.draft import NEEDED, Draft, complete, spelled_by, with_guesses
 from .meaning.law_toml import read_law_toml
-from .meaning.trainer_laws import PRESETS, UNFOLLOWED
+from .meaning.trainer_laws import PRESETS, UNFOLLOWED, preset_law
 from .readers.found import Found
 from .readers.network_file import read_network
 from .trial import measure
@@ -82,7 +82,8 @@ def understand(
     whole = said is not None and all(getattr(said, n) is not None for n in NEEDED)
     spelled = None if robot is None else spelled_by(robot)
     beside = partial(_beside, file, found, explain or whole, spelled)
-    in_order = partial(_draft, found, said, PRESETS[preset] if preset else beside)
+    trained = partial(preset_law, preset) if preset else beside
+    in_order = partial(_draft, found, said, trained)
     draft = in_order(None if said is None else said.joints)
     return Understood(file=file, found=found, draft=draft, in_order=in_order)
 
@@ -90,11 +91,11 @@ def understand(
 def _draft(
     found: Found,
     said: Draft | None,
-    trained: Draft | Callable[[tuple[str, ...] | None], Draft],
+    trained: Callable[[tuple[str, ...] | None], Draft],
     joints: tuple[str, ...] | None,
 ) -> Draft:
     """All that is known, with rules in the place of what nobody said."""
-    draft = trained if isinstance(trained, Draft) else trained(joints)
+    draft = trained(joints)
     if said is not None:
         draft = said.over(draft)
     if found.guessed:

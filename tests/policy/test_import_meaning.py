@@ -11,13 +11,14 @@ import torch
 import yaml
 from torch import Tensor, nn
 
-from policy.imported.alternatives import tried
+from policy.imported.alternatives import against, others, tried
 from policy.imported.bring import embodied, understand
 from policy.imported.meaning.draft import BY_TYPE, LEFT_FIRST, RIGHT_FIRST
 from policy.imported.readers.onnx_file import read_onnx
 from policy.imported.readers.script_file import read_script
 from policy.law.encoder import Encoder
 from policy.law.law import LawError
+from policy.law.origin import Measured
 from tests.helpers.foreign_layouts import law_in
 
 POSE = {".*L_hip_joint": 0.1, ".*R_hip_joint": -0.1, ".*thigh_joint": 0.8}
@@ -216,3 +217,61 @@ def test_gelu_and_layer_norm_in_pieces_are_followed() -> None:
     wanted = gelu(norm(obs, (48,)) @ weight).numpy()
     with torch.no_grad():
         assert network(obs).numpy() == pytest.approx(wanted, abs=1e-4)
+
+
+def test_every_other_value_of_a_guess_is_tried(tmp_path: Path) -> None:
+    """Of a checkpoint with a TOML that leaves open what rules give, and of a preset."""
+    run = _run(tmp_path / "run", scene={})
+    lines = ["default_joint_pos_rad = 0.1", "action_scale_rad = 0.25"]
+    lines += ["kp_nm_per_rad = 20", "kd_nm_s_per_rad = 0.5"]
+    lines += [f'[[terms]]\nname = "{name}"' for name in OBSERVED]
+    (tmp_path / "law.toml").write_text("\n".join(lines))
+    sizes = {"actor.0": (16, 48), "actor.2": (12, 16)}
+    states = {f"{name}.weight": torch.zeros(size) for name, size in sizes.items()}
+    states |= {f"{name}.bias": torch.zeros(size[0]) for name, size in sizes.items()}
+    torch.save({"model_state_dict": states}, run / "model_2.pt")
+    known = understand(run, law=tmp_path / "law.toml")
+    told = dict(others(known))
+    assert list(told) == [
+        "joints FR FL RR RL, leg by leg",
+        "joints all hips, thighs, calves",
+        "an action every 10 ms",
+        "an action every 40 ms",
+        "physics of 2.5 ms",
+        "activation relu",
+        "activation tanh",
+    ]
+    assert told["an action every 10 ms"].draft.substeps == 2
+    ops = [node.op for node in told["activation tanh"].found.recipe.nodes]
+    assert ops == ["Gemm", "Tanh", "Gemm"]
+    (tmp_path / "order.toml").write_text(f"joints = {list(RIGHT_FIRST)}")
+    known = understand(run, preset="legged-gym-go2", law=tmp_path / "order.toml")
+    assert known.draft.default_joint_pos_rad is not None
+    assert known.draft.default_joint_pos_rad[:4] == (-0.1, 0.8, -1.5, 0.1)
+    told = dict(others(known))
+    assert [name.split(" (")[0] for name in told] == [
+        "pose of a Go1",
+        "pose with hips at 0",
+        "hips at half their scale",
+    ]
+    assert told["hips at half their scale"].draft.action_scale_rad == (
+        (0.125, 0.25, 0.25) * 4
+    )
+
+
+def test_figures_say_where_they_tell_guesses_apart() -> None:
+    """A guess that walks as well stays one."""
+
+    def walk(forward_m_s: float) -> tuple[Measured, Measured]:
+        one = Measured(
+            command=(0.0, 0.0, 0.0),
+            seconds=2.0,
+            forward_m_s=forward_m_s,
+            left_m_s=0.0,
+            yaw_rad_s=0.0,
+        )
+        return one, one
+
+    assert "do not tell them apart" in against(walk(0.53), walk(0.48))
+    assert against(walk(0.3), walk(0.48)) == ""
+    assert "closer" in against(walk(0.49), walk(0.3))

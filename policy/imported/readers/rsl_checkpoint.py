@@ -114,7 +114,7 @@ def read_checkpoint(content: bytes, activation: str | None) -> Found:
         constants=tuple(stored(n, tensors[n]) for n in constants),
         action_order=UNORDERED,
     )
-    guessed = {} if activation else {"activation": "elu"}
+    guessed = {} if activation or len(layers) == 1 else {"activation": "elu"}
     return Found(
         kind=f"a checkpoint of rsl_rl {layout}",
         recipe=recipe,
