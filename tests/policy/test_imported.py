@@ -26,7 +26,7 @@ from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg
 from policy.imported.bring import bring, understand
 from policy.imported.given_back import export_like
-from policy.imported.meaning.draft import BY_TYPE, LEFT_FIRST
+from policy.imported.meaning.draft import BY_TYPE, LEFT_FIRST, RIGHT_FIRST, complete
 from policy.imported.meaning.own_words import of_own
 from policy.law.encoder import Encoder
 from policy.law.law import WIDTHS, LawError, Term
@@ -99,6 +99,67 @@ def test_a_checkpoint_of_every_rsl_rl_gives_the_same_actions(
         assert value.numpy() == pytest.approx(
             doubled * before[part][name].numpy(), abs=1e-6
         )
+
+
+A1, GO1 = ((0.1, 0.8, -1.5), (-0.1, 1.0, -1.5)), ((-0.1, 0.9, -1.8), (0.1, 0.9, -1.8))
+"""Default angles of the front left and the rear right leg."""
+GYM = "base_lin_vel*2 base_ang_vel*.25 projected_gravity command*2,2,.25 joint_pos"
+GYM += " joint_vel*.05 last_action"
+BODY, LEG = "base_ang_vel projected_gravity", "joint_pos joint_vel last_action"
+PRESETS = {
+    "legged-gym-a1": ("1", LEFT_FIRST, GYM, A1, 20.0),
+    "legged-gym-go2": ("1", LEFT_FIRST, GYM, A1, 20.0),
+    "isaac-lab-go2-flat": (
+        "3",
+        BY_TYPE,
+        f"base_lin_vel {BODY} command {LEG}",
+        A1,
+        25.0,
+    ),
+    "unitree-rl-lab-go2": (
+        "1",
+        BY_TYPE,
+        "base_ang_vel*.2 projected_gravity command joint_pos joint_vel*.05 last_action",
+        A1,
+        25.0,
+    ),
+    "unitree-rl-mjlab-go2": ("4", LEFT_FIRST, f"{BODY} command {LEG}", GO1, 20.0),
+    "mjlab-go1-flat": (
+        "5",
+        RIGHT_FIRST,
+        f"base_lin_vel {BODY} {LEG} command",
+        GO1,
+        15.9,
+    ),
+}
+"""Version of rsl_rl, order, terms with scales, default angles, stiffness of a hip."""
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_preset_by_name_gives_the_same_actions(
+    preset: str, ours: Policy, tmp_path: Path
+) -> None:
+    """Of a policy of ours in the layout of its trainer."""
+    layout, order, told, pose, kp = PRESETS[preset]
+    named = [each.partition("*") for each in told.split()]
+    terms = tuple(
+        Term(name=name, scale=tuple(map(float, scale.split(","))) if scale else (1.0,))
+        for name, _, scale in named
+    )
+    torch.save(checkpoint_of(ours, layout, order, terms), tmp_path / "model_1.pt")
+    known = understand(tmp_path, preset=preset)
+    law = complete(known.draft, ours.robot(), known.found.recipe.obs_dim)
+    own = torch.randn(64, 48, generator=torch.Generator().manual_seed(3))
+    if "base_lin_vel" not in told:
+        own[:, :3] = ours._actor.state_dict()["obs_normalizer._mean"][0, :3]
+    begins = torch.ones(64, dtype=torch.bool)
+    seen = Encoder(law, 64, device=CPU).observe(own, begins)
+    with torch.no_grad():
+        acted = known.found.network(tuple(law.to_canonical.tolist()))(seen).numpy()
+    assert acted == pytest.approx(ours(own).numpy(), abs=1e-5)
+    angles = law.canonical(law.default_joint_pos_rad)
+    assert (tuple(angles[3:6]), tuple(angles[6:9])) == pose
+    assert law.canonical(law.kp_nm_per_rad)[0] == kp
 
 
 class _Exported(nn.Module):
