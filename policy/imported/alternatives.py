@@ -10,13 +10,16 @@ from typing import Any
 
 from data.errors import GaitprefError
 from data.features import JOINTS
-from policy.law.law import Term
+from policy.env.env_cfg import EnvCfg
+from policy.law.law import Law, Term
 from policy.law.origin import Measured
+from policy.robots.robot import Robot
 
 from .bring import Understood, embodied
 from .meaning.draft import BY_TYPE, LEFT_FIRST, RIGHT_FIRST, Draft
 from .meaning.joint_names import canonical_joints
 from .meaning.trainer_laws import POSES, half_hips
+from .plain_robot import plainer
 from .readers.network_file import read_network
 from .trial import measure
 
@@ -33,16 +36,21 @@ _ACTIVATIONS = ("elu", "relu", "tanh")
 
 
 def tried(known: Understood, robot_xml: Path | None) -> Iterator[str]:
-    """What a policy does with what was taken, and with each other value of what was
-    guessed, a line each; nothing where nothing was guessed that has others."""
-    taken = None
+    """What a policy does with each other value of what was guessed, and on a robot
+    that is more as trainers have it where it walks too fast or slow, a line each."""
+    law, robot, cfg = embodied(known, robot_xml)
+    taken = _measured(known, law, robot, cfg)
     for told, other in others(known):
-        taken = taken or _measured(known, robot_xml)
         try:
-            rows = _measured(other, robot_xml)
+            rows = _measured(other, *embodied(other, robot_xml))
         except GaitprefError as error:
             yield f"{told}: {error}"
             continue
+        yield f"{told}: {_in_words(rows)}{against(rows, taken)}"
+    if _fell(taken) or _off(taken) < _APART_M_S:
+        return
+    for told, plain in plainer(robot):
+        rows = _measured(known, law, plain, cfg)
         yield f"{told}: {_in_words(rows)}{against(rows, taken)}"
 
 
@@ -115,8 +123,9 @@ def _absolute(terms: tuple[Term, ...]) -> tuple[Term, ...]:
     )
 
 
-def _measured(known: Understood, robot_xml: Path | None) -> tuple[Measured, ...]:
-    law, robot, cfg = embodied(known, robot_xml)
+def _measured(
+    known: Understood, law: Law, robot: Robot, cfg: EnvCfg
+) -> tuple[Measured, ...]:
     network = known.found.network(tuple(int(j) for j in law.to_canonical))
     return measure(
         lambda obs, noise=None: network(obs), robot, cfg, asked=_ASKED, walk_s=_WALK_S
@@ -134,12 +143,19 @@ def _in_words(rows: tuple[Measured, ...]) -> str:
 
 def against(rows: tuple[Measured, ...], taken: tuple[Measured, ...]) -> str:
     """How what was tried compares with what was taken, where both walk or one does."""
-    if any(row.fell_at_s is not None for row in rows):
+    if _fell(rows):
         return ""
-    if any(row.fell_at_s is not None for row in taken):
+    if _fell(taken):
         return ", and what was taken falls"
-    asked = _ASKED[1][0]
-    off, off_taken = (abs(each[1].forward_m_s - asked) for each in (rows, taken))
-    if abs(off - off_taken) < _APART_M_S:
+    if abs(rows[1].forward_m_s - taken[1].forward_m_s) < _APART_M_S:
         return ", as what was taken does: these figures do not tell them apart"
-    return ", closer than what was taken" if off < off_taken else ""
+    return ", closer than what was taken" if _off(rows) < _off(taken) else ""
+
+
+def _fell(rows: tuple[Measured, ...]) -> bool:
+    return any(row.fell_at_s is not None for row in rows)
+
+
+def _off(rows: tuple[Measured, ...]) -> float:
+    """How far a walk is from the speed that was asked for, m/s."""
+    return abs(rows[1].forward_m_s - rows[1].command[0])

@@ -31,12 +31,13 @@ scene:
         - target_names_expr: !!python/tuple [.*_hip_joint, .*_thigh_joint]
           transmission_type: !!python/object/apply:mjlab.actuator.TransmissionType
           - joint
-          frictionloss: null
+          frictionloss: 0.1
           delay_max_lag: 2
           effort_limit: 23.7
           stiffness: 15.9
           damping: 1.0
         - target_names_expr: !!python/tuple [.*_calf_joint]
+          frictionloss: 0.1
           effort_limit: 35.55
           stiffness: 35.8
           damping: 2.3
@@ -105,6 +106,7 @@ def test_mjlabs_env_yaml_is_read(tmp_path: Path) -> None:
     assert law.action_scale_rad == (0.3, 0.37, 0.25) * 4
     assert law.kp_nm_per_rad == (15.9, 15.9, 35.8) * 4
     assert law.kd_nm_s_per_rad == (1.0, 1.0, 2.3) * 4
+    assert law.joint_friction_nm == 0.1
     assert law.torque_limit_nm == (23.7, 23.7, 35.55) * 4
     assert law.target_clip_rad is not None
     assert law.target_clip_rad[0] == (-0.5, 0.5)

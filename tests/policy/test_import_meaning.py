@@ -6,6 +6,7 @@ import io
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import pytest
 import torch
 import yaml
@@ -14,11 +15,13 @@ from torch import Tensor, nn
 from policy.imported.alternatives import against, others, tried
 from policy.imported.bring import embodied, understand
 from policy.imported.meaning.draft import BY_TYPE, LEFT_FIRST, RIGHT_FIRST
+from policy.imported.plain_robot import plainer
 from policy.imported.readers.onnx_file import read_onnx
 from policy.imported.readers.script_file import read_script
 from policy.law.encoder import Encoder
 from policy.law.law import LawError
 from policy.law.origin import Measured
+from policy.robots.robot import load_robot, load_robot_xml
 from tests.helpers.foreign_layouts import law_in
 
 POSE = {".*L_hip_joint": 0.1, ".*R_hip_joint": -0.1, ".*thigh_joint": 0.8}
@@ -39,6 +42,8 @@ def _run(folder: Path, **changes: Any) -> Path:
     terms += ("joint_pos_rel", "joint_vel_rel", "last_action")
     gains = {"joint_names_expr": [".*"], "stiffness": 25.0, "damping": 0.5}
     tree: dict[str, Any] = {
+        "sim": {"dt": 0.005},
+        "decimation": 4,
         "scene": {
             "robot": {
                 "init_state": {"joint_pos": POSE},
@@ -264,7 +269,7 @@ def test_figures_say_where_they_tell_guesses_apart() -> None:
 
     def walk(forward_m_s: float) -> tuple[Measured, Measured]:
         one = Measured(
-            command=(0.0, 0.0, 0.0),
+            command=(0.5, 0.0, 0.0),
             seconds=2.0,
             forward_m_s=forward_m_s,
             left_m_s=0.0,
@@ -272,6 +277,25 @@ def test_figures_say_where_they_tell_guesses_apart() -> None:
         )
         return one, one
 
-    assert "do not tell them apart" in against(walk(0.53), walk(0.48))
+    assert "do not tell them apart" in against(walk(0.52), walk(0.48))
     assert against(walk(0.3), walk(0.48)) == ""
     assert "closer" in against(walk(0.49), walk(0.3))
+
+
+def test_a_robot_is_tried_as_trainers_have_it() -> None:
+    """Each thing that only its model has is left out by itself."""
+    shipped = load_robot(physics_dt_s=0.005)
+    spec = mujoco.MjSpec.from_string(shipped.mjcf)
+    spec.geoms[-1].condim = 6
+    spec.compile()
+    robot = load_robot_xml(spec.to_xml(), name="go1", physics_dt_s=0.005)
+    assert robot.mj_model.geom_condim.max() == 6
+    (feet, sliding), (joints, smooth) = plainer(robot)
+    assert "condim" in feet
+    assert sliding.mj_model.geom_condim.max() == 3
+    dofs = robot.qvel_adr
+    before = robot.mj_model.dof_frictionloss[dofs]
+    assert (sliding.mj_model.dof_frictionloss[dofs] == before).all()
+    assert "not 1)" in joints
+    assert not smooth.mj_model.dof_frictionloss[dofs].any()
+    assert (smooth.home_qpos == robot.home_qpos).all()

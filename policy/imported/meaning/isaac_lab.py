@@ -91,6 +91,7 @@ def read_env(
         kp_nm_per_rad=named.of_actuators(motors, "stiffness"),
         kd_nm_s_per_rad=named.of_actuators(motors, "damping"),
         torque_limit_nm=_limits(named, motors),
+        joint_friction_nm=_friction(named, motors, of_mjlab is not None),
         physics_dt_s=number_of(at(told, "sim", "dt")),
         substeps=whole_of(told.get("decimation"), f"{path}: decimation"),
         activation=activation_of(agent),
@@ -176,6 +177,12 @@ def _limits(named: NamedJoints, motors: list[Any]) -> Vector | None:
         if (found := named.of_actuators(motors, key)) is not None:
             return found
     return None
+
+
+def _friction(named: NamedJoints, motors: list[Any], in_nm: bool) -> float | None:
+    """Dry friction, where all joints have one; without `in_nm` only 0 has no unit."""
+    found = set(named.of_actuators(motors, "friction") or ())
+    return found.pop() if len(found) == 1 and (in_nm or found == {0.0}) else None
 
 
 def _bounds(value: Any) -> tuple[float, float] | None:
