@@ -10,7 +10,7 @@ import torch
 from data.features import JOINTS, LEGS
 from policy.imported.bring import Understood, understand
 from policy.imported.meaning.draft import RIGHT_FIRST, complete
-from policy.imported.meaning.isaac_lab import read_env
+from policy.imported.meaning.env_yaml import read_env
 from policy.law.law import LawError
 from policy.robots.robot import load_robot
 

@@ -11,7 +11,8 @@ from policy.law.law import LawError
 
 from .deploy_yaml import read_deploy
 from .draft import Draft
-from .isaac_lab import activation_of, read_descriptors, read_env
+from .env_yaml import activation_of, read_env
+from .io_descriptors import read_descriptors
 from .own_words import of_metadata, read_own
 from .rl_sar import read_rl_sar
 

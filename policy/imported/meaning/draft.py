@@ -33,6 +33,8 @@ RIGHT_FIRST = tuple(
     for part in ("hip", "thigh", "calf")
 )
 """The order of Unitree's motors."""
+INSTEAD = "say the law in a TOML (--explain prints one, --law takes it)"
+"""What helps where a file cannot be read."""
 _HEIGHTS = (187, 231)
 """Numbers of the height scans that are usual: 17 x 11, 21 x 11."""
 
@@ -179,7 +181,7 @@ def require_width(terms: Sequence[Term], obs_dim: int, source: str) -> None:
         )
     raise LawError(
         f"the network takes {obs_dim} numbers, and {source} says {shown}: {told}; "
-        "say the right terms in a TOML (--explain prints one, --law takes it)"
+        f"{INSTEAD}"
     )
 
 

@@ -10,12 +10,11 @@ from typing import Any
 
 from policy.law.law import LawError, Vector
 
-from .draft import number_of, twelve
+from .draft import INSTEAD, number_of, twelve
 from .plain_yaml import at
 
 _PATTERN_CHARS = 200
 _REPEATED_GROUP = re.compile(r"\)\s*[*+{]")
-_INSTEAD = "say the law in a TOML (--explain prints one, --law takes it)"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,7 +68,7 @@ class NamedJoints:
                 first = ", ".join(names[0] for names in self.names[:3])
                 raise LawError(
                     f"{self.path}: {str(pattern)[:40]!r} fits none of the joints "
-                    f"{first}, ...: {_INSTEAD}"
+                    f"{first}, ...: {INSTEAD}"
                 )
             for index in fits:
                 found[index] = plain

@@ -1,8 +1,7 @@
-"""What Isaac Lab leaves beside a policy: IO_descriptors.yaml, or params/env.yaml.
+"""`params/env.yaml` of Isaac Lab or mjlab, and `agent.yaml` beside it.
 
-env.yaml holds the configuration of the training, its joints by regular expressions and
-mostly without their order, which is that of Isaac Sim: hips, thighs, calves.
-mjlab's file of the same name has them in the order of the robot's model.
+They hold the configuration of the training, joints by regular expressions and mostly
+without their order: Isaac Sim's is hips, thighs, calves, mjlab's that of the model.
 """
 
 from __future__ import annotations
@@ -15,24 +14,17 @@ from typing import Any
 from data.features import JOINTS
 from policy.law.law import LawError, Term, Vector
 
-from .draft import BY_TYPE, LEFT_FIRST, Draft, number_of, twelve, whole_of
+from .draft import BY_TYPE, INSTEAD, LEFT_FIRST, Draft, number_of, whole_of
 from .joint_names import canonical_joints
 from .mjlab import as_isaac_lab
 from .named_joints import NamedJoints
 from .plain_yaml import at, read_plain_yaml
-from .term_names import term_of
+from .term_names import end_of, known_by, term_of
 
 _BY_TYPE = (
     "hips, thighs, calves, each FL FR RL RR: Isaac Sim's order, which no file says"
 )
 _BY_MODEL = "as the robot's model has them, which is mjlab's order; no file says it"
-_ANGLES = {
-    "joint_pos": "joint_pos_abs",
-    "joint_pos_limit_normalized": "joint_pos_limit_normalized",
-}
-"""What functions give that are not angles from the default pose, whatever a term of
-them is called."""
-_INSTEAD = "say the law in a TOML (--explain prints one, --law takes it)"
 
 
 def read_env(
@@ -58,7 +50,7 @@ def read_env(
     if not isinstance(robot, dict):
         raise LawError(
             f"{path}: it has no scene.robot or scene.entities, as Isaac Lab and mjlab "
-            f"write: {_INSTEAD}"
+            f"write: {INSTEAD}"
         )
     agent = path.with_name("agent.yaml")
     trained = read_plain_yaml(agent) if agent.exists() else {}
@@ -105,12 +97,12 @@ def _action(path: Path, actions: Any) -> dict[str, Any]:
     action = named.get("joint_pos")
     if action is None and len(named) == 1:
         action = next(iter(named.values()))
-    kind = _last(at(action, "class_type") or "JointPositionAction")
+    kind = end_of(at(action, "class_type") or "JointPositionAction")
     if not isinstance(action, dict) or kind != "JointPositionAction":
         told = ", ".join(map(str, named))[:60] or "none"
         raise LawError(
             f"{path}: its actions are {told} ({kind[:60]}), and one target for each "
-            f"joint (JointPositionAction) is followed alone: {_INSTEAD}"
+            f"joint (JointPositionAction) is followed alone: {INSTEAD}"
         )
     return action
 
@@ -126,7 +118,7 @@ def _seen(path: Path, observed: Any, of_agent: Any) -> list[dict[str, Any]]:
         raise LawError(
             f"{path}: it has no observations of {' and '.join(map(str, names))[:80]} "
             f"for the actor, but of {', '.join(map(str, named))[:80] or 'nothing'}: "
-            f"{_INSTEAD}"
+            f"{INSTEAD}"
         )
     return seen  # type: ignore[return-value]
 
@@ -213,97 +205,15 @@ def activation_of(agent: Path) -> str | None:
     return None
 
 
-def read_descriptors(path: Path) -> Draft:
-    """The law of an IO_descriptors.yaml.
-
-    Raises:
-        LawError: it is none.
-    """
-    told = read_plain_yaml(path)
-    actions, robots = told.get("actions"), told.get("articulations")
-    action = next(iter(_entries(actions)), None)
-    robot = next(iter(_entries(robots)), None)
-    if action is None or robot is None:
-        raise LawError(f"{path}: it has no actions and articulations")
-    names = action.get("joint_names") or robot.get("joint_names")
-    if not isinstance(names, list) or len(names) != 12:
-        raise LawError(f"{path}: the action must name 12 joints")
-    of_robot = robot.get("joint_names") or names
-
-    def vector(key: str) -> Vector | None:
-        values = robot.get(key)
-        if values is None:
-            return None
-        by_name = dict(zip(of_robot, values, strict=False))
-        return twelve([by_name.get(name) for name in names], key)
-
-    observed = told.get("observations")
-    group = observed.get("policy", observed) if isinstance(observed, dict) else observed
-    terms = []
-    for entry in _entries(group, named=True):
-        more = entry.get("overloads") or entry
-        name = _last(entry.get("full_path") or entry.get("name"))
-        terms.append(
-            term_of(
-                _ANGLES.get(name, name),
-                scale=more.get("scale"),
-                clip=more.get("clip"),
-                frames=more.get("history_length"),
-            )
-        )
-    offset, dt_s = action.get("offset"), number_of(at(told, "scene", "physics_dt"))
-    step = number_of(at(told, "scene", "dt"))
-    decimation = number_of(at(told, "scene", "decimation"))
-    if decimation is None and dt_s and step:
-        decimation = round(step / dt_s)
-    return Draft(
-        source=path.name,
-        joints=tuple(map(str, names)),
-        terms=tuple(terms) or None,
-        newest_first=False,
-        by_term=True,
-        default_joint_pos_rad=vector("default_joint_pos"),
-        action_scale_rad=twelve(action.get("scale", 1.0), "scale"),
-        action_offset_rad=None if offset is None else twelve(offset, "offset"),
-        kp_nm_per_rad=vector("default_joint_stiffness"),
-        kd_nm_s_per_rad=vector("default_joint_damping"),
-        physics_dt_s=dt_s,
-        substeps=int(decimation or 0) or None,
-        guessed={"torque_limit_nm": "those of the robot's model: the file says none"},
-    )
-
-
-def _last(path: Any) -> str:
-    """The name at the end of a path of Python."""
-    return re.split(r"[:.]", str(path))[-1]
-
-
-def _entries(values: Any, *, named: bool = False) -> list[dict[str, Any]]:
-    """The mappings in a list, or in a mapping, whose names they get."""
-    if isinstance(values, list):
-        return [each for each in values if isinstance(each, dict)]
-    if isinstance(values, dict):
-        return [
-            {"name": name, **each} if named else each
-            for name, each in values.items()
-            if isinstance(each, dict)
-        ]
-    return []
-
-
 def _terms(path: Path, group: Any) -> list[Term]:
     common = group.get("history_length")
     terms = []
     for name, value in group.items():
         if not isinstance(value, dict) or "func" not in value:
             continue
-        func = _last(value["func"])
-        # The function says it more surely than the name somebody gave the term.
-        known = func if func.endswith(("_rel", "_vel", "_gravity", "_scan")) else name
-        known = _ANGLES.get(func, known)
         terms.append(
             term_of(
-                known,
+                known_by(value["func"], str(name)),
                 scale=value.get("scale"),
                 clip=value.get("clip"),
                 frames=common or value.get("history_length"),
