@@ -20,9 +20,9 @@ import torch
 from torch import Tensor
 
 from data.files.unpacking import require_stored
-from policy.networks.recipe import INPUT, NetworkError, Node, Recipe
+from policy.networks.recipe import INPUT, NetworkError, Node
 
-from .found import UNORDERED, Found, plain_tensor, stored
+from .found import Found, plain_tensor, recipe_of
 
 _EPS = 1e-2
 """What rsl_rl adds to a deviation before it divides by it."""
@@ -60,21 +60,14 @@ def read_checkpoint(content: bytes, activation: str | None) -> Found:
     prefix = "actor" if any(n.startswith("actor.") for n in states) else "mlp"
     layers = _layers(states, prefix)
     normaliser = _normaliser(payload, states)
-    constants = {name: plain_tensor(name, value) for name, value in normaliser.items()}
-    weights = {n: plain_tensor(n, states[n]) for layer in layers for n in layer}
-    nodes = _nodes(list(constants), layers, _operation(activation or "elu"))
-    recipe = Recipe(
-        obs_dim=int(weights[layers[0][0]].shape[1]),
-        nodes=tuple(nodes),
-        output=nodes[-1].output,
-        weights=tuple(stored(n, t) for n, t in weights.items()),
-        constants=tuple(stored(n, t) for n, t in constants.items()),
-        action_order=UNORDERED,
-    )
+    named = normaliser | {name: states[name] for layer in layers for name in layer}
+    tensors = {name: plain_tensor(name, value) for name, value in named.items()}
+    nodes = _nodes(list(normaliser), layers, _operation(activation or "elu"))
+    obs_dim = int(tensors[layers[0][0]].shape[1])
     return Found(
         kind=f"a checkpoint of rsl_rl {layout}",
-        recipe=recipe,
-        tensors=constants | weights,
+        recipe=recipe_of(nodes, nodes[-1].output, obs_dim, tensors),
+        tensors=tensors,
         std=_std(states),
         guessed={} if activation or len(layers) == 1 else {"activation": "elu"},
     )
