@@ -33,7 +33,9 @@ RIGHT_FIRST = tuple(
     for part in ("hip", "thigh", "calf")
 )
 """The order of Unitree's motors."""
-INSTEAD = "say the law in a TOML (--explain prints one, --law takes it)"
+INSTEAD = (
+    "say the law in a TOML (--explain prints one, --law takes it), or take a --preset"
+)
 """What helps where a file cannot be read."""
 _HEIGHTS = (187, 231)
 """Numbers of the height scans that are usual: 17 x 11, 21 x 11."""
