@@ -114,7 +114,7 @@ def test_mjlabs_env_yaml_is_read(tmp_path: Path) -> None:
     assert (law.physics_dt_s, law.substeps) == (0.004, 4)
     assert known.draft.activation == "tanh"
     assert known.draft.guessed.keys() == {"joints", "delay"}
-    assert "2 steps late" in known.draft.guessed["delay"]
+    assert "2 time steps late" in known.draft.guessed["delay"]
     assert not Path("harmed").exists()
 
 

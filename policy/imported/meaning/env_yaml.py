@@ -159,7 +159,7 @@ def _late(robot: Any) -> dict[str, str]:
     lags = [at(each, key) for each in motors for key in ("delay_max_lag", "max_delay")]
     if most := max((number_of(lag) or 0.0 for lag in lags), default=0.0):
         return {
-            "delay": f"none: in the training targets came up to {most:g} steps late"
+            "delay": f"none: targets came up to {most:g} time steps late in training"
         }
     return {}
 
