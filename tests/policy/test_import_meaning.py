@@ -73,7 +73,7 @@ def test_numbers_by_name_follow_another_order_of_the_joints(
     if not law:
         assert known.draft.joints == BY_TYPE
         # With a hip's angle in a knee, it falls before it has stood.
-        assert all("standing" not in line for line in tried(known, None))
+        assert "standing" not in next(tried(known, None))
 
 
 OBSERVED = ("base_lin_vel", "base_ang_vel", "projected_gravity", "command")
