@@ -9,41 +9,64 @@ from pathlib import Path
 from typing import Any
 
 from data.errors import GaitprefError
+from data.features import JOINTS
+from policy.env.env_cfg import EnvCfg
+from policy.law.law import Law, Term
 from policy.law.origin import Measured
+from policy.robots.robot import Robot
 
 from .bring import Understood, embodied
 from .meaning.draft import BY_TYPE, LEFT_FIRST, RIGHT_FIRST, Draft
+from .meaning.joint_names import canonical_joints
+from .meaning.trainer_laws import POSES, half_hips
+from .plain_robot import plainer
+from .readers.network_file import read_network
 from .trial import measure
 
 _ASKED = ((0.0, 0.0, 0.0), (0.5, 0.0, 0.0))
 _WALK_S = 5.0
+_APART_M_S = 0.05
+"""How far figures must differ to be told apart."""
 _ORDERS = {
     "FL FR RL RR, leg by leg": LEFT_FIRST,
     "FR FL RR RL, leg by leg": RIGHT_FIRST,
     "all hips, thighs, calves": BY_TYPE,
 }
+_ACTIVATIONS = ("elu", "relu", "tanh")
 
 
 def tried(known: Understood, robot_xml: Path | None) -> Iterator[str]:
-    """What a policy does with each other value of what was guessed, a line each."""
-    for told, draft in _others(known):
+    """What a policy does with each other value of what was guessed, and on a robot
+    that is more as trainers have it where it walks too fast or slow, a line each."""
+    law, robot, cfg = embodied(known, robot_xml)
+    taken = _measured(known, law, robot, cfg)
+    for told, other in others(known):
         try:
-            law, robot, cfg = embodied(replace(known, draft=draft), robot_xml)
+            rows = _measured(other, *embodied(other, robot_xml))
         except GaitprefError as error:
             yield f"{told}: {error}"
             continue
-        network = known.found.network(tuple(int(j) for j in law.to_canonical))
-        rows = measure(
-            lambda obs, noise=None, network=network: network(obs),
-            robot,
-            cfg,
-            asked=_ASKED,
-            walk_s=_WALK_S,
-        )
-        yield f"{told}: {_in_words(rows)}"
+        yield f"{told}: {_in_words(rows)}{against(rows, taken)}"
+    if _fell(taken) or _off(taken) < _APART_M_S:
+        return
+    for told, plain in plainer(robot):
+        rows = _measured(known, law, plain, cfg)
+        yield f"{told}: {_in_words(rows)}{against(rows, taken)}"
 
 
-def _others(known: Understood) -> Iterator[tuple[str, Draft]]:
+def others(known: Understood) -> Iterator[tuple[str, Understood]]:
+    """The policy with each other value of what was guessed, and what that is."""
+    for told, draft in _other_drafts(known):
+        yield told, replace(known, draft=draft)
+    if "activation" in known.draft.guessed:
+        taken = known.draft.guessed["activation"]
+        for name in _ACTIVATIONS:
+            if name != taken:
+                found = read_network(known.file, name)
+                yield f"activation {name}", replace(known, found=found)
+
+
+def _other_drafts(known: Understood) -> Iterator[tuple[str, Draft]]:
     draft = known.draft
     if "joints" in draft.guessed:
         for told, order in _ORDERS.items():
@@ -56,6 +79,57 @@ def _others(known: Understood) -> Iterator[tuple[str, Draft]]:
                 frames = "term by term" if by_term else "frame by frame"
                 first = "newest" if newest else "oldest"
                 yield f"history {frames}, {first} first", replace(draft, **changes)
+    if "joint_pos" in draft.guessed and draft.terms is not None:
+        yield (
+            "joint_pos as absolute angles",
+            replace(draft, terms=_absolute(draft.terms)),
+        )
+    yield from _other_times(draft)
+    yield from _other_poses(draft)
+
+
+def _other_times(draft: Draft) -> Iterator[tuple[str, Draft]]:
+    dt_s, substeps = draft.physics_dt_s, draft.substeps
+    if dt_s is None or substeps is None:
+        return
+    if "substeps" in draft.guessed:
+        for other in (max(1, substeps // 2), 2 * substeps):
+            told = f"an action every {1000 * dt_s * other:g} ms"
+            yield told, replace(draft, substeps=other)
+    if "physics_dt_s" in draft.guessed:
+        finer = replace(draft, physics_dt_s=dt_s / 2, substeps=2 * substeps)
+        yield f"physics of {500 * dt_s:g} ms", finer
+
+
+def _other_poses(draft: Draft) -> Iterator[tuple[str, Draft]]:
+    scale = draft.action_scale_rad
+    if draft.joints is None or "default_joint_pos_rad" not in draft.guessed:
+        return
+    joints = canonical_joints(draft.joints, JOINTS)
+    for told, pose_of in POSES.items():
+        if (pose := pose_of(joints)) != draft.default_joint_pos_rad:
+            yield f"pose {told}", replace(draft, default_joint_pos_rad=pose)
+    if "action_scale_rad" in draft.guessed and scale is not None:
+        yield (
+            "hips at half their scale",
+            replace(draft, action_scale_rad=half_hips(joints, scale)),
+        )
+
+
+def _absolute(terms: tuple[Term, ...]) -> tuple[Term, ...]:
+    return tuple(
+        replace(term, name="joint_pos_abs") if term.name == "joint_pos" else term
+        for term in terms
+    )
+
+
+def _measured(
+    known: Understood, law: Law, robot: Robot, cfg: EnvCfg
+) -> tuple[Measured, ...]:
+    network = known.found.network(tuple(int(j) for j in law.to_canonical))
+    return measure(
+        lambda obs, noise=None: network(obs), robot, cfg, asked=_ASKED, walk_s=_WALK_S
+    )
 
 
 def _in_words(rows: tuple[Measured, ...]) -> str:
@@ -65,3 +139,23 @@ def _in_words(rows: tuple[Measured, ...]) -> str:
     if walks.fell_at_s is not None:
         return f"falls at {walks.fell_at_s:.1f} s at 0.5 m/s"
     return f"walks {walks.forward_m_s:.2f} of 0.5 m/s"
+
+
+def against(rows: tuple[Measured, ...], taken: tuple[Measured, ...]) -> str:
+    """How what was tried compares with what was taken, where both walk or one does."""
+    if _fell(rows):
+        return ""
+    if _fell(taken):
+        return ", and what was taken falls"
+    if abs(rows[1].forward_m_s - taken[1].forward_m_s) < _APART_M_S:
+        return ", as what was taken does: these figures do not tell them apart"
+    return ", closer than what was taken" if _off(rows) < _off(taken) else ""
+
+
+def _fell(rows: tuple[Measured, ...]) -> bool:
+    return any(row.fell_at_s is not None for row in rows)
+
+
+def _off(rows: tuple[Measured, ...]) -> float:
+    """How far a walk is from the speed that was asked for, m/s."""
+    return abs(rows[1].forward_m_s - rows[1].command[0])

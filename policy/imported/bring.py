@@ -23,9 +23,9 @@ from policy.training.ppo import PpoCfg
 from policy.training.training_dir import POLICY_NAME
 
 from .meaning.beside import activation_beside, meaning_of, policy_file
-from .meaning.draft import NEEDED, Draft, complete, with_guesses
+from .meaning.draft import NEEDED, Draft, complete, spelled_by, with_guesses
 from .meaning.law_toml import read_law_toml
-from .meaning.trainer_laws import PRESETS, UNFOLLOWED
+from .meaning.trainer_laws import PRESETS, UNFOLLOWED, preset_law
 from .readers.found import Found
 from .readers.network_file import read_network
 from .trial import measure
@@ -52,6 +52,7 @@ def understand(
     law: Path | None = None,
     preset: str | None = None,
     explain: bool = False,
+    robot: Robot | None = None,
 ) -> Understood:
     """The network of a file or run directory, and what its numbers mean.
 
@@ -61,6 +62,7 @@ def understand(
         preset: Take the law of this trainer instead of what lies beside the file.
         explain: Leave open what cannot be read beside the file, and say why. A law
             with all that is needed does so too.
+        robot: Whose names and order of joints an env.yaml is read by.
 
     Raises:
         GaitprefError: the file or what lies beside it cannot be used.
@@ -78,8 +80,10 @@ def understand(
         activation = "elu"
     found = read_network(file, activation)
     whole = said is not None and all(getattr(said, n) is not None for n in NEEDED)
-    beside = partial(_beside, file, found, explain or whole)
-    in_order = partial(_draft, found, said, PRESETS[preset] if preset else beside)
+    spelled = None if robot is None else spelled_by(robot)
+    beside = partial(_beside, file, found, explain or whole, spelled)
+    trained = partial(preset_law, preset) if preset else beside
+    in_order = partial(_draft, found, said, trained)
     draft = in_order(None if said is None else said.joints)
     return Understood(file=file, found=found, draft=draft, in_order=in_order)
 
@@ -87,11 +91,11 @@ def understand(
 def _draft(
     found: Found,
     said: Draft | None,
-    trained: Draft | Callable[[tuple[str, ...] | None], Draft],
+    trained: Callable[[tuple[str, ...] | None], Draft],
     joints: tuple[str, ...] | None,
 ) -> Draft:
     """All that is known, with rules in the place of what nobody said."""
-    draft = trained if isinstance(trained, Draft) else trained(joints)
+    draft = trained(joints)
     if said is not None:
         draft = said.over(draft)
     if found.guessed:
@@ -100,12 +104,16 @@ def _draft(
 
 
 def _beside(
-    file: Path, found: Found, dispensable: bool, joints: tuple[str, ...] | None
+    file: Path,
+    found: Found,
+    dispensable: bool,
+    spelled: Mapping[str, str] | None,
+    joints: tuple[str, ...] | None,
 ) -> Draft:
     """What the file says or what lies beside it; nothing, if that is `dispensable`."""
     try:
         metadata = found.metadata or _exported(file, found.recipe.obs_dim)
-        draft = meaning_of(file, metadata, joints)
+        draft = meaning_of(file, metadata, joints, spelled)
     except LawError as error:
         if not dispensable:
             raise

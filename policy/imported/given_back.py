@@ -8,7 +8,6 @@ from __future__ import annotations
 import io
 import warnings
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +16,10 @@ from torch import Tensor
 
 from data.files.files import read_file, write_atomically
 from data.files.limits import POLICY_BYTES
-from policy.networks.recipe import NetworkError, RecipeNetwork
+from policy.networks.recipe import NetworkError, Recipe, RecipeNetwork
 from policy.training.checkpoint import Policy
 
 from .meaning.beside import activation_beside, policy_file
-from .readers.found import UNORDERED
 from .readers.network_file import read_network
 
 _STDS = ("std", "distribution.std_param")
@@ -68,9 +66,10 @@ def export_like(policy: Policy, source: Path, out: Path) -> Path:
     return target
 
 
-def _shapes(recipe: Any) -> Any:
+def _shapes(recipe: Recipe) -> Any:
     """What must be equal for weights to fit; the order of joints may differ."""
-    return replace(recipe, action_order=UNORDERED).weights, recipe.obs_dim
+    stored = (*recipe.weights, *recipe.constants)
+    return {each.name: each.shape for each in stored}, recipe.obs_dim
 
 
 def _name_of(policy: Policy) -> str:

@@ -16,6 +16,7 @@ OWN_STARTS = {
     "base_ang_vel": 3,
     "projected_gravity": 6,
     "joint_pos": 9,
+    "joint_pos_abs": 9,
     "joint_vel": 21,
     "last_action": 33,
     "command": 45,
@@ -31,8 +32,12 @@ class Encoder:
 
     def __init__(self, law: Law, num_envs: int, *, device: torch.device) -> None:
         self._limit = law.obs_limit
-        columns, scales, lows, highs = [], [], [], []
+        columns, added, scales, lows, highs = [], [], [], [], []
         for term in law.terms:
+            rest = torch.zeros(term.width)
+            if term.name == "joint_pos_abs":
+                rest = torch.tensor(law.default_joint_pos_rad)
+            added.append(rest)
             own = torch.arange(term.width)
             if term.name in OF_JOINTS:
                 own = torch.from_numpy(law.from_canonical)
@@ -41,8 +46,9 @@ class Encoder:
             low, high = term.clip or (-torch.inf, torch.inf)
             lows.append(torch.full((term.width,), low))
             highs.append(torch.full((term.width,), high))
-        self._columns, self._scale, self._low, self._high = (
-            torch.cat(parts).to(device) for parts in (columns, scales, lows, highs)
+        self._columns, self._added, self._scale, self._low, self._high = (
+            torch.cat(parts).to(device)
+            for parts in (columns, added, scales, lows, highs)
         )
         frames = max(term.frames for term in law.terms)
         self._order = _order(law, frames).to(device)
@@ -62,7 +68,7 @@ class Encoder:
             own: True or with noise.
             begins: [N] where nothing came before.
         """
-        values = own[:, self._columns]
+        values = own[:, self._columns] + self._added
         frame = values.clamp(self._low, self._high) * self._scale
         self._latest = frame
         if self._past.shape[1]:

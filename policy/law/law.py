@@ -24,24 +24,26 @@ WIDTHS = {
     "projected_gravity": 3,
     "command": 3,
     "joint_pos": 12,
+    "joint_pos_abs": 12,
     "joint_vel": 12,
     "last_action": 12,
 }
 """Terms of an observation and their widths: velocities m/s and turning rates rad/s in
 the frame of the base, the direction of gravity there, the command (forward m/s, left
-m/s, yaw rad/s), angles less the default pose rad, joint velocities rad/s, and the
-action before."""
+m/s, yaw rad/s), angles less the default pose rad, or as they are, joint velocities
+rad/s, and the action before."""
 MEANINGS = {
     "base_lin_vel": ("m/s", "velocity of the base in its own frame"),
     "base_ang_vel": ("rad/s", "turning rates of the base in its own frame, as a gyro"),
     "projected_gravity": ("1", "unit vector, world down in the frame of the base"),
     "command": ("m/s, m/s, rad/s", "forward, left and turning speed asked for"),
     "joint_pos": ("rad", "angles less default_joint_pos_rad"),
+    "joint_pos_abs": ("rad", "angles of the joints"),
     "joint_vel": ("rad/s", "angular velocities of the joints"),
     "last_action": ("1", "the action before, clipped to action_limit; 0 at first"),
 }
 """Unit and meaning of every term, before it is clipped and scaled."""
-OF_JOINTS = frozenset({"joint_pos", "joint_vel", "last_action"})
+OF_JOINTS = frozenset({"joint_pos", "joint_pos_abs", "joint_vel", "last_action"})
 """Terms with a number for each joint."""
 MOST_FRAMES = 100
 

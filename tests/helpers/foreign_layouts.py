@@ -11,22 +11,23 @@ import yaml
 from torch import Tensor
 
 from policy.law.encoder import OWN_STARTS
-from policy.law.law import OF_JOINTS, WIDTHS, Law, Term
+from policy.law.law import OF_JOINTS, Law, Term
 from policy.training.checkpoint import Policy
 
 TERMS = ("base_lin_vel", "base_ang_vel", "projected_gravity", "command")
 TERMS += ("joint_pos", "joint_vel", "last_action")
 SCALES = {"base_ang_vel": 0.25, "joint_vel": 0.05}
+SCALED = tuple(Term(name=name, scale=(SCALES.get(name, 1.0),)) for name in TERMS)
 
 
-def columns_in(order: tuple[str, ...]) -> np.ndarray:
-    """[48] where the numbers of a foreign observation are in our own."""
+def columns_in(order: tuple[str, ...], terms: tuple[Term, ...] = SCALED) -> np.ndarray:
+    """[D] where the numbers of a foreign observation are in our own."""
     law = law_in(order)
     return np.concatenate(
         [
-            OWN_STARTS[name]
-            + (law.from_canonical if name in OF_JOINTS else np.arange(WIDTHS[name]))
-            for name in TERMS
+            OWN_STARTS[term.name]
+            + (law.from_canonical if term.name in OF_JOINTS else np.arange(term.width))
+            for term in terms
         ]
     )
 
@@ -46,20 +47,24 @@ def law_in(order: tuple[str, ...], **other: Any) -> Law:
 
 
 def in_their_order(
-    policy: Policy, order: tuple[str, ...], *, scaled: bool
+    policy: Policy,
+    order: tuple[str, ...],
+    *,
+    scaled: bool,
+    terms: tuple[Term, ...] = SCALED,
 ) -> tuple[list[tuple[Tensor, Tensor]], Tensor, Tensor]:
-    """Layers, mean and deviation that see TERMS in `order`.
+    """Layers, mean and deviation that see `terms` in `order`.
 
     Where observations are `scaled`, the normaliser is in the first layer."""
     state = {k: v.clone() for k, v in policy._actor.state_dict().items()}
-    columns = torch.from_numpy(columns_in(order))
+    columns = torch.from_numpy(columns_in(order, terms))
     rows = torch.from_numpy(law_in(order).from_canonical)
     layers = [(state[f"mlp.{n}.weight"], state[f"mlp.{n}.bias"]) for n in (0, 2, 4)]
     mean = state["obs_normalizer._mean"][:, columns]
     std = state["obs_normalizer._std"][:, columns]
     first = layers[0][0][:, columns]
     if scaled:
-        scale = torch.cat([torch.full((WIDTHS[n],), SCALES.get(n, 1.0)) for n in TERMS])
+        scale = torch.tensor([each for term in terms for each in term.scales])
         folded = first / (std + 0.01)
         layers[0] = (folded / scale, layers[0][1] - folded @ mean[0])
     else:
@@ -69,10 +74,13 @@ def in_their_order(
 
 
 def checkpoint_of(
-    policy: Policy, layout: str, order: tuple[str, ...]
+    policy: Policy,
+    layout: str,
+    order: tuple[str, ...],
+    terms: tuple[Term, ...] = SCALED,
 ) -> dict[str, Any]:
     """The file that a version of rsl_rl writes."""
-    layers, mean, std = in_their_order(policy, order, scaled=layout == "1")
+    layers, mean, std = in_their_order(policy, order, scaled=layout == "1", terms=terms)
     prefix = "actor" if layout in ("1", "2.3", "3") else "mlp"
     states: dict[str, Any] = {}
     for number, (weight, bias) in zip((0, 2, 4), layers, strict=True):

@@ -33,3 +33,10 @@ def test_its_switches_are_no_terms(tmp_path: Path) -> None:
     assert off.terms[0].clip == (-2.0, 3.0)
     with pytest.raises(LawError, match="use_gym_history must be true or false"):
         read_deploy(_told(path, use_gym_history=3, base_ang_vel=term))
+
+
+def test_joint_pos_may_be_absolute(tmp_path: Path) -> None:
+    """Who calls it joint_pos_rel has said it."""
+    path = tmp_path / "deploy.yaml"
+    assert "joint_pos" in read_deploy(_told(path, joint_pos={})).guessed
+    assert "joint_pos" not in read_deploy(_told(path, joint_pos_rel={})).guessed

@@ -6,17 +6,23 @@ import io
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import pytest
 import torch
 import yaml
 from torch import Tensor, nn
 
-from policy.imported.alternatives import tried
+from policy.imported.alternatives import against, others, tried
 from policy.imported.bring import embodied, understand
 from policy.imported.meaning.draft import BY_TYPE, LEFT_FIRST, RIGHT_FIRST
+from policy.imported.plain_robot import plainer
 from policy.imported.readers.onnx_file import read_onnx
 from policy.imported.readers.script_file import read_script
+from policy.law.encoder import Encoder
 from policy.law.law import LawError
+from policy.law.origin import Measured
+from policy.robots.robot import load_robot, load_robot_xml
+from tests.helpers.foreign_layouts import law_in
 
 POSE = {".*L_hip_joint": 0.1, ".*R_hip_joint": -0.1, ".*thigh_joint": 0.8}
 POSE[".*calf_joint"] = -1.5
@@ -36,6 +42,8 @@ def _run(folder: Path, **changes: Any) -> Path:
     terms += ("joint_pos_rel", "joint_vel_rel", "last_action")
     gains = {"joint_names_expr": [".*"], "stiffness": 25.0, "damping": 0.5}
     tree: dict[str, Any] = {
+        "sim": {"dt": 0.005},
+        "decimation": 4,
         "scene": {
             "robot": {
                 "init_state": {"joint_pos": POSE},
@@ -65,10 +73,9 @@ def test_numbers_by_name_follow_another_order_of_the_joints(
     if not law:
         assert known.draft.joints == BY_TYPE
         # With a hip's angle in a knee, it falls before it has stood.
-        assert all("standing" not in line for line in tried(known, None))
+        assert "standing" not in next(tried(known, None))
 
 
-MJLAB: dict[str, Any] = {"scene": {"entities": {"robot": {}}}}
 OBSERVED = ("base_lin_vel", "base_ang_vel", "projected_gravity", "command")
 OBSERVED += ("joint_pos", "joint_vel", "last_action")
 
@@ -76,8 +83,8 @@ OBSERVED += ("joint_pos", "joint_vel", "last_action")
 def test_a_whole_law_or_an_exported_onnx_does_without_an_env_yaml(
     tmp_path: Path,
 ) -> None:
-    """mjlab writes another env.yaml; --explain leaves open what it cannot read."""
-    run = _run(tmp_path / "run", **MJLAB)
+    """Of another trainer it cannot be read; --explain leaves open what it says."""
+    run = _run(tmp_path / "run", scene={})
     with pytest.raises(LawError, match=r"no scene\.robot .* --law takes it"):
         understand(run)
     assert "no scene.robot" in understand(run, explain=True).draft.source
@@ -123,15 +130,35 @@ def test_names_that_fit_no_joint_are_told(tmp_path: Path) -> None:
         understand(run)
 
 
-@pytest.mark.parametrize("func", ["joint_pos", "joint_pos_limit_normalized"])
-def test_angles_from_elsewhere_than_the_pose_are_refused(
-    func: str, tmp_path: Path
-) -> None:
-    """Isaac Lab has three functions for the term that its users call joint_pos."""
-    told = {"joint_pos": {"func": f"isaaclab.envs.mdp.observations:{func}"}}
-    run = _run(tmp_path / "run", observations={"policy": told})
-    with pytest.raises(LawError, match="not measured from the default pose"):
-        understand(run)
+@pytest.mark.parametrize("file", ["env.yaml", "IO_descriptors.yaml"])
+def test_absolute_angles_are_seen_as_such(file: str, tmp_path: Path) -> None:
+    """A term called joint_pos is absolute where its function is."""
+    path = "isaaclab.envs.mdp.observations:joint_pos"
+    run = _run(tmp_path / "run", observations={"policy": {"joint_pos": {"func": path}}})
+    if file == "IO_descriptors.yaml":
+        told = {
+            "actions": [{"joint_names": list(LEFT_FIRST), "scale": 0.25}],
+            "articulations": {"robot": {"default_joint_pos": [0.1, 0.8, -1.5] * 4}},
+            "observations": {"policy": [{"name": "joint_pos"}]},
+        }
+        (run / file).write_text(yaml.safe_dump(told))
+    draft = understand(run).draft
+    assert draft.terms is not None
+    assert [term.name for term in draft.terms] == ["joint_pos_abs"]
+    pose = draft.default_joint_pos_rad
+    assert pose is not None
+    assert draft.joints is not None
+    law = law_in(draft.joints, terms=draft.terms, default_joint_pos_rad=pose)
+    encoder = Encoder(law, 1, device=torch.device("cpu"))
+    seen = encoder.observe(torch.full((1, 48), 0.2), torch.ones(1, dtype=torch.bool))
+    assert seen[0, :12].tolist() == pytest.approx([angle + 0.2 for angle in pose])
+
+
+def test_angles_within_their_limits_are_refused(tmp_path: Path) -> None:
+    """No term has them, whatever the policy calls them."""
+    told = {"joint_pos": {"func": "isaaclab.envs.mdp:joint_pos_limit_normalized"}}
+    with pytest.raises(LawError, match="sees 'joint_pos_limit_normalized'"):
+        understand(_run(tmp_path / "run", observations={"policy": told}))
 
 
 def test_walk_these_ways_is_refused_by_name(tmp_path: Path) -> None:
@@ -195,3 +222,80 @@ def test_gelu_and_layer_norm_in_pieces_are_followed() -> None:
     wanted = gelu(norm(obs, (48,)) @ weight).numpy()
     with torch.no_grad():
         assert network(obs).numpy() == pytest.approx(wanted, abs=1e-4)
+
+
+def test_every_other_value_of_a_guess_is_tried(tmp_path: Path) -> None:
+    """Of a checkpoint with a TOML that leaves open what rules give, and of a preset."""
+    run = _run(tmp_path / "run", scene={})
+    lines = ["default_joint_pos_rad = 0.1", "action_scale_rad = 0.25"]
+    lines += ["kp_nm_per_rad = 20", "kd_nm_s_per_rad = 0.5"]
+    lines += [f'[[terms]]\nname = "{name}"' for name in OBSERVED]
+    (tmp_path / "law.toml").write_text("\n".join(lines))
+    sizes = {"actor.0": (16, 48), "actor.2": (12, 16)}
+    states = {f"{name}.weight": torch.zeros(size) for name, size in sizes.items()}
+    states |= {f"{name}.bias": torch.zeros(size[0]) for name, size in sizes.items()}
+    torch.save({"model_state_dict": states}, run / "model_2.pt")
+    known = understand(run, law=tmp_path / "law.toml")
+    told = dict(others(known))
+    assert list(told) == [
+        "joints FR FL RR RL, leg by leg",
+        "joints all hips, thighs, calves",
+        "an action every 10 ms",
+        "an action every 40 ms",
+        "physics of 2.5 ms",
+        "activation relu",
+        "activation tanh",
+    ]
+    assert told["an action every 10 ms"].draft.substeps == 2
+    ops = [node.op for node in told["activation tanh"].found.recipe.nodes]
+    assert ops == ["Gemm", "Tanh", "Gemm"]
+    (tmp_path / "order.toml").write_text(f"joints = {list(RIGHT_FIRST)}")
+    known = understand(run, preset="legged-gym-go2", law=tmp_path / "order.toml")
+    assert known.draft.default_joint_pos_rad is not None
+    assert known.draft.default_joint_pos_rad[:4] == (-0.1, 0.8, -1.5, 0.1)
+    told = dict(others(known))
+    assert [name.split(" (")[0] for name in told] == [
+        "pose of a Go1",
+        "pose with hips at 0",
+        "hips at half their scale",
+    ]
+    assert told["hips at half their scale"].draft.action_scale_rad == (
+        (0.125, 0.25, 0.25) * 4
+    )
+
+
+def test_figures_say_where_they_tell_guesses_apart() -> None:
+    """A guess that walks as well stays one."""
+
+    def walk(forward_m_s: float) -> tuple[Measured, Measured]:
+        one = Measured(
+            command=(0.5, 0.0, 0.0),
+            seconds=2.0,
+            forward_m_s=forward_m_s,
+            left_m_s=0.0,
+            yaw_rad_s=0.0,
+        )
+        return one, one
+
+    assert "do not tell them apart" in against(walk(0.52), walk(0.48))
+    assert against(walk(0.3), walk(0.48)) == ""
+    assert "closer" in against(walk(0.49), walk(0.3))
+
+
+def test_a_robot_is_tried_as_trainers_have_it() -> None:
+    """Each thing that only its model has is left out by itself."""
+    shipped = load_robot(physics_dt_s=0.005)
+    spec = mujoco.MjSpec.from_string(shipped.mjcf)
+    spec.geoms[-1].condim = 6
+    spec.compile()
+    robot = load_robot_xml(spec.to_xml(), name="go1", physics_dt_s=0.005)
+    assert robot.mj_model.geom_condim.max() == 6
+    (feet, sliding), (joints, smooth) = plainer(robot)
+    assert "condim" in feet
+    assert sliding.mj_model.geom_condim.max() == 3
+    dofs = robot.qvel_adr
+    before = robot.mj_model.dof_frictionloss[dofs]
+    assert (sliding.mj_model.dof_frictionloss[dofs] == before).all()
+    assert "not 1)" in joints
+    assert not smooth.mj_model.dof_frictionloss[dofs].any()
+    assert (smooth.home_qpos == robot.home_qpos).all()

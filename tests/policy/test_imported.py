@@ -24,12 +24,12 @@ from data.features import column
 from gaitpref.cli.main import main
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg
-from policy.imported.bring import bring, understand
+from policy.imported.bring import Understood, bring, understand
 from policy.imported.given_back import export_like
-from policy.imported.meaning.draft import BY_TYPE, LEFT_FIRST
+from policy.imported.meaning.draft import BY_TYPE, LEFT_FIRST, RIGHT_FIRST, complete
 from policy.imported.meaning.own_words import of_own
 from policy.law.encoder import Encoder
-from policy.law.law import WIDTHS, LawError, Term
+from policy.law.law import WIDTHS, Law, LawError, Term
 from policy.law.own_law import OWN_TERMS
 from policy.networks.recipe import NetworkError
 from policy.robots.robot import load_robot
@@ -99,6 +99,93 @@ def test_a_checkpoint_of_every_rsl_rl_gives_the_same_actions(
         assert value.numpy() == pytest.approx(
             doubled * before[part][name].numpy(), abs=1e-6
         )
+
+
+A1, GO1 = ((0.1, 0.8, -1.5), (-0.1, 1.0, -1.5)), ((-0.1, 0.9, -1.8), (0.1, 0.9, -1.8))
+"""Default angles of the front left and the rear right leg."""
+GYM = "base_lin_vel*2 base_ang_vel*.25 projected_gravity command*2,2,.25 joint_pos"
+GYM += " joint_vel*.05 last_action"
+BODY, LEG = "base_ang_vel projected_gravity", "joint_pos joint_vel last_action"
+PRESETS = {
+    "legged-gym-a1": ("1", LEFT_FIRST, GYM, A1, 20.0),
+    "legged-gym-go2": ("1", LEFT_FIRST, GYM, A1, 20.0),
+    "isaac-lab-go2-flat": (
+        "3",
+        BY_TYPE,
+        f"base_lin_vel {BODY} command {LEG}",
+        A1,
+        25.0,
+    ),
+    "unitree-rl-lab-go2": (
+        "1",
+        BY_TYPE,
+        "base_ang_vel*.2 projected_gravity command joint_pos joint_vel*.05 last_action",
+        A1,
+        25.0,
+    ),
+    "unitree-rl-mjlab-go2": ("4", LEFT_FIRST, f"{BODY} command {LEG}", GO1, 20.0),
+    "mjlab-go1-flat": (
+        "5",
+        RIGHT_FIRST,
+        f"base_lin_vel {BODY} {LEG} command",
+        GO1,
+        15.9,
+    ),
+}
+"""Version of rsl_rl, order, terms with scales, default angles, stiffness of a hip."""
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_preset_by_name_gives_the_same_actions(
+    preset: str, ours: Policy, tmp_path: Path
+) -> None:
+    """Of a policy of ours in the layout of its trainer."""
+    layout, order, told, pose, kp = PRESETS[preset]
+    named = [each.partition("*") for each in told.split()]
+    terms = tuple(
+        Term(name=name, scale=tuple(map(float, scale.split(","))) if scale else (1.0,))
+        for name, _, scale in named
+    )
+    torch.save(checkpoint_of(ours, layout, order, terms), tmp_path / "model_1.pt")
+    law = _acts_alike(ours, understand(tmp_path, preset=preset))
+    angles = law.canonical(law.default_joint_pos_rad)
+    assert (tuple(angles[3:6]), tuple(angles[6:9])) == pose
+    assert law.canonical(law.kp_nm_per_rad)[0] == kp
+
+
+def test_a_run_of_mjlab_gives_the_same_actions(ours: Policy, tmp_path: Path) -> None:
+    """Its joints in the order of the robot's model, which no file says."""
+    (tmp_path / "params").mkdir()
+    torch.save(checkpoint_of(ours, "5", RIGHT_FIRST), tmp_path / "model_1.pt")
+    tree = _env_tree(ours)
+    robot, observed = tree["scene"]["robot"], tree["observations"]["policy"]
+    (gains,) = robot["actuators"].values()
+    gains["target_names_expr"] = gains.pop("joint_names_expr")
+    robot["articulation"] = {"actuators": [gains]}
+    tree["scene"] = {"entities": {"robot": robot}}
+    tree["observations"] = {"actor": {"terms": observed}}
+    tree["sim"] = {"mujoco": {"timestep": 0.005}}
+    (tmp_path / "params/env.yaml").write_text(yaml.safe_dump(tree, sort_keys=False))
+    known = understand(tmp_path, robot=ours.robot())
+    law = _acts_alike(ours, known)
+    assert law.canonical(law.kp_nm_per_rad) == pytest.approx(ours.robot().kp)
+    home = ours.robot().home_joint_pos
+    assert law.canonical(law.default_joint_pos_rad) == pytest.approx(home)
+
+
+def _acts_alike(ours: Policy, known: Understood) -> Law:
+    """The law of what was understood, which gives the actions of ours."""
+    law = complete(known.draft, ours.robot(), known.found.recipe.obs_dim)
+    own = torch.randn(64, 48, generator=torch.Generator().manual_seed(3))
+    if "base_lin_vel" not in {term.name for term in law.terms}:
+        # What ours takes for nothing out of the ordinary.
+        own[:, :3] = ours._actor.state_dict()["obs_normalizer._mean"][0, :3]
+    begins = torch.ones(64, dtype=torch.bool)
+    seen = Encoder(law, 64, device=CPU).observe(own, begins)
+    with torch.no_grad():
+        acted = known.found.network(tuple(law.to_canonical.tolist()))(seen).numpy()
+    assert acted == pytest.approx(ours(own).numpy(), abs=1e-5)
+    return law
 
 
 class _Exported(nn.Module):
@@ -178,7 +265,13 @@ def _descriptors(policy: Policy, order: tuple[str, ...]) -> dict[str, Any]:
         },
         "observations": {
             "policy": [
-                {"name": n, "overloads": {"scale": None, "history_length": 0}}
+                {
+                    "name": (
+                        name := f"{n}_rel" if n in ("joint_pos", "joint_vel") else n
+                    ),
+                    "full_path": f"isaaclab.envs.mdp.observations.{name}",
+                    "overloads": {"scale": None, "history_length": 0},
+                }
                 for n in TERMS
             ]
         },
@@ -186,7 +279,7 @@ def _descriptors(policy: Policy, order: tuple[str, ...]) -> dict[str, Any]:
     }
 
 
-def _env_yaml(policy: Policy) -> str:
+def _env_tree(policy: Policy) -> dict[str, Any]:
     told = vectors_of(policy, BY_TYPE)
     pose = {f"{n}_joint": a for n, a in zip(BY_TYPE, told["pose"], strict=True)}
     observed = {
@@ -203,7 +296,7 @@ def _env_yaml(policy: Policy) -> str:
     }
     kp, kd = told["kp"][0], told["kd"][0]
     gains = {"joint_names_expr": [".*"], "stiffness": kp, "damping": kd}
-    tree = {
+    return {
         "decimation": 4,
         "sim": {"dt": 0.005},
         "scene": {
@@ -215,12 +308,15 @@ def _env_yaml(policy: Policy) -> str:
         "actions": {"joint_pos": {"scale": 0.3, "use_default_offset": True}},
         "observations": {"policy": observed},
     }
+
+
+def _env_yaml(policy: Policy) -> str:
     python = (
         "viewer: {eye: !!python/tuple [7.5, 7.5]}\n"
         "cut: !!python/object/apply:builtins.slice [null, 3, null]\n"
         "harm: !!python/object/apply:os.system ['touch harmed']\n"
     )
-    return yaml.safe_dump(tree, sort_keys=False) + python
+    return yaml.safe_dump(_env_tree(policy), sort_keys=False) + python
 
 
 def _rl_sar(policy: Policy, order: tuple[str, ...]) -> tuple[Any, Any]:

@@ -5,18 +5,24 @@ from __future__ import annotations
 from gaitpref.cli.options import options
 from gaitpref.console.progress import console, working
 from gaitpref.console.terminal import say
+from policy.env.env_cfg import EnvCfg
 from policy.imported.alternatives import tried
 from policy.imported.bring import bring, understand
 from policy.imported.meaning.law_toml import law_toml
 from policy.law.law import LawError
 from policy.law.origin import table
+from policy.robots.robot import load_robot
 from policy.training.training_dir import POLICY_NAME
 
 
 def run(command: options.Policy) -> int:
     """Import the policy; gives the exit code."""
     known = understand(
-        command.file, law=command.law, preset=command.preset, explain=command.explain
+        command.file,
+        law=command.law,
+        preset=command.preset,
+        explain=command.explain,
+        robot=load_robot(command.robot, physics_dt_s=EnvCfg().physics_dt_s),
     )
     if command.explain:
         say(law_toml(known.draft))

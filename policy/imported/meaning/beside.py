@@ -10,8 +10,9 @@ from pathlib import Path
 from policy.law.law import LawError
 
 from .deploy_yaml import read_deploy
-from .draft import BY_TYPE, Draft
-from .isaac_lab import activation_of, read_descriptors, read_env
+from .draft import Draft
+from .env_yaml import activation_of, read_env
+from .io_descriptors import read_descriptors
 from .own_words import of_metadata, read_own
 from .rl_sar import read_rl_sar
 
@@ -48,7 +49,10 @@ def policy_file(path: Path) -> Path:
 
 
 def meaning_of(
-    file: Path, metadata: Mapping[str, str], joints: tuple[str, ...] | None = None
+    file: Path,
+    metadata: Mapping[str, str],
+    joints: tuple[str, ...] | None = None,
+    spelled: Mapping[str, str] | None = None,
 ) -> Draft | None:
     """The first law that is found: in the file, or beside it.
 
@@ -56,6 +60,7 @@ def meaning_of(
         file: The policy.
         metadata: What it says of itself.
         joints: Their order, for what says numbers by name and no order.
+        spelled: What the robot's model calls each of `JOINTS`, in its order.
 
     Raises:
         LawError: it cannot be read.
@@ -63,7 +68,7 @@ def meaning_of(
     if (draft := of_metadata(metadata)) is not None:
         return draft
     try:
-        return _beside(file, joints)
+        return _beside(file, partial(read_env, joints=joints, spelled=spelled))
     except (TypeError, ValueError, LookupError, ArithmeticError, AttributeError) as bad:
         # Of another's file anything can be of any kind.
         told = " ".join(str(bad).split())[:160]
@@ -73,11 +78,11 @@ def meaning_of(
         ) from None
 
 
-def _beside(file: Path, joints: tuple[str, ...] | None) -> Draft | None:
+def _beside(file: Path, read_env: Callable[[Path], Draft]) -> Draft | None:
     readers: tuple[tuple[str, Callable[[Path], Draft]], ...] = (
         ("deploy.yaml", read_deploy),
         ("IO_descriptors.yaml", read_descriptors),
-        ("env.yaml", partial(read_env, joints=joints or BY_TYPE)),
+        ("env.yaml", read_env),
     )
     for name, read in readers:
         for place in _places(file):

@@ -53,6 +53,15 @@ def read_deploy(path: Path) -> Draft:
     if not isinstance(step, float) or not 0.001 <= step <= 0.2:
         raise LawError(f"{path}: step_dt must be seconds, got {step!r}")
     substeps = max(1, round(step / PHYSICS_DT_S))
+    guessed = {
+        "physics_dt_s": "near 5 ms: the file says the time of an action alone",
+        "torque_limit_nm": "those of the robot's model: the file says none",
+    }
+    if "joint_pos" in observations:
+        guessed["joint_pos"] = (
+            "angles from the default pose, as most trainers call them; Unitree's own "
+            "controller takes them as absolute by this name"
+        )
     return Draft(
         source=path.name,
         joints=tuple(JOINTS[motor] for motor in motors),
@@ -69,10 +78,7 @@ def read_deploy(path: Path) -> Draft:
         target_clip_rad=_clip(action.get("clip")),
         physics_dt_s=step / substeps,
         substeps=substeps,
-        guessed={
-            "physics_dt_s": "near 5 ms: the file says the time of an action alone",
-            "torque_limit_nm": "those of the robot's model: the file says none",
-        },
+        guessed=guessed,
     )
 
 

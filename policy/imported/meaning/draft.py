@@ -9,6 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from data.features import JOINTS
 from policy.law.law import Law, LawError, Term, Vector
 from policy.robots.robot import Robot
 
@@ -32,6 +33,10 @@ RIGHT_FIRST = tuple(
     for part in ("hip", "thigh", "calf")
 )
 """The order of Unitree's motors."""
+INSTEAD = (
+    "say the law in a TOML (--explain prints one, --law takes it), or take a --preset"
+)
+"""What helps where a file cannot be read."""
 _HEIGHTS = (187, 231)
 """Numbers of the height scans that are usual: 17 x 11, 21 x 11."""
 
@@ -106,6 +111,12 @@ def names_of(robot: Robot) -> list[str]:
     return [model.joint(joint).name for joint in ids]
 
 
+def spelled_by(robot: Robot) -> dict[str, str]:
+    """What the model calls each of `JOINTS`, in the order of the model."""
+    named = dict(zip(JOINTS, names_of(robot), strict=True))
+    return {JOINTS[i]: named[JOINTS[i]] for i in np.argsort(robot.qpos_adr)}
+
+
 def with_guesses(draft: Draft, obs_dim: int) -> Draft:
     """`draft` with rules in the place of what nobody said, each of them told."""
     draft = draft.guess("joints", LEFT_FIRST, "FL FR RL RR, as most trainers have it")
@@ -172,7 +183,7 @@ def require_width(terms: Sequence[Term], obs_dim: int, source: str) -> None:
         )
     raise LawError(
         f"the network takes {obs_dim} numbers, and {source} says {shown}: {told}; "
-        "say the right terms in a TOML (--explain prints one, --law takes it)"
+        f"{INSTEAD}"
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -34,6 +35,11 @@ _NAMES: dict[str, tuple[str, ...]] = {
     "joint_vel": ("joint_vel_rel", "dof_vel"),
     "last_action": ("actions", "action", "prev_actions", "previous_actions"),
 }
+_ANGLES = {
+    "joint_pos": "joint_pos_abs",
+    "joint_pos_limit_normalized": "joint_pos_limit_normalized",
+}
+"""What functions give that are not angles from the default pose."""
 _REFUSED = {
     "height": "a scan of heights",
     "scan": "a scan of heights",
@@ -51,7 +57,7 @@ def term_name(name: str) -> str:
     Raises:
         LawError: it is none of them; what looks at the ground is named so.
     """
-    plain = name.rpartition(":")[2].rpartition(".")[2].lower()
+    plain = end_of(name).lower()
     if plain in WIDTHS:
         return plain
     for ours, spellings in _NAMES.items():
@@ -67,6 +73,21 @@ def term_name(name: str) -> str:
         f"the policy sees {name[:60]!r}, which is not known here; the terms are "
         f"{', '.join(WIDTHS)}"
     )
+
+
+def known_by(function: Any, name: str | None = None) -> str:
+    """What to know a term by: the function that gives it where that says more surely
+    what it is than the `name` somebody gave the term, as for absolute angles."""
+    end = end_of(function)
+    if end in _ANGLES:
+        return _ANGLES[end]
+    surely = end.endswith(("_rel", "_vel", "_gravity", "_scan"))
+    return end if surely or name is None else name
+
+
+def end_of(path: Any) -> str:
+    """The name at the end of a path of Python."""
+    return re.split(r"[:.]", str(path))[-1]
 
 
 def term_of(

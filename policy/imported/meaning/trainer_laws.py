@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import fields, replace
+from typing import Any
+
+from data.features import JOINTS
 from policy.law.law import Term
 
 from .draft import BY_TYPE, LEFT_FIRST, RIGHT_FIRST, Draft
+from .joint_names import canonical_joints
 
 
 def _pose(joints: tuple[str, ...], **angles: float) -> tuple[float, ...]:
@@ -26,6 +32,24 @@ def _a1_pose(joints: tuple[str, ...]) -> tuple[float, ...]:
 
 def _go1_pose(joints: tuple[str, ...]) -> tuple[float, ...]:
     return _pose(joints, L_hip=-0.1, R_hip=0.1, thigh=0.9, calf=-1.8)
+
+
+def _straight_hips(joints: tuple[str, ...]) -> tuple[float, ...]:
+    return _pose(joints, hip=0.0, thigh=0.8, calf=-1.5)
+
+
+POSES: dict[str, Callable[[tuple[str, ...]], tuple[float, ...]]] = {
+    "of an A1 (thighs 0.8 and 1.0, calves -1.5)": _a1_pose,
+    "of a Go1 (thighs 0.9, calves -1.8)": _go1_pose,
+    "with hips at 0 (thighs 0.8, calves -1.5)": _straight_hips,
+}
+"""Default poses that trainers have, rad, of joints by the names of `JOINTS`."""
+
+
+def half_hips(joints: tuple[str, ...], scale: tuple[float, ...]) -> tuple[float, ...]:
+    """`scale` with that of the hips halved, as some trainers have it."""
+    pairs = zip(joints, scale, strict=True)
+    return tuple(s / 2 if joint.endswith("hip") else s for joint, s in pairs)
 
 
 def _of_part(joints: tuple[str, ...], leg: float, calf: float) -> tuple[float, ...]:
@@ -126,3 +150,26 @@ UNFOLLOWED = {
     "a policy that sees a command of three numbers",
 }
 """Trainers whose policies cannot be taken, and why."""
+
+
+def preset_law(name: str, joints: tuple[str, ...] | None = None) -> Draft:
+    """The preset `name`, its joints in another order if one is given.
+
+    What a training often changes, and with which a robot walks either way, is guessed.
+
+    Raises:
+        LawError: `joints` are not the twelve.
+    """
+    draft = PRESETS[name]
+    assert draft.joints is not None
+    why = "the trainer's own, which a training may have changed: no file says it"
+    guessed = dict.fromkeys(("default_joint_pos_rad", "action_scale_rad"), why)
+    order = draft.joints if joints is None else canonical_joints(joints, JOINTS)
+    vectors: dict[str, Any] = {
+        each.name: tuple(value[draft.joints.index(joint)] for joint in order)
+        for each in fields(draft)
+        if each.name != "joints"
+        and isinstance(value := getattr(draft, each.name), tuple)
+        and len(value) == 12
+    }
+    return replace(draft, joints=order, guessed=guessed, **vectors)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -12,6 +12,7 @@ from data.files.weights import not_finite
 from policy.networks.recipe import (
     MOST_NUMBERS,
     NetworkError,
+    Node,
     Recipe,
     RecipeNetwork,
     Stored,
@@ -65,6 +66,37 @@ def stored(name: str, value: Tensor) -> Stored:
     """What a recipe says of a tensor."""
     dtype = _DTYPES[value.dtype]
     return Stored(name=name, shape=tuple(value.shape), dtype=dtype)  # type: ignore[arg-type]
+
+
+def recipe_of(
+    nodes: Sequence[Node], output: str, obs_dim: int, tensors: Mapping[str, Tensor]
+) -> Recipe:
+    """The recipe of `nodes`, which train what layers multiply by and add.
+
+    Args:
+        nodes: In the order in which they are computed.
+        output: Name of the actions.
+        obs_dim: Numbers of an observation.
+        tensors: All that are stored; a normaliser's stay as they are.
+    """
+    trained: set[str] = set()
+    products = {node.output for node in nodes if node.op == "MatMul"}
+    for node in nodes:
+        if node.op in ("Gemm", "LayerNormalization"):
+            trained |= {*node.inputs[1:]}
+        elif node.op in ("MatMul", "Transpose") or (
+            node.op == "Add" and products & {*node.inputs}
+        ):
+            trained |= {*node.inputs}
+    trained &= {name for name, each in tensors.items() if each.is_floating_point()}
+    return Recipe(
+        obs_dim=obs_dim,
+        nodes=tuple(nodes),
+        output=output,
+        weights=tuple(stored(n, t) for n, t in tensors.items() if n in trained),
+        constants=tuple(stored(n, t) for n, t in tensors.items() if n not in trained),
+        action_order=UNORDERED,
+    )
 
 
 def checked(found: Found) -> Found:

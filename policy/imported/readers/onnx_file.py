@@ -13,11 +13,10 @@ from policy.networks.recipe import (
     MOST_NODES,
     NetworkError,
     Node,
-    Recipe,
     require_known,
 )
 
-from .found import UNORDERED, Found, plain_tensor, stored
+from .found import Found, plain_tensor, recipe_of
 
 _FLOAT_ATTRIBUTES, _INT_ATTRIBUTES, _TEXT = {1, 6}, {2, 7}, {3}
 _FLOATS = (1, 10, 11, 16)
@@ -59,15 +58,7 @@ def read_onnx(content: bytes) -> Found:
         )
     used = {n for node in nodes for n in node.inputs}
     tensors = {n: t for n, t in tensors.items() if n in used}
-    trained = _trained(nodes, tensors)
-    recipe = Recipe(
-        obs_dim=obs_dim,
-        nodes=tuple(nodes),
-        output=_output(graph),
-        weights=tuple(stored(n, t) for n, t in tensors.items() if n in trained),
-        constants=tuple(stored(n, t) for n, t in tensors.items() if n not in trained),
-        action_order=UNORDERED,
-    )
+    recipe = recipe_of(nodes, _output(graph), obs_dim, tensors)
     metadata = {prop.key: prop.value for prop in model.metadata_props}
     return Found(kind="ONNX", recipe=recipe, tensors=tensors, metadata=metadata)
 
@@ -165,20 +156,3 @@ def _output(graph: Any) -> str:
     if not names:
         raise NetworkError("it has no output")
     return names[0]
-
-
-def _trained(nodes: list[Node], tensors: dict[str, Tensor]) -> set[str]:
-    """What layers multiply by and add; a normaliser's numbers are not trained."""
-    found: set[str] = set()
-    products: set[str] = set()
-    for node in nodes:
-        if node.op == "Gemm":
-            found |= set(node.inputs[1:])
-        elif node.op == "MatMul":
-            found |= set(node.inputs)
-            products.add(node.output)
-        elif node.op == "Add" and products & set(node.inputs):
-            found |= set(node.inputs)
-        elif node.op == "LayerNormalization":
-            found |= set(node.inputs[1:])
-    return {n for n in found if n in tensors and tensors[n].is_floating_point()}

@@ -20,11 +20,11 @@ import torch
 from torch import Tensor
 
 from data.files.unpacking import require_stored
-from policy.networks.recipe import INPUT, NetworkError, Node, Recipe
+from policy.networks.recipe import INPUT, NetworkError, Node
 
-from .found import UNORDERED, Found, plain_tensor, stored
+from .found import Found, plain_tensor, recipe_of
 
-EPS = 1e-2
+_EPS = 1e-2
 """What rsl_rl adds to a deviation before it divides by it."""
 ACTIVATIONS = {
     "elu": "Elu",
@@ -41,7 +41,6 @@ ACTIVATIONS = {
     "identity": "Identity",
 }
 """What rsl_rl calls the functions between layers, and their operations."""
-_EPS_NAME = "eps of the normaliser"
 
 
 def read_checkpoint(content: bytes, activation: str | None) -> Found:
@@ -55,6 +54,26 @@ def read_checkpoint(content: bytes, activation: str | None) -> Found:
     Raises:
         NetworkError: there is none, or one that is no plain network.
     """
+    payload = _payload(content)
+    layout, states = _states(payload)
+    _refuse_others(states)
+    prefix = "actor" if any(n.startswith("actor.") for n in states) else "mlp"
+    layers = _layers(states, prefix)
+    normaliser = _normaliser(payload, states)
+    named = normaliser | {name: states[name] for layer in layers for name in layer}
+    tensors = {name: plain_tensor(name, value) for name, value in named.items()}
+    nodes = _nodes(list(normaliser), layers, _operation(activation or "elu"))
+    obs_dim = int(tensors[layers[0][0]].shape[1])
+    return Found(
+        kind=f"a checkpoint of rsl_rl {layout}",
+        recipe=recipe_of(nodes, nodes[-1].output, obs_dim, tensors),
+        tensors=tensors,
+        std=_std(states),
+        guessed={} if activation or len(layers) == 1 else {"activation": "elu"},
+    )
+
+
+def _payload(content: bytes) -> Mapping[str, Any]:
     try:
         require_stored(content)
         payload = torch.load(io.BytesIO(content), weights_only=True, map_location="cpu")
@@ -65,63 +84,44 @@ def read_checkpoint(content: bytes, activation: str | None) -> Found:
         ) from None
     if not isinstance(payload, Mapping):
         raise NetworkError(f"it holds a {type(payload).__name__}, no dictionaries")
-    layout, states = _states(payload)
-    _refuse_others(states)
-    prefix = "actor" if any(n.startswith("actor.") for n in states) else "mlp"
-    layers = _layers(states, prefix)
-    names: dict[str, Tensor] = {}
-    nodes, at = [], INPUT
-    normaliser = _normaliser(payload, states)
-    if normaliser is not None:
-        mean, std = normaliser
-        names |= {mean[0]: mean[1].reshape(1, -1), std[0]: std[1].reshape(1, -1)}
-        names[_EPS_NAME] = torch.tensor(EPS)
-        nodes += [
-            Node(op="Sub", inputs=(INPUT, mean[0]), output="centred"),
-            Node(op="Add", inputs=(std[0], _EPS_NAME), output="width"),
-            Node(op="Div", inputs=("centred", "width"), output="normal"),
-        ]
-        at = "normal"
-    constants = list(names)
-    act = activation or "elu"
-    if act not in ACTIVATIONS:
+    return payload
+
+
+def _operation(activation: str) -> str:
+    if activation not in ACTIVATIONS:
         raise NetworkError(
-            f"the activation {act[:40]!r} is not known; there are: "
+            f"the activation {activation[:40]!r} is not known; there are: "
             f"{', '.join(ACTIVATIONS)}"
         )
-    for place, (weight, bias) in enumerate(layers):
-        names |= {weight: states[weight], bias: states[bias]}
+    return ACTIVATIONS[activation]
+
+
+def _nodes(
+    normaliser: list[str], layers: list[tuple[str, str]], activation: str
+) -> list[Node]:
+    """The layers by the names of their weights, behind the normaliser if any."""
+    nodes: list[Node] = []
+    if normaliser:
+        mean, std, eps = normaliser
+        nodes += [
+            Node(op="Sub", inputs=(INPUT, mean), output="centred"),
+            Node(op="Add", inputs=(std, eps), output="width"),
+            Node(op="Div", inputs=("centred", "width"), output="normal"),
+        ]
+    for place, layer in enumerate(layers):
+        if place:
+            told = f"active {place - 1}"
+            nodes.append(Node(op=activation, inputs=(nodes[-1].output,), output=told))
+        at = nodes[-1].output if nodes else INPUT
         nodes.append(
             Node(
                 op="Gemm",
-                inputs=(at, weight, bias),
+                inputs=(at, *layer),
                 output=f"layer {place}",
                 attributes={"transB": 1},
             )
         )
-        at = f"layer {place}"
-        if place < len(layers) - 1:
-            nodes.append(
-                Node(op=ACTIVATIONS[act], inputs=(at,), output=f"active {place}")
-            )
-            at = f"active {place}"
-    tensors = {name: plain_tensor(name, value) for name, value in names.items()}
-    recipe = Recipe(
-        obs_dim=int(tensors[layers[0][0]].shape[1]),
-        nodes=tuple(nodes),
-        output=at,
-        weights=tuple(stored(n, t) for n, t in tensors.items() if n not in constants),
-        constants=tuple(stored(n, tensors[n]) for n in constants),
-        action_order=UNORDERED,
-    )
-    guessed = {} if activation else {"activation": "elu"}
-    return Found(
-        kind=f"a checkpoint of rsl_rl {layout}",
-        recipe=recipe,
-        tensors=tensors,
-        std=_std(states),
-        guessed=guessed,
-    )
+    return nodes
 
 
 def _states(payload: Mapping[str, Any]) -> tuple[str, dict[str, Tensor]]:
@@ -181,22 +181,30 @@ def _layers(states: Mapping[str, Tensor], prefix: str) -> list[tuple[str, str]]:
 
 def _normaliser(
     payload: Mapping[str, Any], states: Mapping[str, Tensor]
-) -> tuple[tuple[str, Tensor], tuple[str, Tensor]] | None:
-    """Name and numbers of mean and deviation of the observations."""
+) -> dict[str, Tensor]:
+    """Mean and deviation of the observations by their names, and what is added to the
+    deviation; nothing where there is no normaliser."""
     for prefix in ("actor_obs_normalizer.", "obs_normalizer."):
         mean, std = states.get(f"{prefix}_mean"), states.get(f"{prefix}_std")
         if mean is not None and std is not None:
-            return (f"{prefix}_mean", mean), (f"{prefix}_std", std)
+            return _dividing(prefix, mean, std)
     older = payload.get("obs_norm_state_dict")
     if not isinstance(older, Mapping) or not isinstance(older.get("_mean"), Tensor):
-        return None
+        return {}
     if not isinstance(older.get("_std"), Tensor):
         raise NetworkError(
             "its obs_norm_state_dict has a _mean and no tensor _std: save both, or "
             "export the policy as TorchScript or ONNX"
         )
-    named = "obs_norm_state_dict/"
-    return (f"{named}_mean", older["_mean"]), (f"{named}_std", older["_std"])
+    return _dividing("obs_norm_state_dict/", older["_mean"], older["_std"])
+
+
+def _dividing(prefix: str, mean: Tensor, std: Tensor) -> dict[str, Tensor]:
+    return {
+        f"{prefix}_mean": mean.reshape(1, -1),
+        f"{prefix}_std": std.reshape(1, -1),
+        "eps of the normaliser": torch.tensor(_EPS),
+    }
 
 
 def _std(states: Mapping[str, Tensor]) -> Tensor | None:

@@ -10,33 +10,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from policy.networks.recipe import INPUT, NetworkError, Node, Recipe
+from policy.networks.recipe import INPUT, NetworkError, Node
 
-from .found import UNORDERED, Found, plain_tensor, stored
+from .found import Found, plain_tensor, recipe_of
+from .script_operations import operation_of
 
 _MOST_BYTES = 512 * 2**20
-_SAME = {
-    "aten::relu": "Relu",
-    "aten::relu_": "Relu",
-    "aten::tanh": "Tanh",
-    "aten::tanh_": "Tanh",
-    "aten::sigmoid": "Sigmoid",
-    "aten::silu": "Silu",
-    "aten::silu_": "Silu",
-    "aten::mish": "Mish",
-    "aten::selu": "Selu",
-    "aten::sqrt": "Sqrt",
-    "aten::exp": "Exp",
-    "aten::neg": "Neg",
-    "aten::matmul": "MatMul",
-    "aten::mm": "MatMul",
-    "aten::mul": "Mul",
-    "aten::div": "Div",
-    "aten::minimum": "Min",
-    "aten::maximum": "Max",
-}
-"""Operations that only are called otherwise, and take nothing but tensors."""
-_OF_TWO = ("MatMul", "Mul", "Div", "Min", "Max")
 _PASSED = frozenset(
     {
         "aten::contiguous",
@@ -161,31 +140,10 @@ class _Translation:
         """The network."""
         if not isinstance(self._output, _Value):
             raise NetworkError("its output is no tensor")
-        trained = self._trained()
-        recipe = Recipe(
-            obs_dim=self._obs_dim(),
-            nodes=tuple(self._nodes),
-            output=self._output.name,
-            weights=tuple(
-                stored(n, t) for n, t in self._tensors.items() if n in trained
-            ),
-            constants=tuple(
-                stored(n, t) for n, t in self._tensors.items() if n not in trained
-            ),
-            action_order=UNORDERED,
+        recipe = recipe_of(
+            self._nodes, self._output.name, self._obs_dim(), self._tensors
         )
         return Found(kind="TorchScript", recipe=recipe, tensors=self._tensors)
-
-    def _trained(self) -> set[str]:
-        layers = {"Gemm", "MatMul", "Transpose"}
-        products = {node.output for node in self._nodes if node.op == "MatMul"}
-        return {
-            name
-            for node in self._nodes
-            if node.op in layers or (node.op == "Add" and products & {*node.inputs})
-            for name in node.inputs
-            if name in self._tensors
-        }
 
     def _obs_dim(self) -> int:
         """Width of the observations: what the first layer behind them takes."""
@@ -237,7 +195,8 @@ class _Translation:
             return given[0]
         if kind in _KNOWN:
             return _KNOWN[kind](given)
-        return self._operation(kind, given)
+        op, values, attributes = operation_of(kind, given)
+        return self._add(op, values, attributes)
 
     def _literal(self, node: Any) -> Any:
         try:
@@ -265,100 +224,23 @@ class _Translation:
         return _Value(name)
 
     def _name(self, value: Any) -> str:
-        """The name of a tensor, stored first where it is a number."""
+        """The name of a tensor, stored first where it is known beforehand."""
         if isinstance(value, _Value):
             return value.name
+        if isinstance(value, Tensor):
+            return self._store(f"index {value.tolist()}", value).name
         if isinstance(value, int | float) and not isinstance(value, bool):
             number = float(value)
             return self._store(f"number {number!r}", torch.tensor(number)).name
         raise NetworkError("an operation gets something that is no tensor")
 
-    def _add(self, op: str, values: list[Any], **attributes: Any) -> _Value:
+    def _add(self, op: str, values: list[Any], attributes: dict[str, Any]) -> _Value:
         output = f"value {len(self._nodes)}"
         names = tuple(self._name(value) for value in values)
         self._nodes.append(
             Node(op=op, inputs=names, output=output, attributes=attributes)
         )
         return _Value(output)
-
-    def _operation(self, kind: str, given: list[Any]) -> _Value:
-        op = _SAME.get(kind)
-        # What is given beyond the tensors changes the operation.
-        if op and len(given) == (2 if op in _OF_TWO else 1):
-            return self._add(op, given)
-        match kind, given:
-            case "aten::gelu", [x, *approximate]:
-                how = {"approximate": approximate[0]} if approximate else {}
-                return self._add("Gelu", [x], **how)
-            case "aten::softplus", [x, beta, threshold]:
-                how = {"beta": float(beta), "threshold": float(threshold)}
-                return self._add("Softplus", [x], **how)
-            case "aten::linear", [x, weight, bias]:
-                layer = [x, weight] if bias is None else [x, weight, bias]
-                return self._add("Gemm", layer, transB=1)
-            case "aten::addmm", [bias, x, weight, beta, alpha]:
-                how = {"alpha": float(alpha), "beta": float(beta)}
-                return self._add("Gemm", [x, weight, bias], **how)
-            case "aten::t", [x]:
-                return self._add("Transpose", [x], perm=[1, 0])
-            case (("aten::elu" | "aten::elu_"), [x, alpha, *_]):
-                return self._add("Elu", [x], alpha=float(alpha))
-            case (("aten::leaky_relu" | "aten::leaky_relu_"), [x, slope]):
-                return self._add("LeakyRelu", [x], alpha=float(slope))
-            case (("aten::add" | "aten::add_"), [a, b, 1]):
-                return self._add("Add", [a, b])
-            case (("aten::sub" | "aten::sub_"), [a, b, 1]):
-                return self._add("Sub", [a, b])
-            case "aten::slice", [x, int(axis), first, last, int(step)]:
-                ends = 2**62 if last is None else last
-                cut = {"starts": [first or 0], "ends": [ends], "axes": [axis]}
-                return (
-                    x
-                    if step == 1 and cut["starts"] == [0] and ends > 2**31
-                    else (self._sliced(x, cut, step))
-                )
-            case "aten::narrow", [x, int(axis), int(first), int(length)]:
-                cut = {"starts": [first], "ends": [first + length], "axes": [axis]}
-                return self._add("Slice", [x], **cut)
-            case "aten::select", [x, int(axis), int(index)]:
-                at = self._store(f"index {index}", torch.tensor(index))
-                return self._add("Gather", [x, at], axis=axis)
-            case "aten::index_select", [x, int(axis), idx]:
-                return self._add("Gather", [x, idx], axis=axis)
-            case "aten::cat", [list(parts), int(axis)]:
-                return self._add("Concat", parts, axis=axis)
-            case (("aten::clamp" | "aten::clip" | "aten::hardtanh"), [x, low, high]):
-                return self._add("Clip", [x], min=low, max=high)
-            case (("aten::clamp_min" | "aten::clamp_min_"), [x, low]):
-                return self._add("Clip", [x], min=low)
-            case (
-                ("aten::norm" | "aten::linalg_vector_norm"),
-                [x, 2 | 2.0, axes, keep, *_],
-            ):
-                return self._add("ReduceL2", [x], axes=axes, keepdims=int(keep))
-            case (("aten::sum" | "aten::mean"), [x, list(axes), keep, *_]):
-                op = "ReduceSum" if kind == "aten::sum" else "ReduceMean"
-                return self._add(op, [x], axes=axes, keepdims=int(keep))
-            case "aten::softmax", [x, int(axis), *_]:
-                return self._add("Softmax", [x], axis=axis)
-            case (("aten::view" | "aten::reshape"), [x, list(sizes)]):
-                return self._add("Reshape", [x], shape=sizes)
-            case "aten::unsqueeze", [x, int(axis)]:
-                return self._add("Unsqueeze", [x], axes=[axis])
-            case "aten::squeeze", [x, int(axis)]:
-                return self._add("Squeeze", [x], axes=[axis])
-            case "aten::flatten", [x, 1, -1]:
-                return self._add("Flatten", [x], axis=1)
-            case "aten::layer_norm", [x, [_], weight, bias, float(eps), *_]:
-                return self._add("LayerNormalization", [x, weight, bias], epsilon=eps)
-        if "conv" in kind or "pool" in kind:
-            raise NetworkError(f"it looks at pictures ({kind}), which is not taken")
-        raise NetworkError(f"it has the operation {kind[:40]}, not followed here")
-
-    def _sliced(self, x: Any, cut: dict[str, Any], step: int) -> _Value:
-        if step != 1:
-            raise NetworkError("a slice that leaves numbers out is not followed here")
-        return self._add("Slice", [x], **cut)
 
 
 _KNOWN: dict[str, Any] = {
