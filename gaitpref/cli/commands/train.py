@@ -26,7 +26,7 @@ from gaitpref.cli.shared.off_policy import (
     off_policy_of,
     told_of_distance,
 )
-from gaitpref.cli.shared.simulator import sim_of
+from gaitpref.cli.shared.simulator import require_sim, sim_of
 from gaitpref.console.progress import console, training_bar
 from gaitpref.console.terminal import EXIT_BAD_INPUT, EXIT_INTERRUPTED
 from gaitpref.raters.criterion_scores import criterion_context
@@ -75,6 +75,7 @@ def _train(command: options.Train, ranks: Ranks) -> int:
         )
     setting = setting_of(command.init, command.robot)
     cfg = _plain_cfg(command, setting)
+    require_sim(cfg.sim)
     refuse_beside_method(
         command,
         {
