@@ -96,7 +96,7 @@ def _train(command: options.Train, ranks: Ranks) -> int:
         cfg = retraining.trained(cfg)
     cfg, engine = _engine(command, cfg, ranks)
     if isinstance(engine, OffPolicy):
-        reward_fn = paid_by_step(reward_fn)
+        reward_fn = paid_by_step(reward_fn, console.print)
     with training_bar("training", command.total_steps) as bar:
         result = train(
             command.out,
