@@ -27,6 +27,19 @@ class PieceError(GaitprefError):
     """A piece of work cannot be run, or did not end well."""
 
 
+def require_share(name: str, gpus: float) -> None:
+    """Make sure that so much of a GPU can be had.
+
+    Raises:
+        PieceError: it is neither a share nor a number of whole ones.
+    """
+    if not 0.0 <= gpus <= 1.0 and not (gpus > 1.0 and float(gpus).is_integer()):
+        raise PieceError(
+            f"{name} asks for {gpus:g} GPUs: give a share between 0 and 1, or a whole "
+            "number"
+        )
+
+
 @dataclass(frozen=True, kw_only=True)
 class Piece:
     """A part of some work that needs no other part."""
@@ -44,12 +57,7 @@ class Piece:
     """File that what it says is added to; None: it speaks where its process does."""
 
     def __post_init__(self) -> None:
-        share = self.gpus
-        if not 0.0 <= share <= 1.0 and not (share > 1.0 and float(share).is_integer()):
-            raise PieceError(
-                f"{self.name} asks for {share:g} GPUs: give a share between 0 and 1, "
-                "or a whole number"
-            )
+        require_share(self.name, self.gpus)
 
     def packed(self) -> bytes:
         """What the process needs that runs it."""

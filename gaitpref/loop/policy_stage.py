@@ -217,7 +217,7 @@ def _learned_by(learner: SacCfg | None, round: Round, plan: _Plan) -> _Plan:
         return plan
     engine = OffPolicy(cfg=learner, replay=trained_before(round), tell=console.print)
     cfg, engine = off_policy_cfg(plan.cfg, engine)
-    paid = paid_by_step(plan.reward_fn)
+    paid = paid_by_step(plan.reward_fn, console.print)
     return replace(plan, cfg=cfg, engine=engine, reward_fn=paid)
 
 

@@ -33,7 +33,7 @@ class SweepResult:
 
 
 def run_sweep(
-    root: Path, cells: Sequence[SweepCell], executor: Executor, *, gpus: float = 0.0
+    root: Path, cells: Sequence[SweepCell], executor: Executor, *, gpus: float = 1.0
 ) -> SweepResult:
     """Run every cell to its end, as far as it goes.
 
@@ -41,7 +41,7 @@ def run_sweep(
         root: Directory of the sweep; one that an earlier sweep left is gone on with.
         cells: What is run, in this order.
         executor: Who runs it.
-        gpus: Share of a GPU that each cell needs.
+        gpus: Share of a GPU for each cell that trains on one.
 
     Raises:
         SweepError: the directory is something else, or a cell cannot be run at all.
@@ -131,7 +131,7 @@ def _piece(cell: SweepCell, places: SweepDir, gpus: float) -> Piece:
         name=cell.name,
         function=run_cell,
         args=(places.run(cell.name), cell.cfg),
-        gpus=gpus,
+        gpus=gpus if cell.on_gpu else 0.0,
         log=places.log(cell.name),
     )
 

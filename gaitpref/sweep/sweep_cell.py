@@ -30,6 +30,12 @@ class SweepCell:
     cfg: LoopCfg
     """Everything that decides how it goes."""
 
+    @property
+    def on_gpu(self) -> bool:
+        """Whether it trains on one."""
+        sim = self.cfg.steps.sim
+        return sim is not None and sim.device == "cuda"
+
 
 @dataclass(frozen=True)
 class SweepDir:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from policy.offpolicy.off_policy_runner import OffPolicy
@@ -16,12 +17,16 @@ _SAVE_EVERY = 100
 """Iterations between two states; each holds all of memory."""
 
 
-def paid_by_step(reward: ScoreFn | None) -> ScoreFn | None:
+def paid_by_step(reward: ScoreFn | None, tell: Callable[[str], None]) -> ScoreFn | None:
     """`reward` without the price of following commands worse: it looks at a rollout as
-    a whole, and what is remembered is none."""
-    if isinstance(reward, TotalReward):
-        return replace(reward, tracking_limit=None)
-    return reward
+    a whole, and what is remembered is none. `tell` gets a line where there was one."""
+    if not isinstance(reward, TotalReward) or reward.tracking_limit is None:
+        return reward
+    tell(
+        "following commands worse costs nothing more here: its price is one of whole "
+        "rollouts, and off-policy each remembered step is paid for itself"
+    )
+    return replace(reward, tracking_limit=None)
 
 
 def off_policy_cfg(cfg: TrainCfg, engine: OffPolicy) -> tuple[TrainCfg, OffPolicy]:

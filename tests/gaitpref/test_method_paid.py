@@ -15,6 +15,7 @@ from gaitpref.method.context import RoundContext
 from gaitpref.method.method import FROM_SCRATCH, STYLE
 from gaitpref.method.paid import AsFitted, SurelyLiked
 from gaitpref.method.tracking import TrackingPrice
+from gaitpref.training.off_policy_training import paid_by_step
 from gaitpref.training.total_reward import total_reward
 from gaitpref.training.tracking_limit import TrackingLimit, limit_beside, tracking_error
 from policy.env.env_cfg import EnvCfg
@@ -280,6 +281,32 @@ def test_the_walk_does_not_yield() -> None:
     )
     assert torch.allclose(held["score"], free["score"] * math.exp(-1))
     assert torch.equal(held["task"], free["task"])
+
+
+def test_off_policy_the_price_is_left_out_and_this_is_said() -> None:
+    """Robots that miss their commands get the whole style, and each step is worth the
+    same whatever others did."""
+    robot, env = load_robot(physics_dt_s=EnvCfg().physics_dt_s), EnvCfg()
+
+    def style(features: torch.Tensor, starts: torch.Tensor) -> torch.Tensor:
+        return torch.ones(features.shape[:2])
+
+    free, held = (
+        total_reward(style, robot, env, known=KnownTermsCfg(), tracking_limit=limit)
+        for limit in (None, TrackingLimit(error_m_s=0.1))
+    )
+    rows, starts = asked_and_done(0.5, 0.2), torch.zeros(2, 3, dtype=torch.bool)
+    rows[:, 0, column("base_lin_vel_b").start] = 0.4
+    said: list[str] = []
+    paid = paid_by_step(held, said.append)
+    assert paid is not None
+    assert not torch.allclose(held(rows, starts), free(rows, starts))
+    assert torch.equal(paid(rows, starts), free(rows, starts))
+    assert torch.equal(paid(rows[:, :1], starts[:, :1]), paid(rows, starts)[:, :1])
+    (line,) = said
+    assert "following commands worse costs nothing more" in line
+    assert paid_by_step(free, said.append) is free
+    assert len(said) == 1
 
 
 def test_the_limit_is_what_the_base_does_and_a_little_more(tmp_path: Path) -> None:

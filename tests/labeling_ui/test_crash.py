@@ -1,13 +1,14 @@
-"""The server dies by SIGKILL while eight raters answer; nothing counted is lost."""
+"""A server dies by SIGKILL while raters answer; nothing counted is lost."""
 
 import asyncio
 import itertools
 import os
+import shutil
 import signal
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -25,10 +26,10 @@ KEYS = ("A better", "B better", "Equally good", "A much better", "B much better"
 class Server:
     """`gaitpref label` in a process of its own."""
 
-    def __init__(self, root: Path) -> None:
+    def __init__(self, root: Path, *more: str) -> None:
         command = [sys.executable, "-m", "gaitpref", "label"]
         self.process = subprocess.Popen(
-            [*command, "--dataset", str(root), "--port", "0"],
+            [*command, "--dataset", str(root), "--port", "0", *more],
             stdout=subprocess.PIPE,
             text=True,
         )
@@ -53,10 +54,11 @@ class Server:
 
 
 async def answering(
-    url: str, tokens: list[str], enough: Callable[[list[Visitor]], bool]
+    places: Sequence[tuple[str, str]], enough: Callable[[list[Visitor]], bool]
 ) -> list[Visitor]:
-    """All raters answer as fast as they may until `enough` says so."""
-    visitors = [Visitor(url, token) for token in tokens]
+    """All raters, each at a page with a token, answer as fast as they may until
+    `enough` says so."""
+    visitors = [Visitor(url, token) for url, token in places]
     pages = [asyncio.create_task(visitor.run()) for visitor in visitors]
     tasks = [*pages]
 
@@ -82,13 +84,19 @@ async def answering(
     return visitors
 
 
-def stored(root: Path) -> Counter[str]:
-    """Current answers of every rater; none twice."""
-    with Dataset.open(root).answers() as store:
-        answers = [answer for _, answer in store.current_answers()]
-    keys = [(answer.rater_id, answer.pair_id) for answer in answers]
+def stored(root: Path, answers: str | None = None) -> Counter[str]:
+    """Current answers of every rater; none twice.
+
+    A pair that somebody was shown is nobody else's, but those meant for several.
+    """
+    with Dataset.open(root, answers=answers).answers() as store:
+        found = [answer for _, answer in store.current_answers()]
+    keys = [(answer.rater_id, answer.pair_id) for answer in found]
     assert len(set(keys)) == len(keys)
-    return Counter(answer.rater_id for answer in answers)
+    given, overlap = Counter(answer.pair_id for answer in found), Overlap()
+    for pair_id, times in given.items():
+        assert times <= (overlap.raters if overlap.takes(pair_id) else 1)
+    return Counter(answer.rater_id for answer in found)
 
 
 @pytest.mark.slow
@@ -108,13 +116,9 @@ def test_sigkill_loses_no_acknowledged_answer(tmp_path: Path) -> None:
                 doomed.end(signal.SIGKILL)
             return enough
 
-        visitors = asyncio.run(answering(doomed.url, tokens, killed))
+        places = [(doomed.url, token) for token in tokens]
+        visitors = asyncio.run(answering(places, killed))
     before = stored(root)
-    # A pair that somebody was shown is nobody else's, but those meant for several.
-    with Dataset.open(root).answers() as store:
-        answered = [pair.pair_id for pair, _ in store.current_answers()]
-    own = [name for name in answered if not Overlap().takes(name)]
-    assert len(set(own)) == len(own) > RATERS
     for name, visitor in zip(names, visitors, strict=True):
         assert before[name] >= (visitor.answered or 0) >= 3
 
@@ -125,7 +129,52 @@ def test_sigkill_loses_no_acknowledged_answer(tmp_path: Path) -> None:
         )
 
     with Server(root) as server:
-        asyncio.run(answering(server.url, tokens, went_on))
+        asyncio.run(answering([(server.url, token) for token in tokens], went_on))
         assert server.end(signal.SIGTERM) == 0
     after = stored(root)
     assert all(after[name] >= before[name] + 2 for name in names)
+
+
+@pytest.mark.slow
+def test_one_of_two_hosts_is_killed_and_the_other_has_every_answer(
+    postgres_answers: str, tmp_path: Path
+) -> None:
+    """Each has a copy of the data set, and PostgreSQL the answers: who was at the one
+    that died goes on at the other, and nothing is asked or counted twice."""
+    here, there = tmp_path / "here", tmp_path / "there"
+    with walking_dataset(here, pairs=200).answers() as store:
+        pairs = store.pairs()
+    with Dataset.open(here, answers=postgres_answers).answers() as store:
+        store.add_pairs(pairs)
+    names = ["ann", "bob", "cem", "dia"]
+    tokens = [TokenStore(here).add(name) for name in names]
+    shutil.copytree(here, there)
+    server = ("--answers", postgres_answers)
+    at_kill: list[int] = []
+
+    def went_on(visitors: list[Visitor]) -> bool:
+        counts = [visitor.answered or 0 for visitor in visitors]
+        if not at_kill and min(counts) >= 2:
+            doomed.end(signal.SIGKILL)
+            at_kill.extend(counts)
+        return bool(at_kill) and min(counts[2:]) >= max(at_kill[2:]) + 1
+
+    with Server(there, *server) as left, Server(here, *server) as doomed:
+        urls = 2 * [doomed.url] + 2 * [left.url]
+        places = list(zip(urls, tokens, strict=True))
+        visitors = asyncio.run(answering(places, went_on))
+        before = stored(there, postgres_answers)
+        for name, visitor in zip(names, visitors, strict=True):
+            assert before[name] >= (visitor.answered or 0) >= 2
+
+        def moved(visitors: list[Visitor]) -> bool:
+            return all(
+                (visitor.answered or 0) >= before[name] + 1
+                for name, visitor in zip(names, visitors, strict=False)
+            )
+
+        asyncio.run(answering([(left.url, token) for token in tokens[:2]], moved))
+        assert left.end(signal.SIGTERM) == 0
+    after = stored(there, postgres_answers)
+    assert all(after[name] >= before[name] for name in names)
+    assert all(after[name] >= before[name] + 1 for name in names[:2])

@@ -53,14 +53,18 @@ def _cfg(**more: object) -> LoopCfg:
 
 
 def test_a_round_goes_on_with_what_the_one_before_remembers(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """All of it, scored by the reward that was fitted since; the run tells its learner,
-    and the same command finds nothing to do."""
+    """All of it, scored by the reward that was fitted since, step by step; the run
+    tells its learner, and the same command finds nothing to do."""
     # Its films take longer than the loop.
     monkeypatch.setattr(run_module, "write_report", lambda run: None)
     cfg = _cfg()
     run_loop(tmp_path, cfg)
+    told = " ".join(capsys.readouterr().err.split())
+    assert told.count("following commands worse costs nothing more") == 1
     first, last = (Round(tmp_path, number) for number in (0, 1))
     assert trained_before(last) == (first.policy.parent,)
     # The last policy has to be preferred to stay; its training is there either way.

@@ -4,17 +4,24 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import pytest
+import torch
 
 from gaitpref.cli.main import main, parse
 from gaitpref.cli.options.options import Sweep
-from gaitpref.cli.shared.sweep_arguments import sweep_cells
+from gaitpref.cli.shared.sweep_arguments import gpu_share, sweep_cells
+from gaitpref.executor.gpu_slots import Slots
+from gaitpref.executor.pieces import Failure, Outcome, Piece
 from gaitpref.method.paid import AsFitted
 from gaitpref.report.seed_intervals import SeedMean, t_quantile
+from gaitpref.sweep.run_sweep import run_sweep
 from gaitpref.sweep.sweep_cell import SweepCell
 from gaitpref.sweep.sweep_plan import SweepPlan
+from policy.sim.making import SimCfg
 
 YAML = """
 criterion: [high_step, trot@3]
@@ -92,6 +99,42 @@ def test_a_file_says_it_too_and_the_command_line_counts_more(
         assert (cfg.method.accept is None) == (plain and name == "p.yaml")
 
 
+@dataclass
+class Pretended:
+    """An executor that takes places on `slots` and runs nothing."""
+
+    slots: Slots
+    held: list[str] = field(default_factory=list)
+
+    def outcomes(self, pieces: Sequence[Piece]) -> Generator[Outcome]:
+        """None of `pieces` ends well."""
+        for piece in pieces:
+            place = self.slots.take(piece.gpus)
+            self.held.append("waits" if place is None else "+".join(place.gpus))
+            yield Outcome(piece=piece, failure=Failure("it was only pretended"))
+
+
+def test_loops_on_a_gpu_share_it_and_the_others_get_none(tmp_path: Path) -> None:
+    """Halves fill the one there is, and the third waits; by default each has one."""
+    words = ("--set", "device=cuda,cpu", "--gpu", "0.5")
+    command = parse(["sweep", "--out", "unused", *words])
+    assert isinstance(command, Sweep)
+    cells = sweep_cells(command)
+    assert [cell.name.split("-")[1] for cell in cells] == 3 * [
+        "device=cuda",
+        "device=cpu",
+    ]
+    assert cells[0].cfg.steps.sim == SimCfg(device="cuda")
+    assert cells[1].cfg.steps.sim is None
+    halves = Pretended(Slots(9, ("GPU-7",)))
+    run_sweep(tmp_path / "a", cells, halves, gpus=gpu_share(command, cells))
+    assert halves.held == ["GPU-7", "", "GPU-7", "", "waits", ""]
+    whole = Pretended(Slots(9, ("GPU-7",)))
+    share = gpu_share(replace(command, gpu=None), cells)
+    run_sweep(tmp_path / "b", cells, whole, gpus=share)
+    assert whole.held == ["GPU-7", "", "waits", "", "waits", ""]
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [
@@ -112,7 +155,16 @@ def test_a_file_says_it_too_and_the_command_line_counts_more(
         ("--set labels=[20", "no list of values"),
         ("--criterion nice", "nice"),
         ("--jobs 2 --ray local", "give no number of processes"),
-        ("--gpu 1.5", "1.5 GPUs"),
+        ("--device cuda --gpu 1.5", "1.5 GPUs"),
+        ("--device cuda --gpu 0", "a loop that has no share sees no GPU"),
+        ("--gpu 0.5", "no loop trains on one: give --device cuda too"),
+        ("--device cuda --sim threads", "--sim threads runs on the processor alone"),
+        ("--device cuda --algorithm fastsac", "off-policy learning is on the"),
+        pytest.param(
+            "--device cuda --gpu 0.5",
+            "PyTorch .* finds none",
+            marks=pytest.mark.skipif(torch.cuda.is_available(), reason="has a GPU"),
+        ),
         ("--plan missing.yaml", "missing.yaml"),
     ],
 )

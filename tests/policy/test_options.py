@@ -21,6 +21,7 @@ from gaitpref.options.choice_clips import rows_of_episode
 from gaitpref.options.choice_fit import as_reward, fit_choices
 from gaitpref.options.choice_rater import answer_choices, wisher_of
 from gaitpref.options.gait_files import Gaits, load_gaits, named_files
+from gaitpref.options.measure import alone, measure
 from gaitpref.options.train_options import (
     OptionsCfg,
     OptionsTraining,
@@ -28,7 +29,9 @@ from gaitpref.options.train_options import (
 )
 from policy.env.course import CourseCfg, Lane, Obstacle, course_heights, stands_on
 from policy.env.env import QuadrupedEnv
+from policy.env.env_cfg import CommandCfg
 from policy.options.choice_row import (
+    PROGRESS,
     TASK,
     ChoiceReward,
     choice_names,
@@ -215,6 +218,39 @@ def test_a_walk_is_stopped_by_the_bar_that_a_crouch_passes_below(gaits: Gaits) -
             farthest = farthest.maximum(extras["final"][0][:, 0].float())
         assert not fell
         assert bool((farthest > 1.2).all()) == passes
+
+
+def test_who_finishes_is_paid_on_by_a_reward_without_a_level(gaits: Gaits) -> None:
+    """Answers tell no level: one point a second is worth the whole time to who is
+    through before, and what they stood to who falls. Metres end where the way does."""
+    slope = Obstacle(kind="slope", start_m=0.6, length_m=0.1)
+    course = CourseCfg(obstacles=(slope,), length_m=1.0, slope_rad=0.1)
+    asked = CommandCfg(
+        forward_m_s=(0.8, 0.8), left_m_s=(0.0, 0.0), yaw_rad_s=(0.0, 0.0)
+    )
+    env_cfg = replace(gaits.env, course=course, commands=asked, episode_s=3.0)
+    metres = written_reward({PROGRESS: 1.0}, gaits.names, "metres")
+    level = replace(metres, linear=(0.0,) * len(metres.names), shift=1.0)
+
+    def falls(obs: Tensor) -> tuple[Tensor, Tensor]:
+        act, gait = alone(gaits, 0)(obs)
+        return act * 0.0 + torch.tensor([3.0, 3.0, 3.0] * 4), gait
+
+    of_level, of_metres, fallen = (
+        measure("way", act, gaits, env_cfg, reward, episodes=2, seed=0)
+        for act, reward in (
+            (alone(gaits, 0), level),
+            (alone(gaits, 0), metres),
+            (falls, level),
+        )
+    )
+    assert of_level.finished == of_metres.finished == 2
+    assert of_level.seconds < 2.5
+    assert of_level.reward == pytest.approx(3.0, abs=1e-4)
+    assert of_metres.reward == pytest.approx(of_metres.metres, abs=1e-4)
+    assert (fallen.falls, fallen.finished) == (2, 0)
+    assert fallen.reward == pytest.approx(fallen.seconds, abs=1e-4)
+    assert fallen.seconds < 2.5
 
 
 def test_a_policy_that_chooses_is_recorded_with_what_ran(chosen: Path) -> None:

@@ -16,6 +16,7 @@ from gaitpref.cli.shared.dataset_argument import address
 from gaitpref.cli.shared.launched import ranks_of_launch
 from gaitpref.cli.shared.loop_arguments import resolve
 from gaitpref.cli.shared.rater_arguments import reach_of
+from gaitpref.cli.shared.simulator import require_sim
 from gaitpref.console.browser import open_page
 from gaitpref.console.extras import require
 from gaitpref.console.progress import console
@@ -28,6 +29,7 @@ from gaitpref.report.verdict import play_command
 def run(command: options.Loop) -> int:
     """Run the command; gives the exit code."""
     cfg = resolve(command)
+    require_sim(cfg.steps.sim)
     human = cfg.rater == "human"
     with ranks_of_launch() as ranks:
         page = run_loop(

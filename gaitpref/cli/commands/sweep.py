@@ -9,7 +9,8 @@ from rich import box
 from rich.table import Table
 
 from gaitpref.cli.options import options
-from gaitpref.cli.shared.sweep_arguments import sweep_cells
+from gaitpref.cli.shared.simulator import require_sim
+from gaitpref.cli.shared.sweep_arguments import gpu_share, sweep_cells
 from gaitpref.console.progress import console, working
 from gaitpref.console.terminal import PlainConsole, say
 from gaitpref.executor.choose_executor import choose_executor
@@ -24,6 +25,10 @@ def run(command: options.Sweep) -> int:
     executor = choose_executor(jobs=command.jobs, ray=command.ray)
     with working("looking at every loop"):
         cells = sweep_cells(command)
+    gpus = gpu_share(command, cells)
+    if command.ray is None:
+        for sim in {cell.cfg.steps.sim for cell in cells}:
+            require_sim(sim)
     places = SweepDir(command.out)
     if command.dry_run:
         contents_of(cells)
@@ -31,7 +36,7 @@ def run(command: options.Sweep) -> int:
         if not command.json:
             console.next("the same command without --dry-run runs what is not finished")
         return 0
-    result = run_sweep(command.out, cells, executor, gpus=command.gpu)
+    result = run_sweep(command.out, cells, executor, gpus=gpus)
     page = write_sweep(command.out, result)
     if command.json:
         say(as_json(result))

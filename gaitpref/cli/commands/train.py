@@ -25,7 +25,7 @@ from gaitpref.cli.shared.off_policy import (
     off_policy_of,
     told_of_distance,
 )
-from gaitpref.cli.shared.simulator import sim_of
+from gaitpref.cli.shared.simulator import require_sim, sim_of
 from gaitpref.cli.shared.training_command import refuse_trained, told_stopped
 from gaitpref.console.progress import console, training_bar
 from gaitpref.console.terminal import EXIT_BAD_INPUT, EXIT_INTERRUPTED
@@ -70,6 +70,7 @@ def _train(command: options.Train, ranks: Ranks) -> int:
         refuse_trained(command.out)
     setting = setting_of(command.init, command.robot)
     cfg = _plain_cfg(command, setting)
+    require_sim(cfg.sim)
     refuse_beside_method(
         command,
         {
@@ -90,7 +91,7 @@ def _train(command: options.Train, ranks: Ranks) -> int:
         cfg = retraining.trained(cfg)
     cfg, engine = _engine(command, cfg, ranks)
     if isinstance(engine, OffPolicy):
-        reward_fn = paid_by_step(reward_fn)
+        reward_fn = paid_by_step(reward_fn, console.print)
     with training_bar("training", command.total_steps) as bar:
         result = train(
             command.out,

@@ -93,12 +93,6 @@ class Loop(Looping, _InRun):
     """What the simulated rater looks for: task, smooth, high_step, crouch, low_energy,
     trot, trot@HZ, pace, get_up, or your own as package.module:function, a callable
     features [..., F] -> score [...]."""
-    device: Literal["cpu", "cuda"] = "cpu"
-    """Where policies are trained: the processor, or an NVIDIA GPU, for which the extra
-    `gpu` is installed."""
-    sim: Literal["auto", "threads", "warp"] = "auto"
-    """Simulator: MuJoCo on the processor's threads, or MuJoCo Warp, which also runs,
-    slowly, without a GPU; what suits the device by default."""
     answers: str | None = None
     """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
     file by default."""

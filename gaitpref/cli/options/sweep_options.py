@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from .bounds import AtLeast, Count, Seed
+from .bounds import Count, Seed
 from .reward_options import Erring
 
 
@@ -44,6 +44,12 @@ class Looping:
     """What trains: PPO, or soft actor-critic, which goes on with the memory of the
     round before, scored by the new reward, finds its own noise, and takes many times as
     long a step: give fewer --steps."""
+    device: Literal["cpu", "cuda"] = "cpu"
+    """Where policies are trained: the processor, or an NVIDIA GPU, for which the extra
+    `gpu` is installed."""
+    sim: Literal["auto", "threads", "warp"] = "auto"
+    """Simulator: MuJoCo on the processor's threads, or MuJoCo Warp, which also runs,
+    slowly, without a GPU; what suits the device by default."""
     robot: Path | None = None
     """MJCF of the robot; the Go1 that ships by default."""
     erring: Erring = field(default_factory=Erring)
@@ -79,8 +85,9 @@ class Sweep:
     """Run them on a Ray cluster instead: HOST:PORT, `auto` for the one that runs here,
     or `local` for one of this machine's cores. --out must lie where all machines reach
     it."""
-    gpu: Annotated[float, AtLeast(0)] = 0.0
-    """Share of a GPU that each loop gets, as 0.5; it waits until that much is free."""
+    gpu: float | None = None
+    """With --device cuda: share of a GPU that each loop gets, as 0.5, or how many; it
+    waits until that much is free. A whole one by default."""
     dry_run: bool = False
     """Show what would be run, and how far each is; write nothing."""
     json: bool = False

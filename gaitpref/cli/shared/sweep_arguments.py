@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from data.files.plain import from_plain, to_plain
 from gaitpref.cli.options.bounds import require_bounds
 from gaitpref.cli.options.options import Erring, Loop, Sweep
 from gaitpref.cli.options.sweep_options import Looping
+from gaitpref.executor.pieces import require_share
 from gaitpref.loop.loop_cfg import LoopCfg
 from gaitpref.sweep.loop_changes import changed
 from gaitpref.sweep.plan_file import read_plan
@@ -46,6 +47,29 @@ def sweep_cells(command: Sweep) -> list[SweepCell]:
         )
         for cell in plan_of(command).cells()
     ]
+
+
+def gpu_share(command: Sweep, cells: Sequence[SweepCell]) -> float:
+    """Share of a GPU for each of `cells` that trains on one.
+
+    Raises:
+        SweepError: none does, or it would see none.
+        PieceError: so much cannot be had.
+    """
+    if command.gpu is None:
+        return 1.0
+    if not any(cell.on_gpu for cell in cells):
+        raise SweepError(
+            f"--gpu {command.gpu:g} is a loop's share of a GPU, and no loop trains on "
+            "one: give --device cuda too, or leave --gpu out"
+        )
+    if command.gpu == 0.0:
+        raise SweepError(
+            "--gpu 0 with --device cuda: a loop that has no share sees no GPU; give a "
+            "share as 0.5, or leave --device out"
+        )
+    require_share("--gpu", command.gpu)
+    return command.gpu
 
 
 def plan_of(command: Sweep) -> SweepPlan:

@@ -1,0 +1,107 @@
+"""A pool of actors without a Ray: what it does of what Ray says became of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from policy.engines.actor import Weights
+from policy.engines.actor_pool import ActorPool, Counts
+from policy.engines.trajectory import Origin
+
+exceptions = pytest.importorskip("ray.exceptions")
+
+
+@dataclass
+class RayHere:
+    """What a pool asks of Ray, done at once in this process."""
+
+    ends: list[Exception]
+    """How actors end that are asked for a rollout; then they live on."""
+    exceptions: Any = exceptions
+
+    def remote(self, **places: int) -> Callable[[type], Any]:
+        """What makes actors of a class."""
+        return lambda kind: SimpleNamespace(
+            remote=lambda *told: Handle(kind(*told), self.ends)
+        )
+
+    def put(self, value: Any) -> Any:
+        return value
+
+    def wait(
+        self, asked: list[Answer], num_returns: int, timeout: float
+    ) -> tuple[list[Answer], list[Answer]]:
+        return asked[:num_returns], asked[num_returns:]
+
+    def get(self, answer: Answer) -> Any:
+        if answer.error is not None:
+            raise answer.error
+        return answer.value
+
+
+@dataclass(frozen=True)
+class Handle:
+    actor: Any
+    ends: list[Exception]
+
+    @property
+    def require_same_versions(self) -> SimpleNamespace:
+        return SimpleNamespace(remote=lambda: Answer())
+
+    @property
+    def collect(self) -> SimpleNamespace:
+        return SimpleNamespace(remote=self._collect)
+
+    def _collect(self, *told: Any) -> Answer:
+        if self.ends:
+            return Answer(error=self.ends.pop(0))
+        return Answer(self.actor.collect(*told))
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    value: Any = None
+    error: Exception | None = None
+
+
+@dataclass(frozen=True)
+class Plan:
+    actor: int
+
+    def begin(self) -> Plan:
+        return self
+
+    def steps(self, weights: Weights, version: int, sequence: int) -> Any:
+        """A rollout of nothing."""
+        origin = Origin(self.actor, sequence, version)
+        return SimpleNamespace(origin=origin, bytes=8, collect_s=0.0)
+
+
+def test_an_actor_that_is_killed_for_lack_of_memory_is_replaced() -> None:
+    """It goes on with a number that the first one never used up, and both are told."""
+    begun: list[tuple[int, int]] = []
+    said: list[str] = []
+
+    def plan(actor: int, sequence: int) -> Plan:
+        begun.append((actor, sequence))
+        return Plan(actor)
+
+    ray = RayHere([exceptions.OutOfMemoryError("the node had 0.1 GB left")])
+    pool = ActorPool(
+        *(ray, plan, [3]),
+        method="steps",
+        most_lag=0,
+        counts=Counts(),
+        tell=said.append,
+    )
+    pool.hand_out({}, 1)
+    sent = pool.next(most=1)
+    assert sent.origin == Origin(0, 5, 1)
+    assert begun == [(0, 3), (0, 4)]
+    assert (pool.counts.replaced, pool.counts.used) == (1, 1)
+    assert said == ["actor 0 died and is replaced (the node had 0.1 GB left)"]
