@@ -13,9 +13,11 @@ from policy.training.training_dir import POLICY_NAME, RESUME_NAME
 
 
 def refuse_unasked(command: options.Train, names: Sequence[str], about: str) -> None:
-    """
+    """Options `names` that were given, though `about` says they are of something else,
+    are refused.
+
     Raises:
-        GaitprefError: an option was given that `about` says is of something else.
+        GaitprefError: there is one.
     """
     own = options.Train(out=command.out, reward=command.reward)
     for name in names:
@@ -25,9 +27,10 @@ def refuse_unasked(command: options.Train, names: Sequence[str], about: str) -> 
 
 
 def refuse_trained(out: Path) -> None:
-    """
+    """A directory in which a training began is refused.
+
     Raises:
-        PolicyError: a training began in `out`.
+        PolicyError: `out` is one.
     """
     if any((out / name).exists() for name in (POLICY_NAME, RESUME_NAME)):
         raise PolicyError(
