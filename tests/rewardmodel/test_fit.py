@@ -26,7 +26,6 @@ from rewardmodel import (
     RewardError,
     RewardModel,
     fit_reward,
-    models_fitted,
     fold_of,
     load_reward,
     save_reward,
@@ -38,6 +37,7 @@ from rewardmodel.descriptors.table import DESCRIPTOR_NAMES, describe
 from rewardmodel.explain.attribution import explain
 from rewardmodel.extensions.answers.model_choice import choose_kind
 from rewardmodel.extensions_cfg import GpCfg, HistoryCfg, LabelFilterCfg, MlpCfg
+from rewardmodel.fitting.fit_reward import models_fitted
 from rewardmodel.linear.linear import (
     LinearScorer,
     expected_weights,
