@@ -100,11 +100,14 @@ class _Camera:
         self.bytes += path.stat().st_size
 
 
-def _plain(page: Page, camera: _Camera, url: str, *, whole: bool = False) -> None:
-    """A page of text, at every size and in both themes."""
+def _plain(
+    page: Page, camera: _Camera, url: str, *, whole: bool = False, drawn: str = "body"
+) -> None:
+    """A page of text, at every size and in both themes, once `drawn` is there."""
     for theme in THEMES:
         page.emulate_media(color_scheme=theme)
         page.goto(url)
+        page.locator(drawn).first.wait_for()
         for width, height in DESKTOP:
             page.set_viewport_size({"width": width, "height": height})
             camera.take(page, (width, height), theme, whole=whole)
@@ -123,7 +126,9 @@ def _scene(page: Page, camera: _Camera, sizes: tuple[Size, ...]) -> None:
 
 
 @contextmanager
-def _label_server(folder: Path) -> Iterator[tuple[LabelServer, str]]:
+def _label_server(
+    folder: Path, *, places: int = LabelCfg.most_raters
+) -> Iterator[tuple[LabelServer, str]]:
     """The labeling page of walks of the policy that ships, and a token for it."""
     root = folder / "clips"
     if not root.exists():
@@ -134,7 +139,7 @@ def _label_server(folder: Path) -> Iterator[tuple[LabelServer, str]]:
     if RATER in tokens.names():
         tokens.revoke(RATER)
     token = tokens.add(RATER)
-    cfg = LabelCfg(port=0, shadows=True)
+    cfg = LabelCfg(port=0, shadows=True, most_raters=places)
     with LabelServer(Dataset.open(root), cfg) as server:
         yield server, token
 
@@ -196,6 +201,21 @@ def _login(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
         _plain(page, camera, f"{server.url}/login")
 
 
+def _full(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
+    """What a rater reads while another one has the only place."""
+    del run
+    with (
+        _label_server(folder, places=1) as (server, token),
+        _page(browser) as inside,
+        _page(browser) as page,
+    ):
+        _logged_in(inside, server.url, token)
+        _opened(inside, server.url)
+        other = TokenStore(folder / "clips").add("bob")
+        _logged_in(page, server.url, other)
+        _plain(page, camera, server.url)
+
+
 def _text_page(name: str) -> Callable[[Browser, _Camera, Path, Path], None]:
     def take(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
         del run
@@ -209,20 +229,31 @@ def _text_page(name: str) -> Callable[[Browser, _Camera, Path, Path], None]:
 def _play(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
     del folder
     last, first = _policies(run)
-    command = ["play", "--port", "0", "--policy", last, "--against", first]
+    command = ("play", "--port", 0, "--policy", last, "--against", first)
+    with _served(*command) as url, _page(browser) as page:
+        page.goto(f"{url}/?fixedDpr=1")
+        page.locator("#root canvas[data-engine]").wait_for(state="attached")
+        page.wait_for_timeout(3 * SETTLE_MS)
+        _scene(page, camera, DESKTOP)
+
+
+def _watch(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
+    del folder
+    with _served("watch", run, "--port", 0) as url, _page(browser) as page:
+        _plain(page, camera, url, drawn="svg path, svg polyline")
+
+
+@contextmanager
+def _served(*words: object) -> Iterator[str]:
+    """Where a command that serves a page says that it is."""
     with subprocess.Popen(
-        [sys.executable, "-m", "gaitpref", *map(str, command)],
+        [sys.executable, "-m", "gaitpref", *map(str, words)],
         stdout=subprocess.PIPE,
         text=True,
     ) as server:
         try:
             assert server.stdout is not None
-            url = server.stdout.readline().split()[-1]
-            with _page(browser) as page:
-                page.goto(f"{url}/?fixedDpr=1")
-                page.locator("#root canvas[data-engine]").wait_for(state="attached")
-                page.wait_for_timeout(3 * SETTLE_MS)
-                _scene(page, camera, DESKTOP)
+            yield server.stdout.readline().split()[-1]
         finally:
             server.terminate()
 
@@ -273,6 +304,8 @@ _PAGES: dict[str, Callable[[Browser, _Camera, Path, Path], None]] = {
     "report": _report,
     "arena": _arena,
     "label": _label,
+    "full": _full,
+    "watch": _watch,
     "phone": _phone,
     "play": _play,
 }

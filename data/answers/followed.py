@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from typing import Any, Literal
 
 from .answer_records import Choice, RaterKind, Role, Side
+from .curation import OWNER
 from .open_pairs import OpenPairs, PairRow
 from .overlap import Overlap
 from .own_answers import Given
@@ -108,6 +109,8 @@ class Followed:
         old_position: int | None,
         old_role: Role | None,
     ) -> None:
+        if (kind, rater_id) == ("scripted", OWNER):
+            self._open.withdraw(pair)
         if kind != "human":
             return
         if old_position is not None and old_role != "undo":

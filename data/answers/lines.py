@@ -9,7 +9,7 @@ from dataclasses import asdict
 from data.errors import AnswerError
 
 from .answer_records import Answer, Pair, to_json
-from .curation import leave_out_too
+from .curation import hear_owner_of
 from .fields import Rater, answer_of, pair_of, rater_of
 from .store import AnswerStore
 
@@ -67,7 +67,7 @@ def from_lines(store: AnswerStore, lines: Iterable[str], name: str) -> None:
     with store.transaction():
         for rater_id, kind, info in raters:
             store.add_rater(rater_id, kind, info, copied=True)
-            leave_out_too(store, rater_id, info)
+            hear_owner_of(store, rater_id, info)
         store.add_pairs(pairs)
         for answer in answers:
             store.add_answer(answer, copied=True)

@@ -51,6 +51,7 @@ class OpenPairs:
         self._left: dict[str, list[int]] = {}
         self._answers: dict[str, OwnAnswers] = {}
         self._gold: dict[int, str] = {}
+        self._withdrawn: set[int] = set()
 
     @property
     def num_pairs(self) -> int:
@@ -73,6 +74,10 @@ class OpenPairs:
             else:
                 self._gold[row.position] = row.pair_id
         self._free.sort()
+
+    def withdraw(self, position: int) -> None:
+        """Ask no more about a pair whose answer was known."""
+        self._withdrawn.add(position)
 
     def add_answer(self, position: int, rater_id: str, given: Given) -> None:
         """A person has answered a pair, for the first time or again."""
@@ -124,6 +129,7 @@ class OpenPairs:
             pair_id
             for position, pair_id in self._gold.items()
             if position not in self.answers_of(rater_id)
+            and position not in self._withdrawn
         ]
 
     def repeatable(self, rater_id: str, gap: int, recent: int) -> list[Given]:

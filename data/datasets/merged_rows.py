@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 
 from data.answers.answer_records import Answer, Pair, RaterKind
-from data.answers.curation import leave_out_too
+from data.answers.curation import hear_owner_of
 from data.answers.fields import Rater, require_sound
 from data.answers.store import AnswerStore
 
@@ -82,7 +82,7 @@ def add_rows(
         for rater_id, kind, info in rows.raters:
             if rater_id in raters_used:
                 store.add_rater(names[rater_id], kind, info, copied=True)
-                leave_out_too(store, names[rater_id], info)
+                hear_owner_of(store, names[rater_id], info)
         num_answers = sum(
             _add(store, replace(answer, rater_id=names[answer.rater_id]))
             for _, answer in chosen

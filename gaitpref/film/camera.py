@@ -26,7 +26,7 @@ _NO = ("disable", "disabled", "off", "false", "0")
 """What MUJOCO_GL says where nothing is to be drawn."""
 _OF_TEAM = 1.7
 """How much farther off, and more from above, two robots are seen."""
-_SHADOW_PX, _SLICES, _STACKS, _QUADS = 512, 16, 10, 1
+_SHADOW_PX, _SLICES, _STACKS, _QUADS = 512, 16, 6, 1
 """Of the quality of pictures: without a graphics card it costs most of the time."""
 _FINER, _MOST_PX = 1.5, 4096
 """Pictures are drawn so much larger, up to so much, and made smaller for smooth edges:

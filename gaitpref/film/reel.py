@@ -6,7 +6,10 @@ Shapes: H, W height and width of a frame in pixels.
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterator, Sequence
+import sys
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -23,6 +26,7 @@ from .shot import Shot
 KINDS = (".mp4", ".gif", ".webp")
 _INK, _PAPER = (30, 36, 44), (255, 255, 255)
 _MARGIN_PX = 6
+_Frames = Generator[np.ndarray, None, None]
 _QUALITY = 60
 """Of WebP, in percent: a robot on a plain floor."""
 
@@ -49,10 +53,11 @@ def film(
     shots: Sequence[Shot],
     cfg: FilmCfg,
     advance: Callable[[], None] = lambda: None,
-) -> Iterator[np.ndarray]:
+) -> _Frames:
     """Frames [H, W, 3] uint8 with the shots beside one another, from left to right.
 
-    As long as the longest shot; where another is over, its last state stays.
+    As long as the longest shot; where another is over, its last state stays. Each shot
+    is drawn in a thread of its own, a frame ahead.
 
     Args:
         shots: What is shown, one or more.
@@ -64,17 +69,22 @@ def film(
     """
     count = frame_count(shots, cfg)
     drawn = [
-        _captioned(
-            frames_of(
-                shot.mjcf, shot.states_at(cfg.fps / cfg.speed, count), cfg.camera
-            ),
-            shot.captions(cfg.fps / cfg.speed, count),
+        _ahead(
+            _captioned(
+                frames_of(
+                    shot.mjcf, shot.states_at(cfg.fps / cfg.speed, count), cfg.camera
+                ),
+                shot.captions(cfg.fps / cfg.speed, count),
+            )
         )
         for shot in shots
     ]
-    for together in zip(*drawn, strict=True):
-        advance()
-        yield np.concatenate(together, axis=1)
+    with ExitStack() as open_cameras:
+        for shot in drawn:
+            open_cameras.callback(shot.close)
+        for together in zip(*drawn, strict=True):
+            advance()
+            yield np.concatenate(together, axis=1)
 
 
 def frame_count(shots: Sequence[Shot], cfg: FilmCfg) -> int:
@@ -83,9 +93,24 @@ def frame_count(shots: Sequence[Shot], cfg: FilmCfg) -> int:
     return max(1, round(longest_s * cfg.fps))
 
 
-def _captioned(
-    frames: Iterator[np.ndarray], captions: Sequence[str]
-) -> Iterator[np.ndarray]:
+def _ahead(frames: _Frames) -> _Frames:
+    """The same frames, each drawn while the one before is used."""
+    if sys.platform == "win32":
+        # What draws there wants the main thread.
+        yield from frames
+        return
+    with ThreadPoolExecutor(1, "drawing") as drawing:
+        coming = drawing.submit(next, frames, None)
+        try:
+            while (frame := coming.result()) is not None:
+                coming = drawing.submit(next, frames, None)
+                yield frame
+        finally:
+            # A camera is closed where it was opened.
+            drawing.submit(frames.close).result()
+
+
+def _captioned(frames: Iterator[np.ndarray], captions: Sequence[str]) -> _Frames:
     for frame, caption in zip(frames, captions, strict=True):
         if not caption:
             yield frame

@@ -9,15 +9,11 @@ import numpy as np
 from data.answers.answer_records import Pair
 from data.datasets.dataset import Dataset
 from data.episodes.clips import Clip
-from data.episodes.episode import Episode
 from policy.rollouts.record import record
-from policy.rollouts.record_cfg import Command, RecordCfg
+from policy.rollouts.record_cfg import Command, RecordCfg, recorded_commands
 from policy.training.checkpoint import load_policy
 
 from .shot import Shot, shot_of
-
-_EPISODES = 5
-"""One of every command that is recorded."""
 
 
 def shot_of_clip(dataset: Dataset, clip: Clip, caption: str = "") -> Shot:
@@ -41,16 +37,13 @@ def shot_of_policy(
         GaitprefError: the file holds no policy.
     """
     policy = load_policy(path)
-    cfg = RecordCfg(episodes=_EPISODES, episode_s=duration_s, noisy_share=0.0)
-    episodes = list(record(path, cfg, seed=seed, policies=[policy]))
-    episode = min(episodes, key=lambda each: _apart(each, command))
-    told = ", ".join(f"{number:g}" for number in episode.meta.command)
+    recorded = recorded_commands(policy.info.env.commands)
+    nearest = min(recorded, key=lambda each: np.abs(np.subtract(each, command)).sum())
+    cfg = RecordCfg(episodes=1, episode_s=duration_s, noisy_share=0.0)
+    (episode,) = record(path, cfg, seed=seed, policies=[policy], commands=[nearest])
+    told = ", ".join(f"{number:g}" for number in nearest)
     name = "/".join(path.parts[-3:-1])
     return shot_of(episode, caption=f"{name}  {policy.info.steps:,} steps  ({told})")
-
-
-def _apart(episode: Episode, command: Command) -> float:
-    return float(np.abs(np.subtract(episode.meta.command, command)).sum())
 
 
 def before_and_after(

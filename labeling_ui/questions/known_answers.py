@@ -6,7 +6,7 @@ Whoever looks gives a known answer. One that many people miss is no good questio
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 from data.answers.answer_records import Choice, Pair
@@ -27,20 +27,27 @@ class KnownAnswer:
     """Why it is known; empty where nobody said."""
     given: Share
     """Answers of people that were the known one."""
+    withdrawn: bool = False
+    """Whether it is asked no more."""
 
     def __str__(self) -> str:
+        if self.withdrawn:
+            return f"{self.pair_id[:12]}  withdrawn: it is asked no more"
         because = f", as {self.because}" if self.because else ""
         given = f"given by {self.given.hits} of {self.given.of}"
         asked = given if self.given.of else "nobody was asked yet"
         return f"{self.pair_id[:12]}  {_NAMES[self.known]}{because}; {asked}"
 
 
-def known_answers(pairs: Iterable[Pair], rows: Sequence[Row]) -> list[KnownAnswer]:
+def known_answers(
+    pairs: Iterable[Pair], rows: Sequence[Row], withdrawn: Collection[str] = ()
+) -> list[KnownAnswer]:
     """The pairs whose answer is known, in the order they came.
 
     Args:
         pairs: All pairs.
         rows: Current answers of people.
+        withdrawn: Ids of those that were taken back.
     """
     by_pair: dict[str, list[Row]] = defaultdict(list)
     for row in rows:
@@ -51,6 +58,7 @@ def known_answers(pairs: Iterable[Pair], rows: Sequence[Row]) -> list[KnownAnswe
             known=pair.gold,
             because=known_because(pair),
             given=gold_share(by_pair[pair.pair_id]),
+            withdrawn=pair.pair_id in withdrawn,
         )
         for pair in pairs
         if pair.gold is not None

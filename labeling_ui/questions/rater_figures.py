@@ -16,6 +16,7 @@ import krippendorff
 import numpy as np
 
 from data.answers.answer_records import Answer, Pair
+from data.answers.curation import withdrawn
 from data.answers.rater_habits import prefers_left
 from data.answers.store import AnswerStore
 
@@ -77,9 +78,14 @@ def rater_figures(store: AnswerStore, rater_id: str) -> RaterFigures:
 
 
 def human_rows(store: AnswerStore) -> list[Row]:
-    """The current answers people gave."""
+    """The current answers people gave, but to known answers that were withdrawn."""
     people = {name for name, kind in store.raters().items() if kind == "human"}
-    return [row for row in store.current_answers() if row[1].rater_id in people]
+    gone = withdrawn(store)
+    return [
+        (pair, answer)
+        for pair, answer in store.current_answers()
+        if answer.rater_id in people and pair.pair_id not in gone
+    ]
 
 
 def figures(rows: Sequence[Row], rater_id: str) -> RaterFigures:

@@ -90,9 +90,10 @@ def full_page(places: int, wait_s: float | None) -> str:
             f"Lately one became free every {minutes} minutes: come back in {minutes} "
             "minutes."
         )
+    taken = "The only place is" if places == 1 else f"All {places} places are"
     return _page(
         "All places are taken",
-        f"<h1>All {places} places are taken</h1><p>{when}</p>"
+        f"<h1>{taken} taken</h1><p>{when}</p>"
         '<p class="soft">Or leave this page open: it asks again every minute, and lets '
         "you in when there is a place. Your answers so far are kept.</p>",
         css_class="narrow",

@@ -41,6 +41,7 @@ def record(
     seed: int,
     round: int = 0,
     policies: Sequence[Policy] | None = None,
+    commands: Sequence[Command] | None = None,
 ) -> Iterator[Episode]:
     """Episodes of the policy and of its checkpoints, one after the other.
 
@@ -50,6 +51,7 @@ def record(
         seed: Start states and exploration noise.
         round: Stored with every episode.
         policies: Used instead of those found on disk; the newest first.
+        commands: Asked for instead of the few that are recorded.
     """
     if policies is None:
         earlier = checkpoint_files(policy_file, cfg.checkpoints)
@@ -72,6 +74,7 @@ def record(
                 seed=source_seed,
                 round=round,
                 babble=index == len(policies),
+                commands=commands,
             )
 
 
@@ -90,6 +93,7 @@ def _record_one(
     seed: int,
     round: int,
     babble: bool,
+    commands: Sequence[Command] | None,
 ) -> Iterator[Episode]:
     """Episodes of `policy`, or of random rhythms in its place."""
     gaits = policy.info.ppo.gaits
@@ -100,7 +104,7 @@ def _record_one(
     env_seed, actor_seed = spawned(seed, 2)
     env = QuadrupedEnv(policy.robot(), env_cfg, count, seed=env_seed, keep_final=True)
     # Who lies is asked for nothing but to get up.
-    choices = recorded_commands(
+    choices = commands or recorded_commands(
         env_cfg.commands,
         cfg.babble_m_s if babble and env_cfg.getup is None else None,
     )

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from typing import get_args
 
@@ -14,8 +15,8 @@ import torch
 from torch import Tensor
 
 from rewardmodel.answers.answered_pairs import AnsweredPairs
+from rewardmodel.cfg import CHOSEN_FROM, KindName
 from rewardmodel.cfg import FitCfg as FitCfg
-from rewardmodel.cfg import KindName
 from rewardmodel.extensions.answers.label_filter import without_doubted
 from rewardmodel.extensions.answers.model_choice import choose
 from rewardmodel.extensions.semi_supervised import Unanswered
@@ -55,6 +56,7 @@ def fit_reward(
     seed: int,
     measured: bool = True,
     unanswered: AnsweredPairs | None = None,
+    advance: Callable[[], None] = lambda: None,
 ) -> tuple[RewardModel, FitReport]:
     """Fit a reward to all answers, and once more without each fold to measure it.
 
@@ -73,6 +75,7 @@ def fit_reward(
             and `auto` takes the stiffest model.
         unanswered: Pairs nobody answered, for `cfg.semi_supervised`. Those with a clip
             in a fold are kept from the models the fold measures.
+        advance: Called after each model, of `models_fitted` at most.
     """
     if pairs.num_preferences == 0:
         return no_reward(pairs, cfg)
@@ -80,7 +83,7 @@ def fit_reward(
     prepared = prepare(pairs, cfg)
     kind, considered = cfg.kind, ()
     if kind == "auto":
-        kind, considered = choose(prepared, pairs, cfg, seed, measured)
+        kind, considered = choose(prepared, pairs, cfg, seed, measured, advance)
     linear = members_for(cfg.linear, len(pairs))
     cfg = replace(cfg, kind=kind, linear=linear)
     judged, cfg = _settled(prepared, pairs, cfg)
@@ -89,13 +92,14 @@ def fit_reward(
         answers, doubted = without_doubted(answers, cfg, seed=seed)
     others = _described(unanswered, cfg)
     normaliser, scorer = fit_ensemble(answers, cfg, seed, others)
+    advance()
     if (share := scorer.error_share_found) is not None:
         cfg = replace(cfg, error_share=share)
     held_out = torch.zeros(len(pairs), dtype=torch.bool)
     foreseen = Prediction.none(0)
     if measured:
         held_out, foreseen = held_out_predictions(
-            answers, pairs.episodes, cfg, seed, others
+            answers, pairs.episodes, cfg, seed, others, advance=advance
         )
         foreseen = foreseen.subset(judged.measuring[held_out])
         held_out &= judged.measuring
@@ -123,6 +127,13 @@ def fit_reward(
         report = _with_remaining(model, pairs)
     logger.info("fitted a %s reward: %s", kind, report)
     return model, report
+
+
+def models_fitted(cfg: FitCfg) -> int:
+    """How many models a measured fit is made of: the reward, and one for each fold that
+    measures it, or chooses its kind."""
+    chosen_from = len(CHOSEN_FROM) if cfg.kind == "auto" else 0
+    return 1 + cfg.folds * (1 + chosen_from)
 
 
 def no_reward(pairs: AnsweredPairs, cfg: FitCfg) -> tuple[RewardModel, FitReport]:

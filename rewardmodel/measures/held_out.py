@@ -6,7 +6,7 @@ Shapes: B pairs.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import Tensor
@@ -38,12 +38,14 @@ def held_out_predictions(
     cfg: FitCfg,
     seed: int,
     others: Unanswered | None = None,
+    *,
+    advance: Callable[[], None] = lambda: None,
 ) -> tuple[Tensor, Prediction]:
     """What models that have seen neither of their two episodes say of prepared pairs.
 
     For every fold, a model is fitted to the pairs with no clip in it and asked about
     the pairs with both clips in it. Grouping by pair instead would let a model meet the
-    episodes it is tested on.
+    episodes it is tested on. `advance` is called after each fold.
 
     Returns:
         The pairs asked about, [B] bool, and what was foreseen of each of them.
@@ -60,6 +62,7 @@ def held_out_predictions(
                 tested, prediction_without(prepared, fitted, tested, cfg, seed, kept)
             )
             asked |= tested
+        advance()
     return asked, found.subset(asked)
 
 

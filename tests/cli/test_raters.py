@@ -97,6 +97,10 @@ def test_the_owner_says_who_teaches_and_what_is_known(
     assert raters(root, "gold", "--json") == 0
     (told,) = json.loads(capsys.readouterr().out)["known"]
     assert (told["known"], told["given"]) == ("b", {"hits": 0, "of": 0})
+    assert raters(root, "gold", told["pair_id"][:9], "--withdraw") == 0
+    assert "is asked no more and measures nobody" in capsys.readouterr().out
+    assert raters(root, "gold") == 0
+    assert "  withdrawn: it is asked no more\n" in capsys.readouterr().out
 
 
 def test_a_fit_says_who_was_left_out(tmp_path: Path, capsys: Output) -> None:

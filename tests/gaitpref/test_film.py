@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,17 +12,20 @@ import pytest
 from PIL import Image
 
 from data.datasets.dataset import Dataset
+from data.errors import GaitprefError
 from gaitpref import __version__
 from gaitpref.cli.main import main
 from gaitpref.film import camera, reel
 from gaitpref.film.camera import CameraCfg, NoRenderer, frames_of
 from gaitpref.film.reel import FilmCfg, film, frame_count, webp_of, write_film
 from gaitpref.film.shot import Shot, shot_of
-from gaitpref.film.sources import before_and_after
+from gaitpref.film.sources import before_and_after, shot_of_policy
 from gaitpref.film.stick_figure import leg_lines, stick_figures
 from gaitpref.loop.run_report import write_report
 from gaitpref.report.film_section import pace_of_clip
 from gaitpref.report.journal import JOURNAL_NAME, note_round, note_start
+from policy.rollouts.record_cfg import recorded_commands
+from policy.training.checkpoint import load_policy
 from tests.helpers.older_run import older_run
 
 SMALL = FilmCfg(camera=CameraCfg(width_px=96, height_px=72), fps=10)
@@ -81,6 +85,29 @@ def test_two_shots_stand_side_by_side_under_their_names(
     assert (both[3][:12, 96:] == 255).any()
     # What is over stays where it ended.
     assert (both[-1][:, 96:] == both[-2][:, 96:]).all()
+
+
+def test_a_film_that_is_stopped_leaves_no_thread_that_draws(
+    shot: Shot, drawn: list[np.ndarray]
+) -> None:
+    """Nor does one whose second robot cannot be drawn, which says why."""
+    frames = film((shot, shot), SMALL)
+    next(frames)
+    frames.close()
+    broken = Shot(mjcf="<mujoco", qpos=shot.qpos, dt_s=shot.dt_s)
+    with pytest.raises(GaitprefError, match="does not compile"):
+        list(film((shot, broken), SMALL))
+    names = [thread.name for thread in threading.enumerate()]
+    assert not [name for name in names if name.startswith("drawing")]
+
+
+def test_a_policy_is_filmed_under_the_nearest_recorded_command(run: Path) -> None:
+    policy = run / "rounds" / "00" / "policy" / "policy.pt"
+    commands = recorded_commands(load_policy(policy).info.env.commands)
+    forward, left, _ = commands[-2]
+    shot = shot_of_policy(policy, (forward + 0.01, left, -0.01), duration_s=0.2)
+    assert f"({forward:g}, {left:g}, 0)" in shot.caption
+    assert len(shot.qpos) <= 10
 
 
 @pytest.mark.parametrize("suffix", [".gif", ".webp"])

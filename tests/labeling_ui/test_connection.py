@@ -167,7 +167,7 @@ def test_who_finds_no_place_is_told_and_let_in(
         state(page, "lost")
         other = opened(browser, site, "bob", size=SMALL)
         wire.join()
-        page.get_by_role("heading", name="All 1 places are taken").wait_for()
+        page.get_by_role("heading", name="The only place is taken").wait_for()
         other.context.close()
         page.get_by_role("button", name="A much better [1]").wait_for()
         state(page, "")

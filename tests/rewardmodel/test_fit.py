@@ -37,6 +37,7 @@ from rewardmodel.descriptors.table import DESCRIPTOR_NAMES, describe
 from rewardmodel.explain.attribution import explain
 from rewardmodel.extensions.answers.model_choice import choose_kind
 from rewardmodel.extensions_cfg import GpCfg, HistoryCfg, LabelFilterCfg, MlpCfg
+from rewardmodel.fitting.fit_reward import models_fitted
 from rewardmodel.linear.linear import (
     LinearScorer,
     expected_weights,
@@ -155,7 +156,9 @@ def test_the_linear_model_recovers_a_planted_taste(
 def test_a_fit_that_is_not_measured_is_the_same_reward() -> None:
     """For choosing questions: equal weights, no fold fitted, and `auto` stays stiff."""
     pairs = answered(60, seed=1)
-    model, _ = fit_reward(pairs, FitCfg(), seed=3)
+    told: list[None] = []
+    model, _ = fit_reward(pairs, FitCfg(), seed=3, advance=lambda: told.append(None))
+    assert len(told) == models_fitted(FitCfg()) > 1
     quick, report = fit_reward(pairs, FitCfg(), seed=3, measured=False)
     assert report.held_out_pairs == 0
     assert report.held_out_accuracy is None

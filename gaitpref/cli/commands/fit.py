@@ -26,7 +26,7 @@ from gaitpref.cli.shared.by_hand import (
 from gaitpref.cli.shared.dataset_argument import address
 from gaitpref.cli.shared.fit_segments import fit_segments
 from gaitpref.console.extras import require
-from gaitpref.console.progress import console, counted, working
+from gaitpref.console.progress import console, counted, counting_bar, working
 from gaitpref.raters.rater_groups import answers_for
 from gaitpref.report.findings import findings_of_fit
 from gaitpref.report.fit_summary import fit_summary
@@ -35,7 +35,7 @@ from rewardmodel.answers.likelihood import HARDLY_LOOKS
 from rewardmodel.cfg import FitCfg
 from rewardmodel.extensions.questions.unanswered import unanswered_pairs
 from rewardmodel.extensions_cfg import LabelFilterCfg, SemiSupervisedCfg
-from rewardmodel.fitting.fit_reward import fit_reward
+from rewardmodel.fitting.fit_reward import fit_reward, models_fitted
 from rewardmodel.models.storage import REWARD_NAMES, load_reward, save_reward
 
 
@@ -83,7 +83,8 @@ def _fit_alone(command: options.Fit) -> None:
     stage = stage_of(command)
     if stage is not None:
         cfg = stage.fit
-    pairs = load_pairs(datasets, unchecked=command.unchecked)
+    with working("reading answers and their clips"):
+        pairs = load_pairs(datasets, unchecked=command.unchecked)
     unanswered = None
     if command.whom:
         pairs = answers_for(pairs, command.whom)
@@ -92,8 +93,15 @@ def _fit_alone(command: options.Fit) -> None:
         cfg = replace(cfg, semi_supervised=semi)
         rng = np.random.default_rng(command.seed)
         unanswered = unanswered_pairs(datasets, pairs, semi, rng=rng)
-    with working(f"fitting {cfg.kind} to {len(pairs)} answers"):
-        model, report = fit_reward(pairs, cfg, seed=command.seed, unanswered=unanswered)
+    told = f"fitting {cfg.kind} to {len(pairs)} answers, models"
+    with counting_bar(told, models_fitted(cfg)) as bar:
+        model, report = fit_reward(
+            pairs,
+            cfg,
+            seed=command.seed,
+            unanswered=unanswered,
+            advance=lambda: bar.advance(bar.task_ids[0]),
+        )
     save_reward(model, command.out)
     kind = model.provenance.cfg.kind
     findings = findings_of_fit(report, pairs.sides)

@@ -109,7 +109,7 @@ def _teaching(command: options.Raters, dataset: Dataset) -> None:
     """Leave a rater out, or take the rater in again."""
     name, out = _name(command), command.action == "leave-out"
     with dataset.answers() as store:
-        curation.leave_out(store, name, out=out)
+        curation.leave_out(store, name, datetime.now(UTC), out=out)
         answers = store.count(rater_id=name)
     told = "are kept and teach nothing, from the next fit on" if out else "teach again"
     _show(
@@ -122,10 +122,14 @@ def _teaching(command: options.Raters, dataset: Dataset) -> None:
 
 
 def _gold(command: options.Raters, dataset: Dataset) -> None:
-    """Show which answers are known, or ask about a pair whose answer is."""
+    """Show which answers are known, ask about a pair whose answer is, or end that."""
+    if command.withdraw:
+        _withdraw(command, dataset)
+        return
     if command.known is None and command.name is not None:
         raise GaitprefError(
-            f"which answer to {command.name} is known? `--known a`, b, or equal"
+            f"which answer to {command.name} is known? `--known a`, b, or equal; "
+            "`--withdraw` takes back one that was"
         )
     if command.known is not None:
         with dataset.answers() as store:
@@ -137,7 +141,9 @@ def _gold(command: options.Raters, dataset: Dataset) -> None:
         _next_film(command, added.pair_id)
         return
     with dataset.answers_copy() as store:
-        found = known_answers(store.pairs(), human_rows(store))
+        found = known_answers(
+            store.pairs(), human_rows(store), curation.withdrawn(store)
+        )
     values = [asdict(of_pair) for of_pair in found]
     lines = [str(of_pair) for of_pair in found]
     _show(command, {"known": values}, lines or ["no answer is known"])
@@ -147,6 +153,17 @@ def _gold(command: options.Raters, dataset: Dataset) -> None:
         console.next(
             f"`gaitpref pairs --dataset {command.dataset} --gold 2` adds two questions"
         )
+
+
+def _withdraw(command: options.Raters, dataset: Dataset) -> None:
+    if command.known is not None:
+        raise GaitprefError("--known adds a question, --withdraw ends one; give one")
+    with dataset.answers() as store:
+        pair = curation.find_pair(store, _name(command))
+        curation.withdraw_known(store, pair, datetime.now(UTC))
+    told = "is asked no more and measures nobody; its answers are kept"
+    values = {"pair_id": pair.pair_id, "withdrawn": True}
+    _show(command, values, [f"{pair.pair_id[:12]} {told}"])
 
 
 def _next_film(command: options.Raters, pair_id: str) -> None:

@@ -179,6 +179,9 @@ class Raters:
     known: Literal["a", "b", "equal"] | None = None
     """Of gold with a pair: the answer that everybody gives who looks. The two clips are
     asked about once more, swapped, now and then; that measures raters."""
+    withdraw: bool = False
+    """Of gold with a pair whose answer is known: ask it no more, and measure nobody by
+    it. Its answers are kept."""
     url: str = "http://127.0.0.1:8080"
     """Where the page is opened; the login link begins with it."""
     dataset: Path

@@ -5,7 +5,7 @@ Shapes: B held-out answers.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from torch import Tensor
@@ -27,12 +27,14 @@ def choose(
     cfg: FitCfg,
     seed: int,
     measured: bool,
+    advance: Callable[[], None] = lambda: None,
 ) -> tuple[KindName, tuple[tuple[str, float], ...]]:
     """A kind of model for prepared answers, and what every kind foresees of held-out
     ones.
 
     All expect the same errors here: to a model that finds no sense in the answers, they
-    would look random, and it would foresee them as well as chance does.
+    would look random, and it would foresee them as well as chance does. `advance` is
+    called after each fold of each kind.
     """
     stiffest = CHOSEN_FROM[0]
     if not measured:
@@ -45,7 +47,7 @@ def choose(
         if kind == "transformer" and choose_kind(foreseen) != "history":
             break
         own = replace(cfg, kind=kind)
-        held_out, leads = _held_out(judged, pairs, own, seed)
+        held_out, leads = _held_out(judged, pairs, own, seed, advance)
         foreseen[kind] = held_out.log_likelihood(leads, own)
         if len(foreseen[kind]) < MIN_HELD_OUT:
             return kind, ()
@@ -54,10 +56,16 @@ def choose(
 
 
 def _held_out(
-    judged: Judged, pairs: AnsweredPairs, cfg: FitCfg, seed: int
+    judged: Judged,
+    pairs: AnsweredPairs,
+    cfg: FitCfg,
+    seed: int,
+    advance: Callable[[], None],
 ) -> tuple[DescribedPairs, Tensor]:
     """Held-out answers of raters who look, and what models foresee of them [B]."""
-    asked, opinion = held_out_predictions(judged.prepared, pairs.episodes, cfg, seed)
+    asked, opinion = held_out_predictions(
+        judged.prepared, pairs.episodes, cfg, seed, advance=advance
+    )
     told = judged.measuring[asked]
     held_out = judged.prepared.described.subset(asked & judged.measuring)
     return held_out, opinion.lead[told]
