@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from data.answers.address import Address
+from data.answers.answer_records import utc_text
 from data.answers.check import damaged_rows
 from data.answers.curation import (
     answers_heard,
@@ -54,7 +55,8 @@ def test_who_is_left_out_teaches_nothing_and_can_come_back(store: AnswerStore) -
     leave_out(store, "ada", NOON, out=False)
     assert left_out(store) == frozenset()
     assert count_evidence(store) == 2
-    assert store.rater_rows()[0][2]["since"] == 2030
+    said = {"left_out": False, "left_out_utc": utc_text(NOON.isoformat())}
+    assert store.rater_rows()[0] == ("ada", "human", {"since": 2030, **said})
 
 
 def test_a_question_whose_answer_is_known_measures_and_teaches_nothing(
