@@ -74,25 +74,23 @@ def test_a_second_training_stops_at_once_and_a_killed_one_holds_nothing(
 
 
 @pytest.mark.parametrize(
-    ("lock", "args"),
+    ("held", "args"),
     [
         ("run", ["loop", "--run", "{}/run", "--preset", "quick"]),
         (
-            "fit",
+            "reward",
             ["fit", "--dataset", "tests/stored/dataset_v1", "--out", "{}/reward"],
         ),
     ],
 )
 def test_a_second_loop_or_fit_stops_at_once(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], lock: str, args: list[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], held: str, args: list[str]
 ) -> None:
     """And leaves nothing behind."""
-    code = HOLDER
-    if lock == "fit":
-        place = "Path(sys.argv[1]) / '.reward.lock'"
-        code = HOLDER.replace("print)", f"print, lock={place})")
-    target = tmp_path / "run" if lock == "run" else tmp_path
-    command = [sys.executable, "-c", code, str(target)]
+    # A reward is replaced as a whole, so its lock is beside it.
+    told = "print, replaced=True)" if held == "reward" else "print)"
+    code = HOLDER.replace("print)", told)
+    command = [sys.executable, "-c", code, str(tmp_path / held)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "held\n"
