@@ -74,7 +74,7 @@ def test_preferences(tmp_path: Path) -> None:
     figures = tmp_path / "rows.json"
     command = [sys.executable, "-m", "benchmarks.preferences", "--quick"]
     command += ["--tasks", "walk", "brisk_walk", "nose_up", "--seeds", "1"]
-    command += ["--keep-runs"]
+    command += ["--answers", "100", "150", "--raters", "perfect", "--keep-runs"]
     command += ["--work", str(work), "--results", str(results)]
     command += ["--docs", str(tmp_path), "--json", str(figures)]
     subprocess.run(command, check=True)
