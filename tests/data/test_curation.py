@@ -32,6 +32,7 @@ from tests.data.test_answers import fill, make_answer, make_pair
 
 NOON = datetime(2030, 1, 31, 12, tzinfo=UTC)
 LATER = NOON + timedelta(hours=1)
+Both = tuple[AnswerStore, AnswerStore]
 
 
 @pytest.fixture
@@ -42,6 +43,18 @@ def store(answers_address: Address) -> Iterator[AnswerStore]:
         for number in range(2):
             store.add_answer(make_answer(f"a{number}", make_pair(number)))
         yield store
+
+
+@pytest.fixture
+def both(tmp_path: Path) -> Iterator[Both]:
+    """Two stores in which ada answered the same."""
+    with (
+        AnswerStore.open(tmp_path / "ours.sqlite") as ours,
+        AnswerStore.open(tmp_path / "theirs.sqlite") as theirs,
+    ):
+        for store in (ours, theirs):
+            fill(store).add_answer(make_answer("a0", make_pair(0)))
+        yield ours, theirs
 
 
 def test_who_is_left_out_teaches_nothing_and_can_come_back(store: AnswerStore) -> None:
@@ -92,29 +105,19 @@ def test_what_the_owner_says_travels_and_is_whole(
         assert other.pair(known.pair_id).gold == "equal"
 
 
-def test_who_is_left_out_is_left_out_where_it_is_merged(tmp_path: Path) -> None:
+def test_who_is_left_out_is_left_out_where_it_is_merged(both: Both) -> None:
     """Also into a store that learned from the rater before."""
-    ours, theirs = (
-        fill(AnswerStore.open(tmp_path / f"{name}.sqlite")) for name in "ab"
-    )
-    for store in (ours, theirs):
-        store.add_answer(make_answer("a0", make_pair(0)))
+    ours, theirs = both
     leave_out(theirs, "ada", NOON)
     assert left_out(ours) == frozenset()
     add_rows(ours, rows_of(theirs, "theirs"), {"aa", "bb"})
     assert left_out(ours) == {"ada"}
     assert answers_heard(ours) == []
-    ours.close()
-    theirs.close()
 
 
-def test_the_last_word_about_a_rater_counts_where_it_is_merged(tmp_path: Path) -> None:
+def test_the_last_word_about_a_rater_counts_where_it_is_merged(both: Both) -> None:
     """Whichever way, and over what an earlier version said, which told no time."""
-    ours, theirs = (
-        fill(AnswerStore.open(tmp_path / f"{name}.sqlite")) for name in "ab"
-    )
-    for store in (ours, theirs):
-        store.add_answer(make_answer("a0", make_pair(0)))
+    ours, theirs = both
     leave_out(ours, "ada", NOON)
     leave_out(theirs, "ada", LATER, out=False)
     add_rows(theirs, rows_of(ours, "ours"), {"aa", "bb"})
@@ -126,8 +129,6 @@ def test_the_last_word_about_a_rater_counts_where_it_is_merged(tmp_path: Path) -
     assert left_out(ours) == frozenset()
     hear_owner_of(ours, "ada", {"left_out": True, "left_out_utc": "2030-02-01T00:00Z"})
     assert left_out(ours) == {"ada"}
-    ours.close()
-    theirs.close()
 
 
 def test_a_known_answer_can_be_withdrawn(store: AnswerStore, tmp_path: Path) -> None:
