@@ -21,6 +21,8 @@ from PIL import Image
 
 from data.errors import GaitprefError
 
+from .flat_shadow import cast_shadows, flat_floor
+
 _MOST_GEOMS = 2000
 _NO = ("disable", "disabled", "off", "false", "0")
 """What MUJOCO_GL says where nothing is to be drawn."""
@@ -117,6 +119,9 @@ class Camera:
             self._camera.elevation *= _OF_TEAM
         self._looks_at_m = 0.67 * float(mj_model.qpos0[2] if mj_model.nq else 0.0)
         self._picture = np.empty((height, width, 3), np.uint8)
+        self._floor = flat_floor(mj_model)
+        if self._floor:
+            self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
 
     def __call__(self, qpos: np.ndarray) -> np.ndarray:
         """The picture [H, W, 3] uint8 of the state `qpos` [nq]."""
@@ -137,6 +142,8 @@ class Camera:
             _STATIC_AND_MOVING,
             self._scene,
         )
+        if self._floor:
+            cast_shadows(self._scene)
         mujoco.mjr_render(self._view, self._scene, self._context)
         mujoco.mjr_readPixels(self._picture, None, self._view, self._context)
         upright = Image.fromarray(self._picture[::-1])

@@ -6,15 +6,17 @@ Shapes: H, W height and width of a frame in pixels.
 from __future__ import annotations
 
 import io
+import math
 import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageDraw
+from PIL import Image, ImageDraw, ImageFont
 
 from data.errors import GaitprefError
 from data.files.files import write_atomically
@@ -115,17 +117,28 @@ def _captioned(frames: Iterator[np.ndarray], captions: Sequence[str]) -> _Frames
         if not caption:
             yield frame
             continue
-        picture = Image.fromarray(frame)
-        draw = ImageDraw.Draw(picture)
-        box = draw.textbbox((_MARGIN_PX, _MARGIN_PX), caption)
-        draw.rectangle((box[0] - 4, box[1] - 3, box[2] + 4, box[3] + 3), fill=_PAPER)
-        draw.text((_MARGIN_PX, _MARGIN_PX), caption, fill=_INK)
-        yield np.asarray(picture)
+        label = _label(caption)[: len(frame), : frame.shape[1]]
+        written = frame.copy()
+        written[: len(label), : label.shape[1]] = label
+        yield written
+
+
+@lru_cache(maxsize=64)
+def _label(caption: str) -> np.ndarray:
+    """[H, W, 3] uint8 of the words on paper."""
+    font = ImageFont.load_default()
+    _, _, right, bottom = font.getbbox(caption)
+    size = math.ceil(right) + 2 * _MARGIN_PX, math.ceil(bottom) + 2 * _MARGIN_PX
+    picture = Image.new("RGB", size, _PAPER)
+    ImageDraw.Draw(picture).text((_MARGIN_PX, _MARGIN_PX), caption, _INK, font)
+    return np.asarray(picture)
 
 
 def webp_of(frames: Iterator[np.ndarray], fps: float) -> bytes:
     """The film as an animated WebP, which browsers show like a picture."""
-    return _animated(frames, fps, "WEBP", {"quality": _QUALITY, "method": 2})
+    # A film is seen from its start: no picture is kept to begin at.
+    begins = {"kmin": 0, "kmax": 0}
+    return _animated(frames, fps, "WEBP", {"quality": _QUALITY, "method": 2} | begins)
 
 
 def write_film(frames: Iterator[np.ndarray], path: Path, fps: float) -> None:

@@ -237,3 +237,40 @@ def test_a_film_of_nothing_is_refused(shot: Shot) -> None:
     with pytest.raises(ValueError, match="16 to 4096"):
         CameraCfg(width_px=5000)
     assert webp_of(iter([np.zeros((16, 16, 3), np.uint8)]), 10)
+
+
+_BALL = """
+<mujoco>
+  <worldbody>
+    <light pos="0 0 3" dir="0 0 -1" directional="true"/>
+    <geom type="plane" size="5 5 0.1" rgba="0.9 0.9 0.9 1"/>
+    {more}
+    <body>
+      <freejoint/>
+      <geom type="sphere" size="0.1" rgba="1 0 0 1"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+_BLOCK = '<geom type="box" size="0.1 0.1 0.1" pos="0 40 0.1"/>'
+
+
+@pytest.mark.parametrize("more", ["", _BLOCK], ids=["flat floor", "block on it"])
+def test_a_shadow_is_farther_from_what_is_higher_above_the_floor(more: str) -> None:
+    heights_m = (0.1, 0.3, 0.5)
+    states = np.array([[0, 0, z, 1, 0, 0, 0] for z in heights_m], float)
+    try:
+        pictures = list(frames_of(_BALL.format(more=more), states))
+    except NoRenderer as why:
+        pytest.skip(str(why))
+    apart_px = []
+    for picture in pictures:
+        red, green, blue = np.moveaxis(picture.astype(int), -1, 0)
+        ball = (red > 60) & (red > 2 * green)
+        on_floor = (abs(red - blue) < 40) & ~ball
+        lit = np.median(green[-10:])
+        shadow = on_floor & (green < 0.75 * lit) & (np.arange(len(green)) > 80)[:, None]
+        assert ball.sum() > 100
+        assert shadow.sum() > 50
+        apart_px.append(np.nonzero(shadow)[0].mean() - np.nonzero(ball)[0].mean())
+    assert apart_px[0] < apart_px[1] < apart_px[2]

@@ -8,6 +8,7 @@ from typing import Any
 
 from data.answers.answer_records import Answer, Pair
 from data.datasets.dataset import Dataset
+from data.datasets.named_clip import find_clip
 from data.files.files import write_atomically
 from gaitpref.cli.commands.looking.explain_others import explain_others
 from gaitpref.cli.commands.looking.explained import (
@@ -15,7 +16,6 @@ from gaitpref.cli.commands.looking.explained import (
     answers_told,
     clip_json,
     curve_json,
-    find_clip,
     rounded_values,
 )
 from gaitpref.cli.options import options

@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 
 from data.datasets.dataset import Dataset
+from data.datasets.named_clip import find_clip
 from data.episodes.clips import Clip
 from data.errors import GaitprefError
 from data.files.files import write_atomically
@@ -14,7 +15,6 @@ from gaitpref.cli.commands.looking.explained import (
     DATA_NAME,
     answers_told,
     clip_json,
-    find_clip,
 )
 from gaitpref.cli.options import options
 from gaitpref.console.progress import console, working

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from data.answers.curation import find_pair
 from data.datasets.dataset import Dataset
+from data.datasets.named_clip import find_clip
 from data.errors import GaitprefError
-from gaitpref.cli.commands.looking.explained import find_clip
 from gaitpref.cli.options import options
 from gaitpref.console.progress import counting_bar
 from gaitpref.console.terminal import say
