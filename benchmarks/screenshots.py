@@ -7,6 +7,7 @@ themes; `labeling.png` and `play.png`, which the pages show, are two of them.
 from __future__ import annotations
 
 import io
+import os
 import shutil
 import subprocess
 import sys
@@ -239,7 +240,11 @@ def _play(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
 
 def _watch(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
     del folder
-    with _served("watch", run, "--port", 0) as url, _page(browser) as page:
+    # The page names the directory as it was given.
+    with (
+        _served("watch", os.path.relpath(run), "--port", 0) as url,
+        _page(browser) as page,
+    ):
         _plain(page, camera, url, drawn="svg path, svg polyline")
 
 

@@ -27,6 +27,8 @@ Aspect = Literal["posture", "feet", "rhythm", "steadiness", "effort"]
 """What of a gait an answer is about."""
 ASPECTS: tuple[Aspect, ...] = get_args(Aspect)
 
+MIN_ANSWERS = 8
+"""Fewer answers than this that prefer a clip say nothing about 25 descriptors."""
 HERE = "here_s"
 """Where an answer's `client` has the moments that were marked."""
 MOST_HERE = 8

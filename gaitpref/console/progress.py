@@ -31,17 +31,19 @@ Item = TypeVar("Item")
 console = PlainConsole(stderr=True, soft_wrap=True)
 _QUIET_S = 5.0
 """Nobody is left without a word for longer, where nothing can be drawn."""
+_BAR_WIDTH = 12
+"""Of a training: with its figures it fits a terminal of 80 columns."""
 
 
 class TrainingBar:
     """A bar with steps/s, time left, return and tracking error.
 
-    Where standard error is no terminal, a line every tenth of the way instead.
+    Where standard error is no terminal, a line soon and every tenth of the way instead.
     """
 
     def __init__(self, progress: Progress | None, title: str, steps: int) -> None:
         self._progress, self._title, self._steps = progress, title, max(steps, 1)
-        self._tenths = 0
+        self._tenths, self._begun_s = -1, time.monotonic()
         if progress is not None:
             self._task = progress.add_task(title, total=steps, figures="")
 
@@ -50,12 +52,13 @@ class TrainingBar:
         figures = f"{stats.steps_per_s:,.0f} steps/s  return {stats.mean_return:.2f}"
         # Who takes no step tracks nothing.
         if (error := stats.scalars.get("track/planar_error_m_s")) is not None:
-            figures += f"  tracking error {error:.2f} m/s"
+            figures += f"  error {error:.2f} m/s"
         if self._progress is not None:
             self._progress.update(self._task, completed=stats.steps, figures=figures)
             return
         tenths = 10 * stats.steps // self._steps
-        if tenths > self._tenths:
+        soon = 0 if time.monotonic() - self._begun_s >= _QUIET_S else 1
+        if tenths >= soon and tenths > self._tenths:
             self._tenths = tenths
             left_s = max(0, self._steps - stats.steps) / max(stats.steps_per_s, 1e-9)
             console.print(
@@ -72,11 +75,10 @@ def training_bar(title: str, steps: int) -> Iterator[TrainingBar]:
         return
     with Progress(
         TextColumn("{task.description}"),
-        BarColumn(),
+        BarColumn(_BAR_WIDTH),
         TaskProgressColumn(),
-        TextColumn("{task.fields[figures]}"),
-        TimeElapsedColumn(),
         TimeRemainingColumn(),
+        TextColumn("{task.fields[figures]}"),
         console=console,
     ) as progress:
         yield TrainingBar(progress, title, steps)

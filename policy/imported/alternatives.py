@@ -51,7 +51,9 @@ def tried(known: Understood, robot_xml: Path | None) -> Iterator[str]:
         return
     for told, plain in plainer(robot):
         rows = _measured(known, law, plain, cfg)
-        yield f"{told}: {_in_words(rows)}{against(rows, taken)}"
+        verdict = against(rows, taken)
+        change = "; a copy of the model with it, as --robot, takes it"
+        yield f"{told}: {_in_words(rows)}{verdict}{change if verdict == CLOSER else ''}"
 
 
 def others(known: Understood) -> Iterator[tuple[str, Understood]]:
@@ -149,7 +151,7 @@ def against(rows: tuple[Measured, ...], taken: tuple[Measured, ...]) -> str:
         return ", and what was taken falls"
     if abs(rows[1].forward_m_s - taken[1].forward_m_s) < _APART_M_S:
         return ", as what was taken does: these figures do not tell them apart"
-    return ", closer than what was taken" if _off(rows) < _off(taken) else ""
+    return CLOSER if _off(rows) < _off(taken) else ""
 
 
 def _fell(rows: tuple[Measured, ...]) -> bool:

@@ -181,5 +181,5 @@ def _told(changes: list[tuple[str, _Gains]]) -> str:
     return (
         f"{len(changes)} joints with {' or '.join(had)} got position servos: kp "
         f"{min(kp):.4g} to {max(kp):.4g} N m/rad, kd {min(kd):.3g} to {max(kd):.3g} "
-        "N m s/rad"
+        "N m s/rad beside the joints' own damping"
     )

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.answers.answer_records import Pair
+from data.answers.answer_records import MIN_ANSWERS, Pair
 from data.answers.rater_habits import Sides
 from data.answers.strategy_names import (
     APPROVAL,
@@ -31,9 +31,6 @@ from .clip_batch import ClipBatch, fill_clips, with_past
 from .recorded import RecordedClips, recorded_clips
 from .used import LeftOut, UsedAnswers, answers_used, count_preferences
 from .used import count_evidence as count_evidence
-
-MIN_ANSWERS = 8
-"""Fewer answers than this that prefer a clip say nothing about 25 descriptors."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,8 +18,8 @@ from typing import Literal, get_args
 import torch
 from torch import Tensor
 
+from data.answers.answer_records import MIN_ANSWERS
 from data.datasets.segments import Segments, TableAnswer
-from rewardmodel.answers.answered_pairs import MIN_ANSWERS
 from rewardmodel.answers.clip_batch import mean_over
 from rewardmodel.answers.likelihood import Errors
 from rewardmodel.cfg import FitCfg, LinearCfg

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pytest
 
+from data.answers.answer_records import MIN_ANSWERS
 from gaitpref.loop.show_stage import labels_kept, labels_planned
 from gaitpref.method.budget import FrontLoaded
 from gaitpref.method.context import RoundContext
 from gaitpref.method.method import FROM_SCRATCH, STYLE, Method
-from rewardmodel.answers.answered_pairs import MIN_ANSWERS
 
 BUDGETS = {
     "style": STYLE.budget,

@@ -5,11 +5,15 @@ What a format needs is imported with it: few have all of it installed.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from data.datasets.dataset import Dataset
+import numpy as np
+
+from data.datasets.dataset import Dataset, EpisodeEntry
 from data.errors import DatasetError
+from data.features import column
 from gaitpref.cli.options import data_options as options
 from gaitpref.cli.shared.dataset_argument import address, open_dataset
 from gaitpref.console.extras import require
@@ -56,11 +60,27 @@ def _import_log(action: options.Import) -> dict[str, Any]:
         "episodes": len(entries),
         "steps": sum(entry.num_steps for entry in entries),
         "stretches": found.stretches,
+        "robot": entries[0].meta.robot,
+        "asked_m_s": _forward_m_s(dataset, entries, "command"),
+        "seen_m_s": _forward_m_s(dataset, entries, "base_lin_vel_b"),
         "missing": told("missing_features"),
         "estimated": told("estimated_features"),
         "left_out": dict(found.findings.left_out),
         "told": found.findings.told,
     }
+
+
+def _forward_m_s(
+    dataset: Dataset, entries: Sequence[EpisodeEntry], feature: str
+) -> float | None:
+    """Mean of the first number of a feature, over all steps that have it."""
+    firsts = [
+        dataset.features(entry.sha256, keep=False)[:, column(feature)][:, 0]
+        for entry in entries
+    ]
+    known = np.concatenate(firsts)
+    known = known[np.isfinite(known)]
+    return round(float(known.mean()), 2) if len(known) else None
 
 
 def _log_episodes(action: options.Import, log_map: LogMap, root: Path) -> LogEpisodes:

@@ -8,7 +8,7 @@ from pathlib import Path
 from data.datasets.dataset import Dataset
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.dataset_argument import address
-from gaitpref.cli.shared.next_of_answers import next_fit
+from gaitpref.cli.shared.next_of_answers import next_once_answered
 from gaitpref.cli.shared.serving import require_port, stoppable, wait_until_stopped
 from gaitpref.console.browser import open_page
 from gaitpref.console.extras import require
@@ -27,10 +27,11 @@ def run(command: options.Label) -> int:
     with stoppable() as stopped, LabelServer(dataset, cfg, picture=picture) as page:
         for line in greeting(page.notices, dataset.root, cfg):
             print(line, flush=True)
+        print("Ctrl-C ends the page; answers are kept as they are given", flush=True)
         if command.open:
             open_page(page.url)
         wait_until_stopped(stopped)
-    console.next(next_fit(dataset))
+    console.next(next_once_answered(dataset, command.answers))
     return 0
 
 

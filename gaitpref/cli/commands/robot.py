@@ -34,9 +34,10 @@ def run(command: options.Robot) -> int:
         completed = folder / f"{robot.name}.xml"
         write_atomically(completed, robot.mjcf.encode())
         say(f"model      {completed}")
+    walk = (command.out or Path("runs") / robot.name) / "walk"
     console.next(
-        f"where that is your robot, `gaitpref train --out runs/{robot.name} --reward "
-        f"task --robot {command.xml}` teaches it to walk"
+        f"where that is your robot, `gaitpref train --out {walk} --reward task --robot "
+        f"{command.xml}` teaches it to walk"
     )
     return 0
 

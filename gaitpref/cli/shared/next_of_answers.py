@@ -4,6 +4,7 @@ gaits that follow one another.
 
 from __future__ import annotations
 
+from data.answers.answer_records import MIN_ANSWERS
 from data.datasets.dataset import Dataset
 from data.episodes.choices import GAITS
 
@@ -46,6 +47,18 @@ def next_fit(dataset: Dataset) -> str:
         )
     kind = "team fit" if _shows_teams(dataset) else "fit"
     return f"`gaitpref {kind} {at} --out REWARD` fits a reward to the answers"
+
+
+def next_once_answered(dataset: Dataset, answers: str | None = None) -> str:
+    """What learns from the answers, or who gives them while there are too few."""
+    with dataset.answers_copy() as store:
+        given = store.count()
+    if given >= MIN_ANSWERS:
+        return next_fit(dataset)
+    return (
+        f"a fit needs {MIN_ANSWERS} answers, of which there are {given}: "
+        f"{next_answers(dataset, answers)}"
+    )
 
 
 def _shows_teams(dataset: Dataset) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from data.datasets.dataset import Dataset
 from gaitpref.cli.options import data_options as options
 
-from .next_of_answers import next_fit
+from .next_of_answers import next_fit, next_pairs
 
 
 def next_of_data(action: options.Action, *, damaged: bool) -> str:
@@ -17,6 +17,8 @@ def next_of_data(action: options.Action, *, damaged: bool) -> str:
             return (
                 f"`gaitpref data verify --dataset {action.dataset}` looks at it again"
             )
+        case options.Import() if action.format not in ("uni-rlhf", "imitation"):
+            return next_pairs(Dataset.open(action.dataset))
         case options.Merge() | options.Unpack() | options.Pull() | options.Import():
             return (
                 f"`gaitpref data info --dataset {action.dataset}` counts what it holds"
