@@ -25,6 +25,7 @@ from .trial import measure
 
 _ASKED = ((0.0, 0.0, 0.0), (0.5, 0.0, 0.0))
 _WALK_S = 5.0
+_CLOSER = ", closer than what was taken"
 _APART_M_S = 0.05
 """How far figures must differ to be told apart."""
 _ORDERS = {
@@ -53,7 +54,7 @@ def tried(known: Understood, robot_xml: Path | None) -> Iterator[str]:
         rows = _measured(known, law, plain, cfg)
         verdict = against(rows, taken)
         change = "; a copy of the model with it, as --robot, takes it"
-        yield f"{told}: {_in_words(rows)}{verdict}{change if verdict == CLOSER else ''}"
+        yield f"{told}: {_in_words(rows)}{verdict}{change if verdict == _CLOSER else ''}"
 
 
 def others(known: Understood) -> Iterator[tuple[str, Understood]]:
@@ -151,7 +152,7 @@ def against(rows: tuple[Measured, ...], taken: tuple[Measured, ...]) -> str:
         return ", and what was taken falls"
     if abs(rows[1].forward_m_s - taken[1].forward_m_s) < _APART_M_S:
         return ", as what was taken does: these figures do not tell them apart"
-    return CLOSER if _off(rows) < _off(taken) else ""
+    return _CLOSER if _off(rows) < _off(taken) else ""
 
 
 def _fell(rows: tuple[Measured, ...]) -> bool:
