@@ -53,8 +53,9 @@ def tried(known: Understood, robot_xml: Path | None) -> Iterator[str]:
     for told, plain in plainer(robot):
         rows = _measured(known, law, plain, cfg)
         verdict = against(rows, taken)
-        change = "; a copy of the model with it, as --robot, takes it"
-        yield f"{told}: {_in_words(rows)}{verdict}{change if verdict == _CLOSER else ''}"
+        if verdict == _CLOSER:
+            verdict += "; a copy of the model with it, as --robot, takes it"
+        yield f"{told}: {_in_words(rows)}{verdict}"
 
 
 def others(known: Understood) -> Iterator[tuple[str, Understood]]:
