@@ -1,23 +1,29 @@
 """What a minute of a person is worth, by the kind of question: no training at all.
 
 `python -m studies.answer_kinds` has a simulated person answer pairs, rankings of four
-clips and ratings of 1 to 5, and lets what is believed then choose among fresh clips.
-A figure is the share of `studies.few_answers`: what the twentieth of the fresh clips
-that it likes best is truly worth, from 0 of the mean clip to 1 of the truly best
-twentieth, in the mean over the commands.
+clips, ratings of 1 to 5, pairs with a reason and pairs with a strength, and lets what
+is believed then choose among fresh clips. A figure is the share of
+`studies.few_answers`: what the twentieth of the fresh clips that it likes best is truly
+worth, from 0 of the mean clip to 1 of the truly best twentieth, in the mean over the
+commands.
 
 Decided before looking:
 
-- A pair takes a person 6 s, a ranking of four 14 s, a rating 4 s. That is assumed.
+- A pair takes a person 6 s, a ranking of four 14 s, a rating 4 s, a pair with a reason
+  7 s, a pair with a strength 6 s. That is assumed.
 - Every clip is perceived anew in each question, with an error of 0.3 deviations over
   clips of its command. The person ranks what was perceived, prefers the better of two,
   and rates by fifths of all clips of the command, which is kind to ratings: nobody
   knows them before the first question.
+- The reason is right in four of five. Less than 0.25 deviations of perceived lead are
+  "equally good", from 1 on "much better".
 - Likelihoods: Bradley-Terry, Plackett-Luce, and of a rating the share of sixteen other
   clips of the command that it beats, in ordered logits; a share of the answers is
-  random in all of them, as the posterior believes.
+  random in all of them, as the posterior believes. Reasons and strengths have those
+  of the product.
 - Questions are chosen alike for all kinds: at random, or as the one of 150 whose answer
-  the particles disagree about most (mutual information, BALD).
+  the particles disagree about most (mutual information, BALD); reason and strength are
+  not foreseen there.
 - A kind is built into the page if, where questions are chosen, its share is above that
   of pairs by more than the standard error of the difference, in the mean over 60, 120
   and 240 s, over tasks and seeds; and not below it at random questions.
@@ -39,9 +45,13 @@ import torch
 import tyro
 from torch import Tensor
 
-from benchmarks.preference_plan import TASKS
+from benchmarks.preference_plan import ABOUT, TASKS
+from data.answers.answer_records import ASPECTS, Aspect
+from gaitpref.method.method import STYLE
 from gaitpref.raters.criteria import load_criterion
 from gaitpref.raters.criterion_scores import criterion_context, score_of_criterion
+from gaitpref.raters.error_model import said_why
+from gaitpref.raters.rater_cfg import RaterCfg
 from policy.robots.shipped import WALK
 from policy.training.checkpoint import load_policy
 from rewardmodel.answers.clip_batch import ClipBatch
@@ -56,10 +66,24 @@ from rewardmodel.posterior.sampler import Answers, after_moves, effective, resam
 
 from .few_answers import FewAnswers, Recording, recordings, share_of_best
 
-Kind = Literal["pairs", "rankings", "ratings"]
+Kind = Literal["pairs", "rankings", "ratings", "reasons", "strengths"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-SECONDS: dict[Kind, float] = {"pairs": 6.0, "rankings": 14.0, "ratings": 4.0}
-CLIPS: dict[Kind, int] = {"pairs": 2, "rankings": 4, "ratings": 1}
+SECONDS: dict[Kind, float] = {
+    "pairs": 6.0,
+    "rankings": 14.0,
+    "ratings": 4.0,
+    "reasons": 7.0,
+    "strengths": 6.0,
+}
+CLIPS: dict[Kind, int] = {
+    "pairs": 2,
+    "rankings": 4,
+    "ratings": 1,
+    "reasons": 2,
+    "strengths": 2,
+}
+STRENGTHS = ((0.25, 0.5), (1.0, 0.75), (math.inf, 1.0))
+"""Perceived lead in deviations below which an answer has that target."""
 BUDGETS_S = (60.0, 120.0, 240.0)
 PERCEIVED = 0.3
 """Error of perception, in deviations over clips of one command."""
@@ -100,7 +124,8 @@ class Given(Answers):
 
     kind: Kind = "pairs"
     level: Tensor = field(default_factory=lambda: torch.zeros(0))
-    """[Q] ratings; the best clip of a pair and the clips of a ranking come in order."""
+    """[Q] ratings, what reasons name, targets of strengths; the best clip of a pair and
+    the clips of a ranking come in order."""
 
     def part(self, rows: Tensor) -> Given:
         """Some of them."""
@@ -110,6 +135,8 @@ class Given(Answers):
 
     def log_likelihood(self, leads: Tensor, error_share: Tensor) -> Tensor:
         """[N] of all answers."""
+        if self.kind == "strengths":
+            return super().log_likelihood(leads, error_share)
         of_each = leads.unflatten(1, (-1, WIDTH[self.kind]))
         log_p = log_outcome(of_each, self.kind, self.level)
         error = error_share[:, :1]
@@ -117,8 +144,20 @@ class Given(Answers):
         return mixed.clamp_min(1e-12).log().sum(dim=1)
 
 
-WIDTH: dict[Kind, int] = {"pairs": 1, "rankings": 6, "ratings": ANCHORS}
-OUTCOMES: dict[Kind, int] = {"pairs": 2, "rankings": 24, "ratings": LEVELS}
+WIDTH: dict[Kind, int] = {
+    "pairs": 1,
+    "rankings": 6,
+    "ratings": ANCHORS,
+    "reasons": 1,
+    "strengths": 1,
+}
+OUTCOMES: dict[Kind, int] = {
+    "pairs": 2,
+    "rankings": 24,
+    "ratings": LEVELS,
+    "reasons": 2,
+    "strengths": 2,
+}
 _ORDERED = tuple(itertools.combinations(range(4), 2))
 """Better and worse clip of the six leads of a ranking."""
 
@@ -126,7 +165,7 @@ _ORDERED = tuple(itertools.combinations(range(4), 2))
 def log_outcome(leads: Tensor, kind: Kind, level: Tensor) -> Tensor:
     """[N, Q] logarithm of how probable answers are that are meant, from leads
     [N, Q, width]."""
-    if kind == "pairs":
+    if WIDTH[kind] == 1:
         return torch.nn.functional.logsigmoid(leads[..., 0])
     if kind == "rankings":
         total = torch.zeros(leads.shape[:2])
@@ -145,13 +184,14 @@ def log_outcome(leads: Tensor, kind: Kind, level: Tensor) -> Tensor:
 def given(difference: Tensor, kind: Kind, level: Tensor) -> Given:
     """Answers whose leads are in `difference` [A, Q * width]."""
     count = difference.shape[1] // WIDTH[kind]
+    threshold = STYLE.reward.tie_threshold if kind == "strengths" else 0.0
     return Given(
         difference=difference,
         fall_lead=torch.zeros(count),
-        target=torch.ones(count),
-        errors=Errors.alike(0.1, count, tie_threshold=0.0),
-        aspect=torch.full((count,), UNSAID),
-        tie_threshold=0.0,
+        target=level if kind == "strengths" else torch.ones(count),
+        errors=Errors.alike(0.1, count, tie_threshold=threshold),
+        aspect=level.long() if kind == "reasons" else torch.full((count,), UNSAID),
+        tie_threshold=threshold,
         kind=kind,
         level=level,
     )
@@ -184,6 +224,7 @@ class Asked:
         command: np.ndarray,
         seed: int,
         particles: int,
+        about: Aspect,
         scale_error: float = 0.0,
     ) -> None:
         """
@@ -196,12 +237,14 @@ class Asked:
             command: [C] what was told in each.
             seed: Of everything.
             particles: N.
+            about: What a reason names if it is right.
             scale_error: Of ratings.
         """
         self.kind: Kind = kind
         self.chosen = chosen
         self.opinions, self.worth, self.truth = opinions, worth, truth
         self.command = command
+        self.rater = RaterCfg(why=about)
         self.rng = np.random.default_rng([seed, KINDS.index(kind), chosen])
         self.generator = torch.Generator().manual_seed(seed)
         self.prior = Prior()
@@ -229,6 +272,11 @@ class Asked:
             seen = perceived[0] + self.shift[told_in] * self.spread[clips[0]]
             share = float((others < seen).mean())
             level[0] = min(LEVELS - 1, int(LEVELS * share))
+        elif self.kind == "reasons":
+            level[0] = ASPECTS.index(said_why(self.rater, self.rng))
+        elif self.kind == "strengths":
+            lead = float(np.ptp(perceived)) / self.spread[clips[0]]
+            level[0] = next(target for below, target in STRENGTHS if lead < below)
         told = torch.from_numpy(anchors)[None]
         new = given(columns_of(self.worth, ordered, told, self.kind), self.kind, level)
         self._learn(new)
@@ -244,6 +292,7 @@ class Asked:
         self.log_weight = self.log_weight + new.log_likelihood(
             leads, self.found.error_share
         )
+        self.log_weight = self.log_weight + new.log_about(self.found, self.opinions)
         before = self.answers
         self.answers = (
             new
@@ -350,6 +399,7 @@ def main(cfg: AnswerKinds) -> None:
                 command=asked_of.command[standing.numpy()],
                 seed=seed,
                 particles=cfg.particles,
+                about=ABOUT[task],
                 scale_error=cfg.scale_error,
             )
             row = _shares(person, fresh_worth, aim, fresh.command)

@@ -18,7 +18,8 @@ from data.errors import GaitprefError
 from data.files.files import read_json, write_atomically
 
 from .games import Answered, Player, answered, questions, record_alike
-from .strengths import Ranking, least_sure, ranking_of
+from .parts import of_command, of_rater, parts_json, parts_of
+from .strengths import Ranking, least_sure, ranking_of, wins_of
 
 SETTINGS_NAME, RANKING_NAME = "arena.json", "ranking.json"
 _MEET = 3
@@ -47,6 +48,13 @@ class Standing:
     ranking: Ranking
     answers: tuple[Answered, ...]
     open_questions: int
+
+    @property
+    def wins(self) -> np.ndarray:
+        """[P, P] how often each was preferred to each, the best first, ties half."""
+        order = list(self.ranking.order)
+        matches = [each.match for each in self.answers]
+        return wins_of(matches, len(order))[np.ix_(order, order)]
 
     @property
     def sentence(self) -> str:
@@ -192,6 +200,16 @@ def as_json(standing: Standing) -> dict[str, Any]:
             for number in ranking.order
         ],
         "order_kept": list(ranking.kept),
+        "wins": {
+            "players": [names[number] for number in ranking.order],
+            "row_preferred_to_column": standing.wins.tolist(),
+        },
+        "by_command": parts_json(
+            parts_of(standing.answers, of_command), "command", standing.players
+        ),
+        "by_rater": parts_json(
+            parts_of(standing.answers, of_rater), "rater", standing.players
+        ),
         "answers": [
             {
                 **asdict(each.match),

@@ -1,10 +1,10 @@
-"""The page of an arena: the order with intervals, and who won against whom."""
+"""The page of an arena: the order with intervals, who won against whom, and what single
+commands and raters say."""
 
 from __future__ import annotations
 
 import html
-from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,7 @@ from gaitpref.report.page_style import STYLE
 from gaitpref.report.pictures import BLUE, GREY, plain_axes, svg_of
 
 from .arena import Standing
+from .parts import LEAST, Part, Share, of_command, of_rater, parts_of
 
 PAGE_NAME = "index.html"
 _CFG = FilmCfg(camera=CameraCfg(width_px=240, height_px=180), fps=12.5)
@@ -30,6 +31,8 @@ _MOST_SHOWN, _MOST_S = 4, 4.0
 def write_arena_page(folder: Path, standing: Standing) -> Path:
     """Write `index.html` of the arena; gives its path."""
     names = [html.escape(player.name) for player in standing.players]
+    by_command = parts_of(standing.answers, of_command)
+    by_rater = parts_of(standing.answers, of_rater)
     text = (
         f'<!doctype html><html lang="en"><meta charset="utf-8">'
         f'<meta name="viewport" content="width=device-width">'
@@ -40,8 +43,10 @@ def write_arena_page(folder: Path, standing: Standing) -> Path:
         f"<p>Strengths by Bradley and Terry, in logits: who has one more is preferred "
         f"in 73 % of answers. Lines are 95 % of a bootstrap of the questions.</p>"
         f"<h2>Who is preferred to whom</h2>{_matrix(standing)}"
-        f"<h2>By command</h2>{_shares(standing, 'command')}"
-        f"<h2>By rater</h2>{_shares(standing, 'rater')}{_notes(standing)}</html>\n"
+        f"<h2>By command</h2>{_parts(standing, 'command', by_command)}"
+        f"<h2>By rater</h2>{_parts(standing, 'rater', by_rater)}"
+        f"<p>Strengths and intervals as above, among those asked about in the row; "
+        f"from {LEAST} questions about a player on.</p>{_notes(standing)}</html>\n"
     )
     write_atomically(folder / PAGE_NAME, text.encode())
     return folder / PAGE_NAME
@@ -77,45 +82,53 @@ def _intervals(standing: Standing) -> str:
 
 
 def _matrix(standing: Standing) -> str:
-    """Of the answers about two, the share that prefers the row, ties half."""
-    count = len(standing.players)
-    wins = np.zeros((count, count))
-    for each in standing.answers:
-        match = each.match
-        wins[match.first, match.second] += match.score
-        wins[match.second, match.first] += 1 - match.score
-    order = standing.ranking.order
-    names = [html.escape(standing.players[number].name) for number in order]
-    rows = []
-    for row, name in zip(order, names, strict=True):
-        cells = []
-        for column in order:
-            played = wins[row, column] + wins[column, row]
-            told = f"{wins[row, column]:g} of {played:g}" if played else "-"
-            cells.append(told)
-        rows.append((name, *cells))
+    """Of the answers about two, how many prefer the row, ties half."""
+    wins, names = standing.wins, _names_in_order(standing)
+    played = wins + wins.T
+    rows = [
+        (
+            name,
+            *(
+                f"{won:g} of {all_:g}" if all_ else "-"
+                for won, all_ in zip(*of_row, strict=True)
+            ),
+        )
+        for name, *of_row in zip(names, wins, played, strict=True)
+    ]
     return _table(("preferred to", *names), rows)
 
 
-def _shares(standing: Standing, by: str) -> str:
-    """Share of its answers in which each player is preferred, ties half."""
-    scores: dict[str, dict[int, list[float]]] = defaultdict(lambda: defaultdict(list))
-    for each in standing.answers:
-        told = each.rater
-        if by == "command":
-            told = "{:g} m/s ahead, {:g} m/s left, {:g} rad/s".format(*each.command)
-        scores[told][each.match.first].append(each.match.score)
-        scores[told][each.match.second].append(1 - each.match.score)
-    order = standing.ranking.order
-    rows = []
-    for told, of_players in sorted(scores.items()):
-        cells = [
-            f"{np.mean(own):.0%} of {len(own)}" if (own := of_players[number]) else "-"
-            for number in order
-        ]
-        rows.append((html.escape(told), *cells))
-    names = [html.escape(standing.players[number].name) for number in order]
-    return _table((by, *names), rows)
+def _parts(standing: Standing, head: str, parts: Sequence[Part]) -> str:
+    """A row for each part: strengths with intervals, and the share of the answers."""
+    rows = [
+        (
+            html.escape(_about(part)),
+            *(_cell(part.shares.get(number)) for number in standing.ranking.order),
+        )
+        for part in parts
+    ]
+    return _table((head, *_names_in_order(standing)), rows)
+
+
+def _about(part: Part) -> str:
+    if isinstance(part.about, str):
+        return part.about
+    return "{:g} m/s ahead, {:g} m/s left, {:g} rad/s".format(*part.about)
+
+
+def _cell(share: Share | None) -> str:
+    if share is None:
+        return "-"
+    counted = f"preferred in {share.preferred:.0%} of {share.answers}"
+    if share.strength is None or share.interval is None:
+        return f"too few for a strength<br>{counted}"
+    low, high = share.interval
+    return f"{share.strength:+.2f} ({low:+.2f} to {high:+.2f})<br>{counted}"
+
+
+def _names_in_order(standing: Standing) -> list[str]:
+    players = standing.players
+    return [html.escape(players[number].name) for number in standing.ranking.order]
 
 
 def _notes(standing: Standing) -> str:

@@ -13,7 +13,7 @@ Shapes: P players, R resamples.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from statistics import NormalDist
@@ -70,6 +70,15 @@ class Ranking:
         return all(share >= _SURE for share in self.kept)
 
 
+def wins_of(matches: Iterable[Match], players: int) -> np.ndarray:
+    """[P, P] how often each was preferred to each, row over column, ties half."""
+    wins = np.zeros((players, players))
+    for match in matches:
+        wins[match.first, match.second] += match.score
+        wins[match.second, match.first] += 1 - match.score
+    return wins
+
+
 def strengths_of(wins: np.ndarray) -> np.ndarray:
     """[..., P] strengths from wins [..., P, P], row over column, ties half each: the
     maximum of the likelihood times the prior, by Newton's method."""
@@ -116,14 +125,11 @@ def ranking_of(
         rng: Draws the resamples.
         resamples: Draws.
     """
-    by_question: dict[str, np.ndarray] = defaultdict(
-        lambda: np.zeros((players, players))
-    )
+    by_question: dict[str, list[Match]] = defaultdict(list)
     for match in matches:
-        wins = by_question[match.question]
-        wins[match.first, match.second] += match.score
-        wins[match.second, match.first] += 1 - match.score
-    each = np.array(list(by_question.values())).reshape(-1, players, players)
+        by_question[match.question].append(match)
+    each = np.array([wins_of(own, players) for own in by_question.values()])
+    each = each.reshape(-1, players, players)
     strengths = strengths_of(each.sum(0))
     order = tuple(int(player) for player in np.argsort(-strengths, kind="stable"))
     if not len(each):

@@ -106,17 +106,9 @@ def render(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
         f'<div class="curves">{_curves(criterion, rounds)}</div>{_table(rounds)}'
         f"{clips_section(run, rounds, films=len(rounds) > cfg.rounds)}"
         f"{answers_section(run, rounds)}"
-        f"<p>Returns are means over {last['episodes']} episodes on a fixed grid of "
-        f"commands, without exploration noise, with 95 % intervals. Held-out accuracy "
-        f"is measured on episodes the model of their fold has not seen. The learned "
-        f"return is that of the reward a policy was trained against, which is new in "
-        f"every round. The drift is the KL divergence per step from the policy of the "
-        f"round before. Accuracy on own clips: answers about a round's clips, foreseen "
-        f"from the answers before. Far: motion farther from every clip judged before "
-        f"than 95 % of those are from one another. The score's share is that of the "
-        f"learned reward in all the policy was trained on at the end, the spread that "
-        f"of its ensemble, in deviations of the reward.</p>{_about(run, rounds)}"
-        f"</html>\n"
+        f"<p>Evaluated on {last['episodes']} episodes a round. The learned return is "
+        f"that of the reward a policy was trained against, which is new in every "
+        f"round. {_meanings()}</p>{_about(run, rounds)}</html>\n"
     )
 
 
@@ -191,29 +183,44 @@ def _axes(title: str) -> Axes:
     return plain_axes(axes, title)
 
 
+_HEADS = {
+    "round": "",
+    "steps": "that the policy was trained for",
+    "answers": "the reward was fitted to",
+    "held-out accuracy": "on episodes the model of their fold has not seen",
+    "calibration error": "how far a told probability is from how often it is so",
+    "on own clips": "answers about the round's clips foreseen from those before",
+    "far": "motion farther from every clip judged before than 95 % of those are from "
+    "one another",
+    "return": "mean on a fixed grid of commands, without exploration noise, with its "
+    "95 % interval",
+    "tracking error": "how far the velocity is from what was told",
+    "falls/min": "falls a minute",
+    "drift": "KL divergence per step from the policy of the round before",
+    "score's share": "of the learned reward in all that was paid at the end",
+    "spread": "of the reward's ensemble, in deviations of the reward",
+}
+"""Columns of the table, and what they mean."""
+
+
+def _meanings() -> str:
+    """The same for who cannot point at a head."""
+    told = [f"{head.capitalize()}: {means}." for head, means in _HEADS.items() if means]
+    return html.escape(" ".join(told))
+
+
 def _table(rounds: list[dict[str, Any]]) -> str:
-    heads = (
-        "round",
-        "steps",
-        "answers",
-        "held-out accuracy",
-        "calibration error",
-        "on own clips",
-        "far",
-        "return",
-        "tracking error",
-        "falls/min",
-        "drift",
-        "score's share",
-        "spread",
+    heads = "".join(
+        f'<th title="{html.escape(means)}">{html.escape(head)}</th>'
+        if means
+        else f"<th>{html.escape(head)}</th>"
+        for head, means in _HEADS.items()
     )
     rows = "".join(
         f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in _cells(r))}</tr>"
         for r in rounds
     )
-    return (
-        "<table><tr>" + "".join(f"<th>{h}</th>" for h in heads) + f"</tr>{rows}</table>"
-    )
+    return f"<table><tr>{heads}</tr>{rows}</table>"
 
 
 def _cells(round: dict[str, Any]) -> tuple[str, ...]:

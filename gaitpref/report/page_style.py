@@ -11,6 +11,7 @@ h1 { font-size: 1.6rem; margin-bottom: .2rem; } p.lead { color: var(--soft); }
 table { border-collapse: collapse; width: 100%; margin: 1rem 0; }
 th, td { text-align: right; padding: .3rem .4rem; font-size: .85rem;
          border-bottom: 1px solid var(--line); }
+th[title] { text-decoration: underline dotted; cursor: help; }
 th:first-child, td:first-child { text-align: left; }
 .alarm { border-left: 4px solid #b3382c; padding: .2rem 1rem; }
 .curves { display: grid; grid-template-columns: repeat(auto-fit, minmax(17rem, 1fr));

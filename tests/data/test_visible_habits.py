@@ -56,6 +56,22 @@ def test_where_a_clip_is_cut_changes_no_rate_of_steps() -> None:
     assert np.ptp(rates) < 0.25
 
 
+def test_a_foot_that_chatters_takes_no_more_strides() -> None:
+    """Neither one that leaves the ground for a step nor one that grazes it."""
+    rows = walk(100, seed=0, step_hz=2.0).features
+    rough = rows.copy()
+    contact = column("foot_contact")
+    # Every swing and stance is turned round for a step in its middle.
+    legs = rough[:, contact]
+    for leg in range(4):
+        turns = np.flatnonzero(np.diff(legs[:, leg]))
+        for middle in (turns[:-1] + turns[1:]) // 2:
+            legs[middle, leg] = 1.0 - legs[middle, leg]
+    rough[:, contact] = legs
+    said = difference_words(visible_habits(rows, DT_S), visible_habits(rough, DT_S))
+    assert [words for words in said if "strides" in words] == []
+
+
 def test_what_was_not_measured_is_no_difference() -> None:
     """Hardware may know the joints and nothing of the feet."""
     blind = seen(foot_height=np.nan)

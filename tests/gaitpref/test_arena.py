@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from data.datasets.dataset import Dataset
+from gaitpref.arena.games import Answered
+from gaitpref.arena.parts import of_command, of_rater, parts_of
 from gaitpref.arena.strengths import (
     Match,
     Ranking,
@@ -98,6 +100,67 @@ def test_the_next_question_is_about_whom_the_order_is_most_open() -> None:
     assert least_sure(ranking, often[1:], at_least=3) == (0, 1)
 
 
+def said(rater: str, command: tuple[float, ...], wins: int, of: int) -> list[Answered]:
+    """Answers of one rater about one command: so many prefer player 0 to player 1."""
+    return [
+        Answered(
+            match=Match(
+                first=0,
+                second=1,
+                score=float(number < wins),
+                question=f"{rater}{command}{number}",
+            ),
+            rater=rater,
+            command=command,
+            note="",
+        )
+        for number in range(of)
+    ]
+
+
+def test_what_one_command_says_is_not_lost_in_the_whole() -> None:
+    """Who is better straight ahead and worse in a turn is neither on the whole."""
+    ahead, turn = (1.0, 0.0, 0.0), (0.65, 0.0, 0.4)
+    answers = said("ann", ahead, 18, 20) + said("bob", turn, 2, 20)
+    whole = ranking_of([each.match for each in answers], 2, np.random.default_rng(0))
+    assert whole.low[0] < 0 < whole.high[0]
+    for by, best, worst in ((of_command, ahead, turn), (of_rater, "ann", "bob")):
+        parts = {part.about: part for part in parts_of(answers, by)}
+        good, bad = parts[best].shares[0], parts[worst].shares[0]
+        assert good.interval is not None
+        assert bad.interval is not None
+        assert good.interval[0] > 0 > bad.interval[1]
+        assert parts[best].shares[1].interval == pytest.approx(
+            (-good.interval[1], -good.interval[0]), abs=0.2
+        )
+        assert (good.preferred, good.answers) == (0.9, 20)
+
+
+def test_of_few_questions_no_strength_is_told() -> None:
+    """Also where many answered each of them: these hang together."""
+    (part,) = parts_of(said("ann", (1.0, 0.0, 0.0), 7, 7) * 3, of_rater)
+    assert part.answers == 21
+    assert part.shares[0].preferred == 1.0
+    assert part.shares[0].strength is part.shares[0].interval is None
+    (part,) = parts_of(said("ann", (1.0, 0.0, 0.0), 8, 8), of_rater)
+    assert part.shares[0].strength is not None
+
+
+def test_intervals_of_small_parts_hold_what_is_true() -> None:
+    """Three players, eight questions about each two: at least 90 in a hundred."""
+    rng = np.random.default_rng(2)
+    held = np.zeros(3)
+    for _ in range(100):
+        answers = [
+            Answered(match=match, rater="ann", command=(1.0, 0.0, 0.0), note="")
+            for match in drawn(rng, 8)
+        ]
+        (part,) = parts_of(answers, of_rater)
+        ends = np.array([part.shares[player].interval for player in range(3)])
+        held += (ends[:, 0] <= TRUE) & (ends[:, 1] >= TRUE)
+    assert (held >= 90).all(), held
+
+
 @pytest.fixture(scope="module")
 def policies(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """The walk that ships and one of a few hundred steps."""
@@ -116,6 +179,26 @@ def test_an_arena_goes_on_until_the_order_is_sure(
     assert found["sure"]
     assert [player["name"] for player in found["players"]] == ["walk", "weak"]
     assert 3 <= len(found["answers"]) <= 60
+    wins = np.array(found["wins"]["row_preferred_to_column"])
+    assert found["wins"]["players"] == ["walk", "weak"]
+    assert wins.sum() == len(found["answers"])
+    assert wins[0, 1] > wins[1, 0]
+    (rater,) = found["by_rater"]
+    assert rater["rater"] == "simulated:task"
+    assert rater["answers"] == sum(part["answers"] for part in found["by_command"])
+    walk = rater["players"][0]
+    assert walk["preferred"] == wins[0, 1] / wins.sum()
+    # Eight questions settle it, or fewer; then no strength of a part is told.
+    assert (walk["strength"] is None) == (len(found["answers"]) < 8)
+    page = (out / "index.html").read_text()
+    assert f"preferred in {walk['preferred']:.0%} of {walk['answers']}" in page
+    assert ("too few for a strength" in page) == (
+        any(
+            player["strength"] is None
+            for part in (*found["by_command"], rater)
+            for player in part["players"]
+        )
+    )
     assert "walk &gt; weak, sure" in (out / "index.html").read_text()
     # The answers are ordinary ones, and once more asks nothing.
     with Dataset.open(out / "dataset").answers() as store:

@@ -191,6 +191,18 @@ def test_a_manoeuvre_of_20_s_takes_no_more_room_on_the_page_than_its_pictures(
     assert frame_count((long,), pace_of_clip(long)) == 120
 
 
+def test_a_head_of_the_table_says_what_it_means(run: Path) -> None:
+    """Where it is pointed at, and below the table for who cannot point."""
+    text = write_report(run).read_text()
+    heads = re.findall(r'<th(?: title="([^"]+)")?>([^<]+)</th>', text)
+    assert [head for means, head in heads if not means] == ["round"]
+    meaning = {head: means for means, head in heads}
+    assert "KL divergence" in meaning["drift"]
+    assert "farther" in meaning["far"]
+    for head in ("far", "drift", "spread"):
+        assert f"{head.capitalize()}: {meaning[head]}." in text
+
+
 def test_the_page_says_when_and_with_what_a_run_was_made(run: Path) -> None:
     """And which commands show more; what was typed cannot act on the page."""
     note_start(run, "gaitpref loop --run <script>")
