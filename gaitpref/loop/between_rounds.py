@@ -31,11 +31,11 @@ from labeling_ui.page.loop_status import LoopStatus
 from rewardmodel.answers.used import count_evidence
 from rewardmodel.asking.asked_meanwhile import answered_before, for_round, open_before
 from rewardmodel.asking.clip_questions import ask
-from rewardmodel.asking.visible import Visible, showing
+from rewardmodel.asking.visible import showing
 
 from .loop_cfg import LoopCfg
 from .people import People
-from .questions_stage import doubting, episodes_asked_about
+from .questions_stage import doubting, episodes_asked_about, seen_apart
 from .record_stage import record_on_the_way, recorded_on_the_way
 from .run_dir import Round, context_of, seed_of
 
@@ -172,7 +172,7 @@ def _chosen(
     earlier = episodes_asked_about(cfg, coming.before, dataset)
     names = set(recorded_on_the_way(coming))
     new = [entry for entry in dataset.entries() if entry.sha256 in names]
-    visible = Visible(dataset)
+    visible = seen_apart(cfg, dataset)
     about_new = math.ceil(count / 2) if new else 0
     plan = (
         (about_new, earlier + new, showing(names, visible)),
