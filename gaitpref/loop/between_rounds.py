@@ -3,13 +3,16 @@
 They are chosen by a process of its own, for a fit beside a training in one interpreter
 would hold both up. One pipe joins it to the loop, which says for which round it may
 ask; when the loop is gone, however it ended, the pipe ends, and so does the process. It
-only adds pairs, which lie in the store like all others: what is answered is kept, and
-who asks again after a restart finds what is still open.
+only adds: pairs, which lie in the store like all others, so that what is answered is
+kept, and who asks again after a restart finds what is still open; and, once somebody
+answers such pairs, episodes of checkpoints of the training that goes on. Where nobody
+does, there are none, so that what was recorded does not depend on when.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from multiprocessing.connection import Connection
@@ -19,26 +22,29 @@ import numpy as np
 import torch
 
 from data.answers.address import Address
+from data.answers.answer_records import Pair
 from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from gaitpref.console.deaf_children import beside
 from gaitpref.console.progress import console
 from labeling_ui.page.loop_status import LoopStatus
 from rewardmodel.answers.used import count_evidence
-from rewardmodel.asking.asked_meanwhile import for_round, open_before
+from rewardmodel.asking.asked_meanwhile import answered_before, for_round, open_before
 from rewardmodel.asking.clip_questions import ask
-from rewardmodel.asking.visible import Visible
+from rewardmodel.asking.visible import showing
 
 from .loop_cfg import LoopCfg
 from .people import People
-from .questions_stage import doubting, episodes_asked_about
+from .questions_stage import doubting, episodes_asked_about, seen_apart
+from .record_stage import record_on_the_way, recorded_on_the_way
 from .run_dir import Round, context_of, seed_of
 
 _POLL_S = 0.5
 _OPEN_PAIRS = 2
 """Pairs that keep a person busy while the next are chosen."""
 _TEACHES = (
-    "Meanwhile, if you like: pairs of earlier clips; answers teach the next reward."
+    "Meanwhile, if you like: pairs of earlier clips, and soon of what it learns now; "
+    "answers teach the next reward."
 )
 _KEPT = (
     "Meanwhile, if you like: pairs of earlier clips; this run has all it needs, later "
@@ -119,6 +125,9 @@ def keep_asked(run: Path, cfg: LoopCfg, dataset: Dataset, number: int) -> int:
     """Ask for the round `number`, which has not begun, where few such pairs are open;
     gives how many.
 
+    Half of them are about checkpoints of its training, where there are any and somebody
+    answers.
+
     Raises:
         GaitprefError: there is nothing left to ask about.
     """
@@ -131,23 +140,61 @@ def keep_asked(run: Path, cfg: LoopCfg, dataset: Dataset, number: int) -> int:
             return 0
         known = store.pairs()
         answers = count_evidence(store, dataset)
-    round = Round(run, number - 1)
+        somebody = answered_before(store, number) > 0
+    if somebody:
+        record_on_the_way(cfg, Round(run, number), dataset)
     seed = seed_of(cfg, number, 13, len(known))
-    context = context_of(cfg, Round(run, number))
-    pairs = ask(
+    pairs = _chosen(
+        cfg,
+        Round(run, number),
         dataset,
-        episodes_asked_about(cfg, round, dataset),
-        cfg.clips,
         max(decision.batch, people),
         known=known,
-        model=doubting(cfg, context, dataset, seed=seed),
-        round_number=round.number,
-        uniform_share=cfg.method.questions.uniform_share,
-        strategy=cfg.method.questions.strategy,
-        told_apart=Visible(dataset),
-        rng=np.random.default_rng(seed),
+        seed=seed,
     )
     with dataset.answers() as store:
         return store.add_pairs(
             for_round(pair, number, answers=answers) for pair in pairs
         )
+
+
+def _chosen(
+    cfg: LoopCfg,
+    coming: Round,
+    dataset: Dataset,
+    count: int,
+    *,
+    known: Sequence[Pair],
+    seed: int,
+) -> list[Pair]:
+    """`count` pairs for the round that is `coming`; those about its training first, so
+    that they are shown while it goes on."""
+    earlier = episodes_asked_about(cfg, coming.before, dataset)
+    names = set(recorded_on_the_way(coming))
+    new = [entry for entry in dataset.entries() if entry.sha256 in names]
+    visible = seen_apart(cfg, dataset)
+    about_new = math.ceil(count / 2) if new else 0
+    plan = (
+        (about_new, earlier + new, showing(names, visible)),
+        (count - about_new, earlier, visible),
+    )
+    model = doubting(cfg, context_of(cfg, coming), dataset, seed=seed)
+    rng = np.random.default_rng(seed)
+    chosen: list[Pair] = []
+    for wanted, entries, told_apart in plan:
+        if wanted:
+            chosen += ask(
+                dataset,
+                entries,
+                cfg.clips,
+                wanted,
+                known=[*known, *chosen],
+                model=model,
+                # These wait while a round has questions of its own.
+                round_number=coming.before.number,
+                uniform_share=cfg.method.questions.uniform_share,
+                strategy=cfg.method.questions.strategy,
+                told_apart=told_apart,
+                rng=rng,
+            )
+    return chosen

@@ -23,7 +23,7 @@ from rewardmodel.asking.asked_meanwhile import (
     asked_and_left,
 )
 from rewardmodel.asking.clip_questions import ask, with_known_answer
-from rewardmodel.asking.visible import Visible
+from rewardmodel.asking.visible import NOTICED, Visible
 from rewardmodel.fitting.fit_reward import fit_reward
 from rewardmodel.models.model import RewardModel
 
@@ -118,7 +118,7 @@ def _add_pairs(
             uniform_share=cfg.method.questions.uniform_share,
             strategy=cfg.method.questions.strategy,
             # A program sees what no eye does.
-            told_apart=Visible(dataset) if cfg.rater == "human" else None,
+            told_apart=seen_apart(cfg, dataset) if cfg.rater == "human" else None,
             rng=rng,
         )
     if cfg.rater == "human":
@@ -132,6 +132,12 @@ def _add_pairs(
         )
     with dataset.answers() as store:
         store.add_pairs(chosen)
+
+
+def seen_apart(cfg: LoopCfg, dataset: Dataset) -> Visible:
+    """Marks the pairs that the run's people can tell apart."""
+    apart = cfg.method.questions.apart
+    return Visible(dataset, NOTICED if apart is None else apart)
 
 
 def doubting(

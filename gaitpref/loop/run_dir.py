@@ -74,6 +74,12 @@ class Round:
         return self.root / "episodes.json"
 
     @property
+    def on_the_way(self) -> Path:
+        """Names the episodes of its training's checkpoints that people were asked
+        about while it went on; only where they were."""
+        return self.root / "on_the_way.json"
+
+    @property
     def before(self) -> Round:
         """The round before.
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from data.answers.strategy_names import StrategyName
+from data.files.plain import NONE_AS_BEFORE
 from rewardmodel.answers.answered_pairs import MIN_ANSWERS
 
 
@@ -24,8 +25,13 @@ class Questions:
 
     informed_from: int = MIN_ANSWERS
     """Answers from which on a reward fitted to them chooses."""
+    apart: float | None = field(default=None, metadata=NONE_AS_BEFORE)
+    """How different the two clips of a pair look that people are asked about, in
+    differences they just notice; None is one."""
 
     def __post_init__(self) -> None:
+        if self.apart is not None and not self.apart >= 0.0:
+            raise ValueError(f"apart must be at least 0, got {self.apart:g}")
         if self.batch < 1:
             raise ValueError(f"batch must be at least 1, got {self.batch}")
         if not 0.0 <= self.uniform_share <= 1.0:

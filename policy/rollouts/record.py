@@ -17,6 +17,8 @@ from data.episodes.choices import told_choices
 from data.episodes.episode import Episode
 from policy.env.env import QuadrupedEnv
 from policy.env.seeding import spawned
+from policy.env.world import in_world
+from policy.sim.batch_sim import BatchSim
 from policy.training.checkpoint import Policy, load_policy
 from policy.training.training_dir import CHECKPOINTS_NAME
 
@@ -42,6 +44,7 @@ def record(
     round: int = 0,
     policies: Sequence[Policy] | None = None,
     commands: Sequence[Command] | None = None,
+    threads: int = 0,
 ) -> Iterator[Episode]:
     """Episodes of the policy and of its checkpoints, one after the other.
 
@@ -52,6 +55,7 @@ def record(
         round: Stored with every episode.
         policies: Used instead of those found on disk; the newest first.
         commands: Asked for instead of the few that are recorded.
+        threads: Of the simulator (0: all CPUs); the episodes are the same.
     """
     if policies is None:
         earlier = checkpoint_files(policy_file, cfg.checkpoints)
@@ -75,6 +79,7 @@ def record(
                 round=round,
                 babble=index == len(policies),
                 commands=commands,
+                threads=threads,
             )
 
 
@@ -94,6 +99,7 @@ def _record_one(
     round: int,
     babble: bool,
     commands: Sequence[Command] | None,
+    threads: int,
 ) -> Iterator[Episode]:
     """Episodes of `policy`, or of random rhythms in its place."""
     gaits = policy.info.ppo.gaits
@@ -102,7 +108,15 @@ def _record_one(
         policy = deepcopy(policy)
     env_cfg = replace(policy.info.env, episode_s=cfg.episode_s)
     env_seed, actor_seed = spawned(seed, 2)
-    env = QuadrupedEnv(policy.robot(), env_cfg, count, seed=env_seed, keep_final=True)
+    robot = in_world(policy.robot(), env_cfg)
+    env = QuadrupedEnv(
+        robot,
+        env_cfg,
+        count,
+        seed=env_seed,
+        sim=BatchSim(robot, count, threads=threads),
+        keep_final=True,
+    )
     # Who lies is asked for nothing but to get up.
     choices = commands or recorded_commands(
         env_cfg.commands,

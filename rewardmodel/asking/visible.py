@@ -6,7 +6,7 @@ Shapes: C clips, K pairs, H habits.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,6 +21,7 @@ from data.episodes.visible_habits import (
     most_different,
     visible_habits,
 )
+from rewardmodel.acquisition.choose import ToldApart
 
 NOTICED = 1.0
 """Least difference of two clips that people are asked about, in differences that they
@@ -72,3 +73,14 @@ class Visible:
             strict=True,
         )
         return [differing(left, right) for left, right in sides]
+
+
+def showing(episodes: Collection[str], told_apart: ToldApart) -> ToldApart:
+    """Tells which pairs have a clip of `episodes`, by their SHA-256, and can be
+    `told_apart`."""
+
+    def marked(clips: Sequence[Clip], pairs: np.ndarray) -> np.ndarray:
+        of_these = np.array([clip.rollout in episodes for clip in clips], dtype=bool)
+        return np.logical_and(of_these[pairs].any(axis=1), told_apart(clips, pairs))
+
+    return marked

@@ -67,6 +67,17 @@ def test_an_episode_holds_what_happened(policy_file: Path) -> None:
         assert episode.end_reason == "terminated" or episode.num_steps == 50
 
 
+def test_on_one_thread_the_episodes_are_the_same(policy_file: Path) -> None:
+    """To the last bit, so that a training beside it decides nothing."""
+    cfg = RecordCfg(episodes=6, episode_s=0.2, checkpoints=0)
+    one, all_of_them = (
+        list(record(policy_file, cfg, seed=0, threads=threads)) for threads in (1, 0)
+    )
+    for left, right in zip(one, all_of_them, strict=True):
+        assert np.array_equal(left.qpos, right.qpos)
+        assert np.array_equal(left.features, right.features)
+
+
 def test_checkpoints_commands_and_noise_are_mixed(policy_file: Path) -> None:
     """Clips of one command come from several policies, with and without noise."""
     episodes = list(record(policy_file, RECORD, seed=0))

@@ -33,7 +33,7 @@ from policy.training.ppo import PpoCfg
 from policy.training.train import train
 from policy.training.train_cfg import TrainCfg
 from rewardmodel.asking.clip_questions import ClipCfg, ask, with_known_answer
-from rewardmodel.asking.visible import Visible
+from rewardmodel.asking.visible import Visible, showing
 
 
 def test_the_robot_that_does_not_fall_is_the_known_answer(tmp_path: Path) -> None:
@@ -92,6 +92,30 @@ def test_people_are_asked_about_clips_that_they_can_tell_apart(tmp_path: Path) -
         "4 of 10 pairs differ by what people notice, most often in steps (4)"
     )
     assert 0.0 < visible.share(asked(10, None)) < 1.0
+
+
+def test_pairs_of_wanted_episodes_come_first(tmp_path: Path) -> None:
+    """Those that show one of them and can be told apart; then others."""
+    dataset = Dataset.create(tmp_path / "set")
+    entries = dataset.add_episodes(
+        walk(60, seed=index, step_hz=3.0 if index == 4 else 2.0) for index in range(5)
+    )
+    name, visible = entries[0].sha256, Visible(dataset)
+    asked = ask(
+        dataset,
+        entries,
+        ClipCfg(),
+        2,
+        known=(),
+        model=None,
+        round_number=0,
+        uniform_share=1.0,
+        told_apart=showing({name}, visible),
+        rng=np.random.default_rng(0),
+    )
+    first, other = ({pair.a.rollout, pair.b.rollout} for pair in asked)
+    assert first == {name, entries[4].sha256}
+    assert other != first
 
 
 def told_every_second(entry: int, *, steps: int, policy: str = "0" * 64) -> Episode:

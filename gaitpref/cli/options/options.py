@@ -89,6 +89,10 @@ class Loop(Looping, _InRun):
     patience: Annotated[float, AtLeast(0)] | None = None
     """Minutes a round waits for people; then it goes on with the answers there are.
     Without it, a round waits until all its pairs are answered."""
+    apart: Annotated[float, AtLeast(0)] | None = None
+    """How different the two clips of a pair look that people are asked about, in
+    differences they just notice (0.5 for experts), 1 by default; others come only where
+    there are not so many."""
     criterion: str = "high_step"
     """What the simulated rater looks for: task, smooth, high_step, crouch, low_energy,
     trot, trot@HZ, pace, get_up, or your own as package.module:function, a callable

@@ -26,6 +26,11 @@ def resolve(options: Loop) -> LoopCfg:
             "--beta, --gamma, --mistakes, --skip, --equal and --why say how the "
             f"simulated rater answers: leave them out with --rater {options.rater}"
         )
+    if options.rater != "human" and options.apart is not None:
+        raise RunError(
+            "--apart says how different clips look that people are asked about: leave "
+            f"it out with --rater {options.rater}"
+        )
     program = program_of(options.rater, RATERS, options.asking, options.teaching)
     cfg = loop_cfg(
         criterion=options.criterion,
@@ -45,6 +50,9 @@ def resolve(options: Loop) -> LoopCfg:
     if options.algorithm == "fastsac":
         method = replace(cfg.method, learner=SacCfg(), exploration=None)
         cfg = replace(cfg, method=method)
+    if options.apart is not None:
+        questions = replace(cfg.method.questions, apart=options.apart)
+        cfg = replace(cfg, method=replace(cfg.method, questions=questions))
     cfg = replace(cfg, steps=replace(cfg.steps, sim=sim_of(options)))
     return replace(cfg, env=_lying(cfg.env, cfg.base)) if options.getup else cfg
 
