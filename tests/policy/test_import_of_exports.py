@@ -113,6 +113,7 @@ def test_a_history_is_rebuilt_from_the_json_alone(tmp_path: Path) -> None:
     env = QuadrupedEnv(robot, policy.info.env, 1, seed=4)
     env.fix_commands(torch.tensor([command]))
     mj_data, frames, last = mujoco.MjData(robot.mj_model), Frames(told), np.zeros(12)
+    seen = np.zeros((1, 0))
     for _ in range(10):
         mj_data.qpos[:], mj_data.qvel[:] = (rows[0] for rows in env.sim.raw_state())
         parts = values_of(told, mj_data, robot.qpos_adr, robot.qvel_adr, last, command)
@@ -163,7 +164,10 @@ class _Seeing(nn.Module):
         return self.layer(self.eye(x.unsqueeze(1)).squeeze(1))
 
 
-@pytest.mark.parametrize("kind", ["TorchScript", "ONNX", "checkpoint"])
+@pytest.mark.parametrize(
+    "kind",
+    ["TorchScript", "ONNX", "cnns.camera.0.weight", "actor_cnns.camera.0.weight"],
+)
 def test_a_network_that_looks_at_pictures_is_refused(kind: str, tmp_path: Path) -> None:
     """By name, whatever file it is in."""
     file = tmp_path / ("policy.onnx" if kind == "ONNX" else "model_1.pt")
@@ -178,8 +182,9 @@ def test_a_network_that_looks_at_pictures_is_refused(kind: str, tmp_path: Path) 
             weight = helper.make_tensor("w", 1, [1, 1, 5], [0.0] * 5)
             graph = helper.make_graph([node], "p", values[:1], values[1:], [weight])
             onnx.save_model(helper.make_model(graph), file)
-        case "checkpoint":
-            states = {"actor_cnn.0.weight": torch.zeros(1, 1, 3, 3)}
+        case name:
+            # As a checkpoint of rsl_rl calls it.
+            states = {name: torch.zeros(1, 1, 3, 3), "std": torch.ones(12)}
             torch.save({"model_state_dict": states}, file)
     with pytest.raises(NetworkError, match="looks at pictures"):
         understand(file, preset="legged-gym-a1")

@@ -531,7 +531,9 @@ def test_a_policy_of_others_is_trained_on_with_a_new_critic(
     assert trained.info.origin is not None
     export_like(trained, tmp_path / "model_1.pt", tmp_path / "out")
     again = understand(tmp_path / "out" / "model_1.pt", law=tmp_path / "law.toml")
-    order = tuple(int(joint) for joint in setting.env.law.to_canonical)
+    law = setting.env.law
+    assert law is not None
+    order = tuple(int(joint) for joint in law.to_canonical)
     obs = torch.randn(8, 48, generator=torch.Generator().manual_seed(3))
     with torch.no_grad():
         acted = again.found.network(order)(obs).numpy()
