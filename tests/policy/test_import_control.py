@@ -83,15 +83,15 @@ def test_an_import_walks_as_its_network_does_in_plain_mujoco(
 
 @needs_others
 @pytest.mark.parametrize(
-    ("command", "column", "published"),
+    ("command", "column", "named"),
     [
         ((0.5, 0.0, 0.0), 0, 0.50),
         ((1.0, 0.0, 0.0), 0, 1.02),
         ((0.0, 0.0, 1.0), 2, 1.01),
     ],
 )
-def test_the_published_figures_are_of_a_plainer_robot(
-    command: tuple[float, float, float], column: int, published: float
+def test_the_figures_named_elsewhere_are_of_a_plainer_robot(
+    command: tuple[float, float, float], column: int, named: float
 ) -> None:
     """Feet that do not resist rolling, joints without dry friction."""
     spec = mujoco.MjSpec.from_file(str(GO2))
@@ -101,4 +101,4 @@ def test_the_published_figures_are_of_a_plainer_robot(
     for joint in spec.joints:
         joint.frictionloss = 0.0
     found = _walked(spec, command)[column]
-    assert found == pytest.approx(published, abs=0.06)
+    assert found == pytest.approx(named, abs=0.06)
