@@ -18,6 +18,7 @@ from data.answers.answer_records import Answer, Pair
 from data.datasets.dataset import Dataset, EpisodeEntry
 from data.datasets.manifest_file import writable
 from data.episodes.episode import Episode
+from data.episodes.model_store import ModelStore
 from data.errors import DatasetError
 from data.files.files import replace_directory
 
@@ -112,6 +113,11 @@ class Source:
             row += entry.num_steps
         return found
 
+    def put_models(self, folder: Path) -> None:
+        """Copy the models that lie beside the episodes, of which no format has any."""
+        for sha256 in sorted({entry.mjcf_sha256 for entry in self.entries} - {""}):
+            ModelStore(folder).put(sha256, self.dataset.models.content(sha256))
+
     def preferences(self) -> tuple[list[tuple[Pair, Answer]], int]:
         """Answers with a target, in the order of pairs; and how many have none."""
         with self.dataset.answers_copy() as store:
@@ -125,8 +131,10 @@ def _has_no_action(entry: EpisodeEntry) -> bool:
 
 
 @contextmanager
-def new_directory(out: Path) -> Iterator[Path]:
+def new_directory(source: Source, out: Path) -> Iterator[Path]:
     """A directory that gets its name when the block ends, and is gone if it fails.
+
+    Models of robots that lie beside the episodes of `source` go along.
 
     Raises:
         DatasetError: `out` is there already, or cannot be written.
@@ -138,6 +146,7 @@ def new_directory(out: Path) -> Iterator[Path]:
         try:
             partial.mkdir(parents=True)
             yield partial
+            source.put_models(partial)
             replace_directory(partial, out)
         finally:
             shutil.rmtree(partial, ignore_errors=True)

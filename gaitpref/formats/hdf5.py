@@ -30,7 +30,7 @@ def export_minari(source: Source, out: Path) -> Exported:
         GaitprefError: `out` is there, an episode cannot be used, or h5py is missing.
     """
     h5py = require("h5py", "export")
-    with new_directory(out) as partial:
+    with new_directory(source, out) as partial:
         data = partial / "data"
         data.mkdir()
         require_room(data / "main_data.hdf5", _most_bytes(source))
@@ -91,7 +91,7 @@ def export_d4rl(source: Source, out: Path) -> Exported:
     Raises:
         GaitprefError: `out` is there, an episode cannot be used, or h5py is missing.
     """
-    with new_directory(out) as partial:
+    with new_directory(source, out) as partial:
         write_flat(source, partial / "dataset.hdf5")
     return _exported(source, out)
 

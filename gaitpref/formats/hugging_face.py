@@ -59,7 +59,7 @@ def export_hugging_face(source: Source, out: Path) -> Exported:
         }
         for name, value in values.items():
             rows[name].append(value)
-    with new_directory(out) as partial:
+    with new_directory(source, out) as partial:
         (partial / "data").mkdir()
         table = pa.table(rows, schema=_schema(pa))
         pq.write_table(table, partial / "data" / "train-00000.parquet")

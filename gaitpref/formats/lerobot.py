@@ -44,7 +44,7 @@ def export_lerobot(source: Source, out: Path) -> Exported:
     tasks = list(dict.fromkeys(task_text(entry) for entry in source.entries))
     rows: list[dict[str, Any]] = []
     stats: list[dict[str, dict[str, np.ndarray]]] = []
-    with new_directory(out) as partial:
+    with new_directory(source, out) as partial:
         for number, part in enumerate(_files(source)):
             chunk, file = divmod(number, _CHUNK_FILES)
             tables = []

@@ -60,7 +60,7 @@ def export_uni_rlhf(source: Source, out: Path) -> Exported:
         lists["indices_1"].append(offsets[pair.a.rollout] + pair.a.start)
         lists["indices_2"].append(offsets[pair.b.rollout] + pair.b.start)
         lists["human_label"].append(label)
-    with new_directory(out) as partial:
+    with new_directory(source, out) as partial:
         write_flat(source, partial / "dataset.hdf5")
         rows = [
             {"sha256": e.sha256, "first_row": offsets[e.sha256], "steps": e.num_steps}

@@ -8,6 +8,8 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from data.errors import GaitprefError
 from data.features import JOINTS
 from policy.env.env_cfg import EnvCfg
@@ -33,6 +35,7 @@ _ORDERS = {
     "FR FL RR RL, leg by leg": RIGHT_FIRST,
     "all hips, thighs, calves": BY_TYPE,
 }
+_LIMITS = {"half": 0.5, "1.5 times": 1.5}
 _ACTIVATIONS = ("elu", "relu", "tanh")
 
 
@@ -41,7 +44,8 @@ def tried(known: Understood, robot_xml: Path | None) -> Iterator[str]:
     that is more as trainers have it where it walks too fast or slow, a line each."""
     law, robot, cfg = embodied(known, robot_xml)
     taken = _measured(known, law, robot, cfg)
-    for told, other in others(known):
+    limits = robot.torque_limit[law.from_canonical]
+    for told, other in others(known, limits):
         try:
             rows = _measured(other, *embodied(other, robot_xml))
         except GaitprefError as error:
@@ -58,10 +62,21 @@ def tried(known: Understood, robot_xml: Path | None) -> Iterator[str]:
         yield f"{told}: {_in_words(rows)}{verdict}"
 
 
-def others(known: Understood) -> Iterator[tuple[str, Understood]]:
-    """The policy with each other value of what was guessed, and what that is."""
+def others(
+    known: Understood, limits_nm: np.ndarray | None = None
+) -> Iterator[tuple[str, Understood]]:
+    """The policy with each other value of what was guessed, and what that is.
+
+    Args:
+        known: The policy.
+        limits_nm: [12] of the robot's model, in the policy's order of the joints; None
+            leaves limits of torque as they are.
+    """
     for told, draft in _other_drafts(known):
         yield told, replace(known, draft=draft)
+    if limits_nm is not None:
+        for told, draft in _other_limits(known.draft, limits_nm):
+            yield told, replace(known, draft=draft)
     if "activation" in known.draft.guessed:
         taken = known.draft.guessed["activation"]
         for name in _ACTIVATIONS:
@@ -103,6 +118,18 @@ def _other_times(draft: Draft) -> Iterator[tuple[str, Draft]]:
     if "physics_dt_s" in draft.guessed:
         finer = replace(draft, physics_dt_s=dt_s / 2, substeps=2 * substeps)
         yield f"physics of {500 * dt_s:g} ms", finer
+
+
+def _other_limits(draft: Draft, nm: np.ndarray) -> Iterator[tuple[str, Draft]]:
+    # A model without limits has none that could be halved.
+    if "torque_limit_nm" not in draft.guessed or not np.isfinite(nm).all():
+        return
+    for told, factor in _LIMITS.items():
+        limits = tuple(float(each) for each in factor * nm)
+        yield (
+            f"torques up to {told} the model's",
+            replace(draft, torque_limit_nm=limits),
+        )
 
 
 def _other_poses(draft: Draft) -> Iterator[tuple[str, Draft]]:

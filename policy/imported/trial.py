@@ -22,6 +22,7 @@ ASKED: tuple[tuple[float, float, float], ...] = (
     (0.5, 0.0, 0.0),
     (1.0, 0.0, 0.0),
     (0.0, 0.0, 0.5),
+    (0.0, 0.0, 1.0),
 )
 STAND_S, WALK_S, SETTLING_S = 2.0, 10.0, 2.0
 _AT_REST = ResetCfg(

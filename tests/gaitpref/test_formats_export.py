@@ -159,6 +159,20 @@ def test_lerobot_itself_reads_it(
     assert bool(loaded[entry.num_steps - 1]["next.done"])
 
 
+@pytest.mark.parametrize("form", ["minari", "d4rl", "lerobot", "hf", "uni-rlhf"])
+def test_models_beside_the_episodes_go_along(
+    form: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each once, under its hash: no format has a place for the robot itself."""
+    pytest.importorskip("h5py", reason="needs the extra `export`")
+    pytest.importorskip("pyarrow", reason="needs the extra `export`")
+    apart = trotting_dataset(tmp_path / "set", models_apart=True)
+    exported(apart, form, tmp_path / "out", capsys)
+    (model,) = (tmp_path / "out" / "models").iterdir()
+    assert model.stem == apart.entries()[0].mjcf_sha256
+    assert model.read_text() == apart.read(apart.entries()[0].sha256).mjcf
+
+
 def test_lerobot_has_the_layout_of_version_3(
     dataset: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

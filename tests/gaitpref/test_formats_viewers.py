@@ -36,6 +36,25 @@ def view(dataset: Dataset, out: Path, *what: str) -> dict[str, list]:
     return found
 
 
+def test_a_model_beside_the_episodes_is_drawn_as_one_inside(
+    dataset: Dataset, tmp_path: Path
+) -> None:
+    """The viewer's file is the same, and needs no data set."""
+    apart = trotting_dataset(tmp_path / "apart", models_apart=True)
+    assert all(entry.mjcf_sha256 for entry in apart.entries())
+    files = []
+    for number, each in enumerate((dataset, apart)):
+        entry = each.entries()[0]
+        files.append(tmp_path / f"{number}.mcap")
+        view(each, files[-1], "--episode", entry.sha256[:12])
+    assert files[0].stat().st_size > 10_000
+    found = []
+    for file in files:
+        read = reader.read_ros2_messages(file)
+        found.append([(m.channel.topic, str(m.ros_msg)) for m in read])
+    assert found[0] == found[1]
+
+
 def test_both_clips_of_a_pair_run_side_by_side(
     dataset: Dataset, tmp_path: Path
 ) -> None:

@@ -59,12 +59,14 @@ def trot(robot: Robot, num_steps: int = 60, speed_m_s: float = 0.5) -> Episode:
     )
 
 
-def trotting_dataset(root: Path) -> Dataset:
+def trotting_dataset(root: Path, *, models_apart: bool | None = None) -> Dataset:
     """Three episodes, one of which falls, and four pairs with three answers."""
     robot = load_robot(physics_dt_s=0.004)
     fall = replace(trot(robot, 70, 0.3), end_reason="terminated")
     dataset = Dataset.create(root)
-    added = dataset.add_episodes([trot(robot, 60), trot(robot, 80, 0.8), fall])
+    added = dataset.add_episodes(
+        [trot(robot, 60), trot(robot, 80, 0.8), fall], models_apart=models_apart
+    )
     first, second, third = (entry.sha256 for entry in added)
     clips = [Clip(first, 5, 40), Clip(second, 10, 40), Clip(third, 30, 40)]
     pairs = [

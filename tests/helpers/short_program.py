@@ -32,6 +32,13 @@ def seen(
     }
 
 
+def values_of(told: dict[str, Any], *state: Any) -> dict[str, np.ndarray]:
+    """The same by the names of the terms of a law."""
+    parts = seen(told, *state)
+    renamed = {"gravity_b": "projected_gravity", "joint_pos_offset": "joint_pos"}
+    return {renamed.get(n, n.removesuffix("_b")): part for n, part in parts.items()}
+
+
 def in_a_row(told: dict[str, Any], parts: dict[str, np.ndarray]) -> np.ndarray:
     """[1, D] of these, in the order that the file says."""
     row = np.concatenate([parts[part["name"]] for part in told["observation"]])

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import mujoco
+import numpy as np
 import pytest
 import torch
 import yaml
 from torch import Tensor, nn
 
+from gaitpref.cli.main import main
+from gaitpref.cli.options.policy_options import Preset
 from policy.imported.alternatives import against, others, tried
 from policy.imported.bring import embodied, understand
 from policy.imported.meaning.draft import BY_TYPE, LEFT_FIRST, RIGHT_FIRST
+from policy.imported.meaning.trainer_laws import PRESETS, UNFOLLOWED
 from policy.imported.plain_robot import plainer
 from policy.imported.readers.onnx_file import read_onnx
 from policy.imported.readers.script_file import read_script
@@ -22,7 +26,7 @@ from policy.law.encoder import Encoder
 from policy.law.law import LawError
 from policy.law.origin import Measured
 from policy.robots.robot import load_robot, load_robot_xml
-from tests.helpers.foreign_layouts import law_in
+from tests.helpers.foreign_layouts import deploy_yaml, law_in
 
 POSE = {".*L_hip_joint": 0.1, ".*R_hip_joint": -0.1, ".*thigh_joint": 0.8}
 POSE[".*calf_joint"] = -1.5
@@ -78,6 +82,8 @@ def test_numbers_by_name_follow_another_order_of_the_joints(
 
 OBSERVED = ("base_lin_vel", "base_ang_vel", "projected_gravity", "command")
 OBSERVED += ("joint_pos", "joint_vel", "last_action")
+DEPLOYED = (*OBSERVED[:3], "velocity_commands", "joint_pos_rel", "joint_vel_rel")
+DEPLOYED += ("last_action",)
 
 
 def test_a_whole_law_or_an_exported_onnx_does_without_an_env_yaml(
@@ -161,10 +167,16 @@ def test_angles_within_their_limits_are_refused(tmp_path: Path) -> None:
         understand(_run(tmp_path / "run", observations={"policy": told}))
 
 
-def test_walk_these_ways_is_refused_by_name(tmp_path: Path) -> None:
+def test_walk_these_ways_is_refused_by_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Its 15 commands, clock and action before the last have no terms here."""
+    run = _run(tmp_path / "run")
     with pytest.raises(LawError, match=r"walk-these-ways .* 15 commands, a clock"):
-        understand(_run(tmp_path / "run"), preset="walk-these-ways")
+        understand(run, preset="walk-these-ways")
+    assert main(["policy", "import", str(run), "--preset", "walk-these-ways"]) == 2
+    assert "15 commands, a clock" in " ".join(capsys.readouterr().err.split())
+    assert set(get_args(Preset)) == {*PRESETS, *UNFOLLOWED}
 
 
 class _Layer(nn.Module):
@@ -262,6 +274,30 @@ def test_every_other_value_of_a_guess_is_tried(tmp_path: Path) -> None:
     assert told["hips at half their scale"].draft.action_scale_rad == (
         (0.125, 0.25, 0.25) * 4
     )
+
+
+def test_guessed_limits_of_torque_are_tried_smaller_and_larger(tmp_path: Path) -> None:
+    """Those of the model are meant where a file says none: half of them, and more."""
+    run = _run(tmp_path / "run", scene={})
+    (run / "params" / "deploy.yaml").write_text(
+        deploy_yaml(
+            joint_ids_map=[3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8],
+            default_joint_pos=[0.1, 0.8, -1.5] * 4,
+            observations={name: {} for name in DEPLOYED},
+        )
+    )
+    known = understand(run)
+    assert "torque_limit_nm" in known.draft.guessed
+    law, robot, _ = embodied(known, None)
+    limits = robot.torque_limit[law.from_canonical]
+    told = dict(others(known, limits))
+    half = told["torques up to half the model's"]
+    more = told["torques up to 1.5 times the model's"]
+    _, weak, _ = embodied(half, None)
+    assert weak.torque_limit == pytest.approx(robot.torque_limit / 2)
+    assert more.draft.torque_limit_nm == pytest.approx(tuple(1.5 * limits))
+    assert any(line.startswith("torques up to half") for line in tried(known, None))
+    assert not any("torques" in name for name in dict(others(known, limits * np.inf)))
 
 
 def test_figures_say_where_they_tell_guesses_apart() -> None:

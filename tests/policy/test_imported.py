@@ -28,6 +28,7 @@ from policy.imported.bring import Understood, bring, understand
 from policy.imported.given_back import export_like
 from policy.imported.meaning.draft import BY_TYPE, LEFT_FIRST, RIGHT_FIRST, complete
 from policy.imported.meaning.own_words import of_own
+from policy.imported.readers.onnx_file import read_onnx
 from policy.law.encoder import Encoder
 from policy.law.law import WIDTHS, Law, LawError, Term
 from policy.law.own_law import OWN_TERMS
@@ -46,6 +47,7 @@ from tests.helpers.foreign_layouts import (
     toml_of,
     vectors_of,
 )
+from tests.helpers.others import GO2, OTHERS, needs_others
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
 DT_S = EnvCfg().physics_dt_s
@@ -395,6 +397,11 @@ def test_an_exported_policy_is_understood_by_what_lies_beside_it(
     guessed = policy.info.origin and policy.info.origin.guessed
     assert ("joints" in (guessed or {})) == (meaning == "env")
     export_like(policy, run, tmp_path / "out")
+    if file.suffix == ".onnx":
+        # What its trainer wrote into it stays.
+        kept = read_onnx((tmp_path / "out" / file.name).read_bytes()).metadata
+        assert kept == known.found.metadata
+        assert bool(kept) == (meaning == "metadata")
     again = understand(tmp_path / "out" / file.name, law=law or _like(tmp_path, ours))
     _same_actions(ours, bring(again, None, tmp_path / "again"))
 
@@ -522,6 +529,17 @@ def test_a_policy_of_others_is_trained_on_with_a_new_critic(
     trained = load_policy(tmp_path / "on" / "policy.pt")
     assert trained.info.env.law == setting.env.law
     assert trained.info.origin is not None
+    export_like(trained, tmp_path / "model_1.pt", tmp_path / "out")
+    again = understand(tmp_path / "out" / "model_1.pt", law=tmp_path / "law.toml")
+    law = setting.env.law
+    assert law is not None
+    order = tuple(int(joint) for joint in law.to_canonical)
+    obs = torch.randn(8, 48, generator=torch.Generator().manual_seed(3))
+    with torch.no_grad():
+        acted = again.found.network(order)(obs).numpy()
+        before = known.found.network(order)(obs).numpy()
+    assert acted == pytest.approx(trained(obs).numpy(), abs=1e-5)
+    assert abs(acted - before).max() > 1e-5
 
 
 def test_imu_leaves_out_the_velocity_of_the_base(tmp_path: Path) -> None:
@@ -598,10 +616,7 @@ def test_a_law_that_is_none_is_told_so(text: str) -> None:
         of_own(text, "policy.json")
 
 
-OTHERS = Path(__file__).resolve().parents[3] / "shared" / "others"
-
-
-@pytest.mark.skipif(not OTHERS.is_dir(), reason="policies of others are not here")
+@needs_others
 @pytest.mark.parametrize(
     ("place", "forward_m_s"),
     [
@@ -614,8 +629,7 @@ def test_policies_of_others_stand_and_walk(
     place: str, forward_m_s: float, tmp_path: Path
 ) -> None:
     """By what lies beside them alone, within 0.1 m/s of what was measured of them."""
-    robot = OTHERS / "robots" / "unitree_go2" / "scene.xml"
-    policy = bring(understand(OTHERS / place), robot, tmp_path)
+    policy = bring(understand(OTHERS / place), GO2, tmp_path)
     origin = policy.info.origin
     assert origin is not None
     assert origin.accepted

@@ -274,6 +274,7 @@ Preset = Literal[
     "unitree-rl-lab-go2",
     "unitree-rl-mjlab-go2",
     "mjlab-go1-flat",
+    "walk-these-ways",
 ]
 
 
@@ -297,7 +298,8 @@ class Policy:
     out: Path | None = None
     """Directory that gets policy.pt."""
     preset: Preset | None = None
-    """The trainer it is from, where nothing beside the file says what it sees."""
+    """The trainer it is from, where nothing beside the file says what it sees; of
+    walk-these-ways it is said why its policies are not taken."""
     law: Path | None = None
     """TOML that says what the numbers mean, wholly or where it differs."""
     explain: bool = False

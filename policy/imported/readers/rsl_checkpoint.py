@@ -144,7 +144,7 @@ def _refuse_others(states: Mapping[str, Tensor]) -> None:
     """Refuse what is more than layers one after the other, by its name."""
     kinds = {
         r"(^|\.)(memory|rnn|lstm|gru)": "recurrent",
-        r"(^|\.)(cnn|conv)": "a network that looks at pictures",
+        r"(^|[._])(cnn|conv)": "a network that looks at pictures",
         r"^(adaptation_module|estimator|history_encoder|encoder|student)\.": (
             "more than one network"
         ),

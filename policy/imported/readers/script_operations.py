@@ -105,6 +105,13 @@ def _sum(kind: str, given: list[Any]) -> Operation | None:
             return "Add", [a, b], {}
         case "aten::sub", [a, b, 1]:
             return "Sub", [a, b], {}
+        case "aten::div", [a, b, None]:
+            return "Div", [a, b], {}
+        case "aten::div", [_, _, str(rounding)]:
+            raise NetworkError(
+                f"it rounds where it divides ({rounding[:20]}), which is not followed "
+                "here"
+            )
         case (
             ("aten::norm" | "aten::linalg_vector_norm"),
             [x, 2 | 2.0, axes, keep, *_],
