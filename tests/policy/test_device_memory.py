@@ -91,5 +91,5 @@ def test_memory_that_is_used_up_on_the_way_is_one_line(
 
 
 def test_other_errors_stay_what_they_are() -> None:
-    with pytest.raises(RuntimeError, match="^a bug$"), told_of_memory(64):
+    with pytest.raises(RuntimeError, match=r"^a bug$"), told_of_memory(64):
         raise RuntimeError("a bug")
