@@ -44,6 +44,8 @@ class Costs:
     """What an actor sends for it."""
     weights_bytes: float
     """What an actor is sent for each rollout."""
+    gradient_bytes: float
+    """What a process sends for each gradient, of the networks of `PpoCfg`."""
     rater_cores: float
     """A label host's cores for a rater who answers at a person's pace."""
     log_bytes_per_s: float
@@ -89,6 +91,7 @@ def measured_costs(*, envs: int = 64, repeats: int = 5, page: Path = PAGE) -> Co
         adopt_s=per_step("adopt_s"),
         step_bytes=per_step("sent_bytes"),
         weights_bytes=float(len(pickle.dumps(weights))),
+        gradient_bytes=_gradient_bytes(runner),
         rater_cores=json.loads(page.read_text())["cores_8_raters"] / 8,
         log_bytes_per_s=_log_bytes_per_s(),
     )
@@ -124,6 +127,13 @@ def _iteration(actor: Actor, runner: ActorsRunner) -> _Iteration:
         learner_s=clock() - begun_s,
         sent_bytes=float(sent.bytes),
     )
+
+
+def _gradient_bytes(runner: ActorsRunner) -> float:
+    """A number for every parameter of actor and critic."""
+    networks = (runner.alg.actor, runner.alg.critic)
+    parameters = (each for network in networks for each in network.parameters())
+    return float(sum(each.numel() * each.element_size() for each in parameters))
 
 
 def _log_bytes_per_s() -> float:

@@ -88,7 +88,7 @@ def made_worlds(
     with wp.ScopedDevice(device):
         try:
             if device != "cpu":
-                _require_fits(num_envs, made)
+                require_room(num_envs, made)
             return made(num_envs)
         except NotImplementedError as error:
             raise SimError(
@@ -96,7 +96,7 @@ def made_worlds(
             ) from None
 
 
-def _require_fits(num_envs: int, made: Callable[[int], object]) -> None:
+def require_room(num_envs: int, made: Callable[[int], object]) -> None:
     """Stop before the memory of the GPU is used up.
 
     Raises:

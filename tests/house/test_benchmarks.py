@@ -13,6 +13,7 @@ import torch
 
 from benchmarks import (
     ablations,
+    actors,
     hour,
     preference_fresh,
     robots,
@@ -47,6 +48,30 @@ def test_actors(tmp_path: Path) -> None:
     result = json.loads(figures.read_text())
     assert result["vtrace_1_lag_most"] <= 2.0
     assert result["vtrace_1_over_ppo_steps_per_s"] > 0.0
+    assert result["vtrace_1_clipped_share"] >= 0.0
+    # Nothing of it is corrected, so that none is said to be clipped.
+    assert "ppo_clipped_share" not in result
+
+
+def test_figures_of_actors_are_of_what_is_counted() -> None:
+    """Of gradients, none of which V-trace corrects, no share is clipped; of what was
+    not to walk, no walk is told. Ratios are of steps a second."""
+    iterations = [
+        {"steps": 100.0 * n, "took_s": 0.5, "actors/lag_mean": 1.0} for n in (1, 2)
+    ]
+    slow = actors.outcome_of(iterations)
+    fast = replace(slow, steps_per_s=1.5 * slow.steps_per_s)
+    assert (slow.steps_per_s, slow.lag_mean, slow.clipped_share) == (200.0, 1.0, None)
+    ways = ("gradients", "physics")
+    runs = {f"{way}_{n}": [(slow, fast)[n - 1]] for way in ways for n in (1, 2)}
+    runs |= {"ppo": [slow], "torchrun_2": [fast]}
+    figures = actors.figures_of(runs)
+    assert not [name for name in figures if name.endswith("clipped_share")]
+    assert figures["gradients_1_walked"] == 0
+    assert not [name for name in figures if "physics" in name and "walk" in name]
+    for ratio in ("gradients_2_over_gradients_1", "physics_2_over_physics_1"):
+        assert figures[f"{ratio}_steps_per_s"] == pytest.approx(1.5)
+    assert figures["torchrun_2_over_ppo_steps_per_s"] == pytest.approx(1.5)
 
 
 def test_robots_of_others(tmp_path: Path) -> None:

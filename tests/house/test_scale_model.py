@@ -17,6 +17,7 @@ FREE = Costs(
     adopt_s=0.0,
     step_bytes=1.0,
     weights_bytes=1.0,
+    gradient_bytes=1.0,
     rater_cores=0.02,
     log_bytes_per_s=50e3,
 )
@@ -57,6 +58,8 @@ def test_costs_are_measured_and_kept(tmp_path: Path) -> None:
     assert costs.rater_cores == pytest.approx(0.02)
     # 90 columns of features, what is seen and what is done, in four bytes each.
     assert 500 < costs.step_bytes < 1_000
+    # 47,257 parameters of actor and critic, in four bytes each.
+    assert costs.gradient_bytes == 189_028
     assert 0.0 < costs.adopt_s < costs.learner_s
     kept = tmp_path / "costs.json"
     kept.write_text(json.dumps({"costs": vars(costs)}))

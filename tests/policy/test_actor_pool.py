@@ -105,3 +105,30 @@ def test_an_actor_that_is_killed_for_lack_of_memory_is_replaced() -> None:
     assert begun == [(0, 3), (0, 4)]
     assert (pool.counts.replaced, pool.counts.used) == (1, 1)
     assert said == ["actor 0 died and is replaced (the node had 0.1 GB left)"]
+
+
+def test_a_rollout_that_is_too_old_is_counted_and_dropped() -> None:
+    """One as old as may be is used; the next comes of the newest weights, under a
+    number of its own."""
+    pool = ActorPool(
+        *(RayHere([]), lambda actor, sequence: Plan(actor), [0]),
+        method="steps",
+        most_lag=1,
+        counts=Counts(),
+        tell=print,
+    )
+    pool.hand_out({}, 1)
+    pool.ask(1)
+    pool.hand_out({}, 2)
+    assert pool.next(most=1).origin == Origin(0, 1, 1)
+    assert (pool.counts.used, pool.counts.dropped, pool.counts.lags) == (1, 0, [1])
+    pool.ask(1)
+    pool.hand_out({}, 4)
+    assert pool.next(most=1).origin == Origin(0, 3, 4)
+    assert (pool.counts.used, pool.counts.dropped, pool.counts.lags) == (2, 1, [1, 0])
+    assert pool.counts.snapshot() == {
+        "used": 2,
+        "dropped": 1,
+        "replaced": 0,
+        "bytes": 16,
+    }

@@ -11,6 +11,7 @@ from rich.table import Table
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.simulator import require_sim
 from gaitpref.cli.shared.sweep_arguments import gpu_share, sweep_cells
+from gaitpref.console.extras import require
 from gaitpref.console.progress import console, working
 from gaitpref.console.terminal import PlainConsole, say
 from gaitpref.executor.choose_executor import choose_executor
@@ -22,6 +23,8 @@ from gaitpref.sweep.sweep_table import as_json, cells_of, heads, means
 
 def run(command: options.Sweep) -> int:
     """Run the command; gives the exit code."""
+    if command.ray is not None:
+        require("ray", "scale")
     executor = choose_executor(jobs=command.jobs, ray=command.ray)
     with working("looking at every loop"):
         cells = sweep_cells(command)
