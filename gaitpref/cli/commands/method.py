@@ -46,7 +46,7 @@ def run(command: options.Method) -> int:
         _print_run(command.run, as_json=command.json)
     if not command.json:
         console.next(
-            "`gaitpref loop --run DIR` decides by `style`, with `--base none` by `scratch`"
+            "`gaitpref loop --run DIR` decides by `style`, with --base none `scratch`"
             if command.run is None
             else next_of_run(command.run)
         )
