@@ -78,7 +78,8 @@ def told(args: list[str], capsys: pytest.CaptureFixture[str]) -> str:
 def counts(title: str, said: str) -> list[tuple[int, int]]:
     """Done and of how many, of every line of that title."""
     found = re.findall(rf"{title}: ([\d,]+) of ([\d,]+), .* left", said)
-    return [tuple(int(n.replace(",", "")) for n in pair) for pair in found]
+    numbers = [[int(n.replace(",", "")) for n in pair] for pair in found]
+    return [(done, of) for done, of in numbers]
 
 
 @pytest.mark.usefixtures("at_once")
