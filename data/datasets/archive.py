@@ -38,6 +38,7 @@ from data.files.limits import (
     MODEL_BYTES,
     TEXT_BYTES,
 )
+from data.files.telling import Tell, silent
 
 from .dataset import ANSWERS_NAME, Dataset
 from .manifest import EpisodeEntry, decode_manifest, encode_manifest, models_of
@@ -60,8 +61,8 @@ _ALLOWED = re.compile(
 )
 
 
-def pack(dataset: Dataset, archive: Path) -> int:
-    """Write a data set to one file; gives its bytes.
+def pack(dataset: Dataset, archive: Path, *, tell: Tell = silent) -> int:
+    """Write a data set to one file; gives its bytes. `tell` gets the episodes in it.
 
     Raises:
         DatasetError: the disk is full or not writable.
@@ -83,8 +84,9 @@ def pack(dataset: Dataset, archive: Path) -> int:
                     _put(file, CARD_NAME, read_file(card, TEXT_BYTES))
                 for model in models_of(entries):
                     _put(file, model_path(model), dataset.models.content(model))
-                for entry in entries:
+                for done, entry in enumerate(entries, start=1):
                     _put(file, entry.path, dataset.content(entry))
+                    tell(done, len(entries))
             partial.replace(archive)
             fsync_directory(archive.parent)
         finally:
@@ -96,8 +98,10 @@ def _put(file: zipfile.ZipFile, name: str, content: bytes) -> None:
     file.writestr(zipfile.ZipInfo(name, _TIME), content)
 
 
-def unpack(archive: Path, root: Path) -> Dataset:
+def unpack(archive: Path, root: Path, *, tell: Tell = silent) -> Dataset:
     """Make a data set out of an archive, checked file by file; `root` must be new.
+
+    `tell` gets the episodes that are there.
 
     Raises:
         DatasetError: `root` exists, or the archive is damaged, incomplete, or holds
@@ -110,7 +114,7 @@ def unpack(archive: Path, root: Path) -> Dataset:
     partial = root.with_name(f".{root.name}.{secrets.token_hex(8)}.tmp")
     try:
         with open_regular(archive) as file, writable(root.parent):
-            _unpack_into(partial, file, archive)
+            _unpack_into(partial, file, archive, tell)
             replace_directory(partial, root)
     except FileNotFoundError as error:
         raise DatasetError(f"{error.filename} is missing; give the archive") from None
@@ -119,7 +123,7 @@ def unpack(archive: Path, root: Path) -> Dataset:
     return Dataset.open(root)
 
 
-def _unpack_into(partial: Path, stream: BinaryIO, archive: Path) -> None:
+def _unpack_into(partial: Path, stream: BinaryIO, archive: Path, tell: Tell) -> None:
     """Write everything that is in an archive to a new directory."""
     with _foreign(archive):
         bounded = BoundedFile(stream, ARCHIVE_DIRECTORY_BYTES)
@@ -142,12 +146,13 @@ def _unpack_into(partial: Path, stream: BinaryIO, archive: Path) -> None:
         if sha256_bytes(content) != model:
             raise _bad(archive, f"{model_path(model)} is not what its name says")
         models.put(model, content)
-    for entry in entries.values():
+    for done, entry in enumerate(entries.values(), start=1):
         content = _get(file, members[entry.path], archive)
         if sha256_bytes(content) != entry.sha256:
             raise _bad(archive, f"{entry.path} is not what its name says")
         (partial / entry.path).parent.mkdir(parents=True, exist_ok=True)
         (partial / entry.path).write_bytes(content)
+        tell(done, len(entries))
     (partial / "rollouts").mkdir(exist_ok=True)
     (partial / MANIFEST_NAME).write_bytes(encode_manifest(entries.values()))
     if CARD_NAME in members:

@@ -41,6 +41,7 @@ from data.files.files import (
     write_atomically,
 )
 from data.files.limits import EPISODE_BYTES
+from data.files.telling import Tell, silent
 
 from .episode_window import read_feature_window
 from .feature_cache import FEATURE_CACHE_BYTES, FeatureCache
@@ -184,8 +185,12 @@ class Dataset:
         self._list(added)
         return added
 
-    def add_from(self, source: Dataset, hashes: Iterable[str]) -> list[EpisodeEntry]:
+    def add_from(
+        self, source: Dataset, hashes: Iterable[str], *, tell: Tell = silent
+    ) -> list[EpisodeEntry]:
         """Copy episode files as they are, so that answers about them stay valid.
+
+        `tell` gets the files that are copied.
 
         Raises:
             DatasetError, CorruptEpisode: as for `add_episodes` and `read`.
@@ -195,9 +200,11 @@ class Dataset:
         for model in models_of(entries):
             with writable(self.root):
                 self.models.put(model, source.models.content(model))
+        tell(0, len(entries))
         for entry in entries:
             self._store(entry, source.content(entry))
             added.append(entry)
+            tell(len(added), len(entries))
         self._list(added)
         return added
 

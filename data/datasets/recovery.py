@@ -14,6 +14,7 @@ from data.episodes.model_store import MODELS
 from data.errors import DatasetError, EpisodeError, FileError
 from data.files.files import open_regular, read_file, sha256_bytes, sha256_file
 from data.files.limits import EPISODE_BYTES
+from data.files.telling import Tell, silent
 
 from .dataset import Dataset
 from .manifest import EpisodeEntry
@@ -38,13 +39,14 @@ class RecoveredFile:
     """Why nothing could be saved; empty if something was."""
 
 
-def recover(root: Path) -> list[RecoveredFile]:
+def recover(root: Path, *, tell: Tell = silent) -> list[RecoveredFile]:
     """Save what can be saved of a data set, and list every sound file again.
 
     Looks at files a killed writer left under a temporary name, at files whose bytes are
     not what the manifest promises, and at sound files the manifest does not know. A
     manifest that is damaged itself is built anew. Models that are not what their names
-    say are taken away. Files that still have a writer are left alone.
+    say are taken away. Files that still have a writer are left alone. `tell` gets the
+    files that were looked at.
 
     Raises:
         DatasetError: the directory is missing or not writable.
@@ -56,13 +58,22 @@ def recover(root: Path) -> list[RecoveredFile]:
         )
     dataset = _opened(root)
     found = list(_set_models_aside(root))
-    found += [_recover_listed(dataset, entry) for entry in _damaged_entries(dataset)]
-    for path in sorted((root / "rollouts").rglob(".*.tmp")):
+    entries = dataset.entries()
+    partial = sorted((root / "rollouts").rglob(".*.tmp"))
+    for done, entry in enumerate(entries):
+        tell(done, len(entries) + len(partial))
+        if _is_damaged(dataset, entry):
+            found.append(_recover_listed(dataset, entry))
+    for path in partial:
         if path.is_file() and not _has_writer(path):
             found.append(_recover_file(dataset, path))
     listed = {entry.sha256 for entry in dataset.entries()}
-    for path in sorted((root / "rollouts").glob("??/*.mcap")):
-        if path.stem not in listed and path.is_file() and not path.is_symlink():
+    whole = sorted((root / "rollouts").glob("??/*.mcap"))
+    unknown = [path for path in whole if path.stem not in listed]
+    looked_at = len(entries) + len(partial)
+    for done, path in enumerate(unknown, start=looked_at):
+        tell(done, looked_at + len(unknown))
+        if path.is_file() and not path.is_symlink():
             found.append(_recover_file(dataset, path))
     return found
 
@@ -93,11 +104,9 @@ def _opened(root: Path) -> Dataset:
     return dataset
 
 
-def _damaged_entries(dataset: Dataset) -> Iterator[EpisodeEntry]:
-    for entry in dataset.entries():
-        path = dataset.path_of(entry)
-        if not path.is_file() or sha256_file(path) != entry.sha256:
-            yield entry
+def _is_damaged(dataset: Dataset, entry: EpisodeEntry) -> bool:
+    path = dataset.path_of(entry)
+    return not path.is_file() or sha256_file(path) != entry.sha256
 
 
 def _recover_listed(dataset: Dataset, entry: EpisodeEntry) -> RecoveredFile:

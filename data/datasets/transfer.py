@@ -12,6 +12,7 @@ from pathlib import Path
 
 from data.answers.answer_records import Answer, Pair
 from data.errors import DatasetError
+from data.files.telling import Tell, silent
 
 from .dataset import Dataset
 from .merged_rows import add_rows, rows_of
@@ -37,6 +38,7 @@ def transfer(
     episodes: Iterable[str] | None = None,
     wanted: Callable[[Pair, Answer], bool] = lambda pair, answer: True,
     keep_open_pairs: bool = True,
+    tell: Tell = silent,
 ) -> Transferred:
     """Copy episodes with the pairs and answers about them; what is there stays.
 
@@ -49,6 +51,7 @@ def transfer(
         episodes: Hashes; all by default.
         wanted: Which answers; a correction goes with what it corrects.
         keep_open_pairs: Also copy pairs nobody answered.
+        tell: Gets the episodes that are copied.
 
     Raises:
         DatasetError, EpisodeError, AnswerError: a file is damaged, or not writable.
@@ -57,7 +60,7 @@ def transfer(
     before = {entry.sha256 for entry in target.entries()}
     with source.answers_copy() as store:
         rows = rows_of(store, str(source.root))
-    target.add_from(source, sorted(hashes - before))
+    target.add_from(source, sorted(hashes - before), tell=tell)
     with target.answers() as store:
         added = add_rows(
             store, rows, hashes, wanted=wanted, keep_open_pairs=keep_open_pairs
@@ -72,7 +75,12 @@ def transfer(
 
 
 def split(
-    source: Dataset, shares: Mapping[str, float], root: Path, *, seed: int
+    source: Dataset,
+    shares: Mapping[str, float],
+    root: Path,
+    *,
+    seed: int,
+    tell: Tell = silent,
 ) -> dict[str, Transferred]:
     """Make one data set per part of `source`, by episode: `root/<part>`.
 
@@ -85,6 +93,7 @@ def split(
         shares: Part and its share of the episodes; together 1.
         root: Directory the parts are made in.
         seed: Which episodes go where.
+        tell: Gets the episodes of all parts that are copied.
 
     Raises:
         DatasetError: the shares are impossible, or a part is there already.
@@ -99,12 +108,24 @@ def split(
         if (root / name).exists():
             raise DatasetError(f"{root / name} is there already; give another --out")
     parts: dict[str, list[str]] = {name: [] for name in shares}
-    for entry in source.entries():
+    entries, copied = source.entries(), 0
+    for entry in entries:
         parts[part_of(entry.sha256, shares, seed)].append(entry.sha256)
-    return {
-        name: transfer(source, Dataset.create(root / name), episodes=hashes)
-        for name, hashes in parts.items()
-    }
+    made: dict[str, Transferred] = {}
+    for name, hashes in parts.items():
+        made[name] = transfer(
+            source,
+            Dataset.create(root / name),
+            episodes=hashes,
+            tell=_after(copied, len(entries), tell),
+        )
+        copied += len(hashes)
+    return made
+
+
+def _after(before: int, of: int, tell: Tell) -> Tell:
+    """Tells of a part that begins after `before`, of as much as there is in all."""
+    return lambda done, _: tell(before + done, of)
 
 
 def part_of(sha256: str, shares: Mapping[str, float], seed: int) -> str:

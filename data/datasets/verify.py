@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import sqlite3
+import threading
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 from data.answers.address import Address
 from data.answers.check import Asked, asked, damaged_rows
@@ -22,11 +24,14 @@ from data.errors import (
     FileError,
 )
 from data.files.files import sha256_file
+from data.files.telling import Tell, silent
 
 from .dataset import ANSWERS_NAME, Dataset
 from .manifest import EpisodeEntry, models_of
 from .manifest_file import MANIFEST_NAME
 
+Item = TypeVar("Item")
+Found = TypeVar("Found")
 DamageKind = Literal["manifest", "missing", "changed", "link", "answers", "dangling"]
 
 
@@ -56,12 +61,15 @@ class Verified:
     """Files nobody knows, left by a killed writer: harmless, `recover` takes them."""
 
 
-def verify(root: Path, *, answers: Address | None = None) -> Verified:
+def verify(
+    root: Path, *, answers: Address | None = None, tell: Tell = silent
+) -> Verified:
     """Compare every file with its hash and every answer with its checksum.
 
     Args:
         root: The data set.
         answers: Where its answers are, if not in its own file.
+        tell: Gets the episode files that were looked at, from several threads.
 
     Raises:
         DatasetError: `root` is no data set, or of another version.
@@ -76,7 +84,8 @@ def verify(root: Path, *, answers: Address | None = None) -> Verified:
         damages.append(Damage("manifest", MANIFEST_NAME, str(error)))
     # Hashing holds no lock of the interpreter.
     with ThreadPoolExecutor(min(4, os.cpu_count() or 1)) as pool:
-        files = pool.map(lambda entry: _file_damage(dataset, entry), entries.values())
+        look = _telling(partial(_file_damage, dataset), len(entries), tell)
+        files = pool.map(look, entries.values())
         answered, answer_damages = _answers(answers or root / ANSWERS_NAME)
         touched = _answers_by_episode(answered)
         damages += _files(entries.values(), files, touched)
@@ -91,6 +100,23 @@ def verify(root: Path, *, answers: Address | None = None) -> Verified:
         damages=tuple(damages),
         left_over=tuple(_left_over(root, entries)),
     )
+
+
+def _telling(
+    work: Callable[[Item], Found], of: int, tell: Tell
+) -> Callable[[Item], Found]:
+    """`work`, done by several threads, each of which tells what all have done."""
+    done, mutex = 0, threading.Lock()
+
+    def counted(item: Item) -> Found:
+        nonlocal done
+        result = work(item)
+        with mutex:
+            done += 1
+            tell(done, of)
+        return result
+
+    return counted
 
 
 def _files(

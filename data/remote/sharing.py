@@ -20,17 +20,12 @@ from data.datasets.merged_rows import add_rows, rows_of
 from data.episodes.model_store import MODELS, model_path
 from data.errors import RemoteError
 from data.files.limits import EPISODE_BYTES, MODEL_BYTES
+from data.files.telling import Tell, silent
 
 from .listed import ANSWERS, MANIFESTS, ROLLOUTS, listed, name_of, named, together
 from .place import Place
 
 T = TypeVar("T")
-Tell = Callable[[int, int], None]
-"""Gets how many files are done, and of how many."""
-
-
-def _silent(done: int, of: int) -> None:
-    """Say nothing."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +47,7 @@ class Shared:
     """Raters who got another id, because theirs belongs to somebody else."""
 
 
-def push(dataset: Dataset, place: Place, *, tell: Tell = _silent) -> Shared:
+def push(dataset: Dataset, place: Place, *, tell: Tell = silent) -> Shared:
     """Send what `place` lacks of `dataset`: files, then the list of them, then answers.
 
     Answers are taken together with those that are there, as `transfer` does.
@@ -92,7 +87,7 @@ def push(dataset: Dataset, place: Place, *, tell: Tell = _silent) -> Shared:
 
 
 def pull(
-    place: Place, root: Path, *, answers: Address | None = None, tell: Tell = _silent
+    place: Place, root: Path, *, answers: Address | None = None, tell: Tell = silent
 ) -> Shared:
     """Take what the data set at `root` lacks from `place`; every file is compared with
     its name before it is there under it.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -12,6 +12,7 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    ProgressColumn,
     SpinnerColumn,
     TaskID,
     TaskProgressColumn,
@@ -19,6 +20,8 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+
+from data.files.telling import Tell
 
 from .terminal import PlainConsole
 
@@ -87,7 +90,9 @@ def training_bar(title: str, steps: int) -> Iterator[TrainingBar]:
 class _Lines(Progress):
     """A bar; where standard error is no terminal, lines while it takes its time."""
 
-    _said_s: float | None = None
+    def __init__(self, *columns: ProgressColumn, **settings: Any) -> None:
+        super().__init__(*columns, **settings)
+        self._said_s = time.monotonic()
 
     def update(self, task_id: TaskID, **changed: Any) -> None:
         super().update(task_id, **changed)
@@ -99,7 +104,6 @@ class _Lines(Progress):
 
     def _say(self, task_id: TaskID) -> None:
         now_s = time.monotonic()
-        self._said_s = self._said_s or now_s
         if not self.disable or now_s - self._said_s < _QUIET_S:
             return
         task = next(task for task in self.tasks if task.id == task_id)
@@ -122,8 +126,9 @@ def left_told(seconds: float) -> str:
 
 
 @contextmanager
-def counting_bar(title: str, total: int) -> Iterator[Progress]:
-    """A bar of `total` parts; `progress.advance(progress.task_ids[0])` counts one."""
+def counting_bar(title: str, total: int | None) -> Iterator[Progress]:
+    """A bar of `total` parts, or of nobody knows yet how many;
+    `progress.advance(progress.task_ids[0])` counts one."""
     with _Lines(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -153,14 +158,35 @@ def each_counted(
 
 
 @contextmanager
-def counted(title: str) -> Iterator[Callable[[int, int], None]]:
-    """A bar for what says itself how much of how much is done: call it with both."""
-    with counting_bar(title, 0) as bar:
+def counted(title: str) -> Iterator[Tell]:
+    """A bar for what says itself how much of how much is done: call it with both.
+
+    With 0 it begins, or begins anew; who has not begun is named, as by `working`.
+    """
+    with counting_bar(title, None) as bar, _named_soon(title) as unsaid:
+        (task,) = bar.task_ids
 
         def tell(done: int, of: int) -> None:
-            bar.update(bar.task_ids[0], completed=done, total=of)
+            unsaid.cancel()
+            if done == 0:
+                bar.reset(task, total=of)
+            else:
+                bar.update(task, completed=done, total=of)
 
         yield tell
+
+
+@contextmanager
+def _named_soon(title: str) -> Iterator[threading.Timer]:
+    """Say what is done if it takes its time, where standard error is no terminal."""
+    timer = threading.Timer(_QUIET_S, lambda: console.print(f"{title} ..."))
+    timer.daemon = True
+    if not console.is_terminal:
+        timer.start()
+    try:
+        yield timer
+    finally:
+        timer.cancel()
 
 
 @contextmanager
@@ -168,13 +194,8 @@ def working(title: str) -> Iterator[None]:
     """A spinner and the time it has taken, where nothing says how much is left; where
     standard error is no terminal, one line if it takes its time."""
     if not console.is_terminal:
-        timer = threading.Timer(_QUIET_S, lambda: console.print(f"{title} ..."))
-        timer.daemon = True
-        timer.start()
-        try:
+        with _named_soon(title):
             yield
-        finally:
-            timer.cancel()
         return
     with Progress(
         SpinnerColumn(),

@@ -21,6 +21,7 @@ from data.episodes.episode import Episode
 from data.episodes.model_store import ModelStore
 from data.errors import DatasetError
 from data.files.files import replace_directory
+from data.files.telling import Tell, silent
 
 
 @dataclass(frozen=True)
@@ -45,14 +46,19 @@ class Source:
     dataset: Dataset
     entries: tuple[EpisodeEntry, ...]
     left_out: int
+    tell: Tell = silent
+    """Gets how many of them are read, or preferences where the format holds these."""
 
     @staticmethod
-    def of(dataset: Dataset, *, with_actions: bool = True) -> Source:
+    def of(
+        dataset: Dataset, *, with_actions: bool = True, tell: Tell = silent
+    ) -> Source:
         """Look for episodes that are whole, with observations and actions.
 
         Args:
             dataset: Where to look.
             with_actions: Hardware often does not tell them; False takes it anyway.
+            tell: Gets how far an export is.
 
         Raises:
             DatasetError: there is none.
@@ -69,7 +75,7 @@ class Source:
                 f"none of the {len(every)} episodes of {dataset.root} has observations "
                 "and actions and was not aborted; there is nothing to export"
             )
-        return Source(dataset, entries, len(every) - len(entries))
+        return Source(dataset, entries, len(every) - len(entries), tell)
 
     @property
     def steps(self) -> int:
@@ -93,7 +99,8 @@ class Source:
 
     def episodes(self) -> Iterator[Episode]:
         """Every episode, in the order of `entries`."""
-        for entry in self.entries:
+        for done, entry in enumerate(self.entries):
+            self.tell(done, len(self.entries))
             episode = self.dataset.read(entry.sha256)
             if not (
                 np.isfinite(episode.obs).all() and np.isfinite(episode.action).all()

@@ -44,7 +44,8 @@ def export_hugging_face(source: Source, out: Path) -> Exported:
         if {pair.a.rollout, pair.b.rollout} <= known
     ]
     rows: dict[str, list[Any]] = {name: [] for name in _schema(pa).names}
-    for pair, answer in here:
+    for done, (pair, answer) in enumerate(here):
+        source.tell(done, len(here))
         target = answer.target or 0.0
         a_chosen = target > 0.5
         chosen, rejected = (pair.a, pair.b) if a_chosen else (pair.b, pair.a)

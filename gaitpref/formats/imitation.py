@@ -19,6 +19,7 @@ from data.answers.answer_records import Answer, Choice, Pair
 from data.datasets.dataset import Dataset
 from data.episodes.clips import Clip
 from data.errors import DatasetError
+from data.files.telling import Tell, silent
 
 from .pickles import load_plain_pickle
 from .uni_rlhf import add_answers, imported_answer
@@ -32,8 +33,12 @@ _RECORDS = frozenset(
 )
 
 
-def import_imitation(dataset: Dataset, path: Path, rater_id: str) -> int:
+def import_imitation(
+    dataset: Dataset, path: Path, rater_id: str, tell: Tell = silent
+) -> int:
     """Add the preferences of a saved `PreferenceDataset`; gives how many were new.
+
+    `tell` gets the episodes they are looked for in.
 
     Raises:
         DatasetError: the file is damaged or refused, or a fragment is in no episode.
@@ -46,7 +51,7 @@ def import_imitation(dataset: Dataset, path: Path, rater_id: str) -> int:
             raise ValueError("its lists have different lengths")
         if not ((targets >= 0) & (targets <= 1)).all():
             raise ValueError("a preference is no probability")
-        index = _Index(dataset)
+        index = _Index(dataset, tell)
         rows: list[tuple[Pair, Answer]] = []
         for number, (a, b, p_a) in enumerate(zip(left, right, targets, strict=True)):
             clips = [index.clip(fragment, path) for fragment in (a, b)]
@@ -64,10 +69,12 @@ def import_imitation(dataset: Dataset, path: Path, rater_id: str) -> int:
 class _Index:
     """Finds a stretch of actions and observations in the episodes of a data set."""
 
-    def __init__(self, dataset: Dataset) -> None:
+    def __init__(self, dataset: Dataset, tell: Tell) -> None:
         self._dataset = dataset
         self._steps: dict[bytes, list[tuple[str, int]]] = defaultdict(list)
-        for entry in dataset.entries():
+        entries = dataset.entries()
+        for done, entry in enumerate(entries):
+            tell(done, len(entries))
             episode = dataset.read(entry.sha256)
             for step in range(episode.num_steps):
                 key = episode.obs[step].tobytes() + episode.action[step].tobytes()

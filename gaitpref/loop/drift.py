@@ -12,6 +12,7 @@ from torch import Tensor
 
 from data.datasets.dataset import Dataset
 from data.files.files import read_json
+from gaitpref.console.progress import counted
 from gaitpref.report.findings import about_raters
 from gaitpref.report.trust_json import alarm_json, as_json
 from rewardmodel.answers.answered_pairs import AnsweredPairs, load_pairs
@@ -71,7 +72,11 @@ def trust_of_round(
     too_little = pairs.too_little if round.reward.exists() else ""
     if round.reward.exists() and not too_little:
         model = load_reward(round.reward)
-        foreseen = foresee(model, pairs, seed=seed_of(cfg, round.number, 5))
+        title = f"round {round.number}: foreseeing {len(pairs)} answers, models"
+        with counted(title) as tell:
+            foreseen = foresee(
+                model, pairs, seed=seed_of(cfg, round.number, 5), tell=tell
+            )
         found["raters"] = about_raters(model.provenance.report, pairs.sides)
         if before is not None and was_judged(foreseen):
             found["confirmed"] = prefers(model, features, lengths, before)

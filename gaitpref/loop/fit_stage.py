@@ -8,12 +8,12 @@ from dataclasses import asdict
 from data.datasets.dataset import Dataset
 from data.datasets.gone import told_gone
 from data.files.files import write_atomically
-from gaitpref.console.progress import console
+from gaitpref.console.progress import console, counting_bar
 from gaitpref.method.context import RoundContext
 from gaitpref.method.noisy import NoisyAnswers
 from gaitpref.report.fit_summary import fit_summary
 from rewardmodel.answers.answered_pairs import load_pairs
-from rewardmodel.fitting.fit_reward import fit_reward, no_reward
+from rewardmodel.fitting.fit_reward import fit_reward, models_fitted, no_reward
 from rewardmodel.models.storage import save_reward
 
 from .loop_cfg import LoopCfg
@@ -42,7 +42,14 @@ def fit_stage(
         told = f"{pairs.too_little}: it is 0"
     else:
         seed = seed_of(cfg, round.number, 5)
-        model, report = fit_reward(pairs, settings, seed=seed)
+        title = f"round {round.number}: fitting to {len(pairs)} answers, models"
+        with counting_bar(title, models_fitted(settings)) as bar:
+            model, report = fit_reward(
+                pairs,
+                settings,
+                seed=seed,
+                advance=lambda: bar.advance(bar.task_ids[0]),
+            )
         told = fit_summary(report)
         if not decided_before(round):
             decided = NoisyAnswers.of(model)

@@ -13,7 +13,7 @@ from typing import Any
 
 from data.datasets.dataset import Dataset
 from data.files.files import read_json, write_atomically
-from gaitpref.console.progress import console
+from gaitpref.console.progress import console, counted
 from gaitpref.raters.criteria import Criterion
 from gaitpref.raters.criterion_scores import score_of_criterion
 from gaitpref.raters.rater_groups import who_agrees
@@ -36,12 +36,15 @@ def began_with(cfg: LoopCfg, round: Round) -> float:
     began = began_from(round)
     if began == round.before.policy:
         return read_json(round.before.report)["learned_return_next"]
-    return evaluate(
-        load_policy(began),
-        load_reward(round.before.reward),
-        episodes=cfg.evaluation_episodes,
-        seed=seed_of(cfg, 0, 6),
-    ).return_mean
+    title = f"round {round.number}: evaluating what it began from, steps"
+    with counted(title) as tell:
+        return evaluate(
+            load_policy(began),
+            load_reward(round.before.reward),
+            episodes=cfg.evaluation_episodes,
+            seed=seed_of(cfg, 0, 6),
+            tell=tell,
+        ).return_mean
 
 
 def report_stage(
@@ -53,13 +56,15 @@ def report_stage(
     policy = load_policy(round.policy)
     # One seed for all rounds: their policies start from the same states.
     env = policy.info.env
-    features, lengths = rollout_features(
-        policy,
-        policy.robot(),
-        env,
-        episodes=cfg.evaluation_episodes,
-        seed=seed_of(cfg, 0, 6),
-    )
+    with counted(f"round {round.number}: evaluating, steps") as tell:
+        features, lengths = rollout_features(
+            policy,
+            policy.robot(),
+            env,
+            episodes=cfg.evaluation_episodes,
+            seed=seed_of(cfg, 0, 6),
+            tell=tell,
+        )
 
     def measured(score_fn: ScoreFn) -> dict[str, Any]:
         return asdict(
@@ -93,7 +98,9 @@ def report_stage(
         cfg, round, dataset, features, lengths, return_rose=rose
     )
     if round.number == cfg.rounds:
-        result["groups"] = who_agrees(dataset, unchecked=cfg.unchecked)
+        result["groups"] = who_agrees(
+            dataset, unchecked=cfg.unchecked, where=f"round {round.number}: "
+        )
     write_atomically(round.report, json.dumps(result, indent=1).encode())
     evaluation = result["evaluation"]
     earned = return_text(evaluation["return_mean"], evaluation["return_ci95"])

@@ -5,6 +5,8 @@ Shapes: T steps, C columns of a choice row.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 
 from data.datasets.dataset import Dataset
@@ -19,7 +21,12 @@ from .choice_clips import ChoiceClips, asked_about
 
 
 def fit_choices(
-    dataset: Dataset, gaits: tuple[str, ...], *, seed: int, rater_id: str | None = None
+    dataset: Dataset,
+    gaits: tuple[str, ...],
+    *,
+    seed: int,
+    rater_id: str | None = None,
+    advance: Callable[[], None] = lambda: None,
 ) -> tuple[ChoiceReward, FitReport]:
     """The reward that the answers of a data set tell, and how well it foresees them.
 
@@ -28,6 +35,7 @@ def fit_choices(
         gaits: Names of what was chosen among.
         seed: Resampling of the answers.
         rater_id: Whose answers; None is everybody's.
+        advance: Called after each model, of `models_fitted(TABLE_FIT)`.
 
     Raises:
         GaitprefError: there are too few, or they are about something else.
@@ -41,7 +49,9 @@ def fit_choices(
         )
     clips, told = asked_about(used)
     segments = ChoiceClips(dataset, gaits).segments(clips)
-    fitted = fit_table(segments, told, "linear", seed=seed, unbounded=True)
+    fitted = fit_table(
+        segments, told, "linear", seed=seed, unbounded=True, advance=advance
+    )
     return as_reward(fitted, segments, f"{len(told)} answers"), fitted.report
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from data.files.telling import Tell, silent
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg
 from policy.env.feature_row import OBS_DIM
@@ -78,8 +79,12 @@ def measure(
     *,
     episodes: int,
     seed: int,
+    tell: Tell = silent,
 ) -> Measured:
-    """Run one episode in each of `episodes` environments."""
+    """Run one episode in each of `episodes` environments.
+
+    `tell` gets the control steps that are done, of as many as there may be.
+    """
     env = QuadrupedEnv(gaits.robot, env_cfg, episodes, seed=seed, keep_final=True)
     dt_s, course = env.step_dt, env_cfg.course
     assert course is not None
@@ -88,6 +93,7 @@ def measure(
     changes, fell, finished = torch.zeros(3, episodes)
     shares = torch.zeros(len(gaits.names))
     before: Tensor | None = None
+    steps = 0
     while alive.any():
         obs = env.get_observations()["policy"]
         action, gait = act(obs)
@@ -114,6 +120,8 @@ def measure(
         shares += torch.bincount(gait[alive], minlength=len(shares))
         before = gait
         alive &= ~dones
+        steps += 1
+        tell(steps, env_cfg.episode_steps)
     if reward.shift:
         left_s = (env_cfg.episode_s - used).clamp_min(0.0)
         returns += finished * returns / used * left_s
@@ -137,14 +145,31 @@ def measured(
     *,
     episodes: int = 16,
     seed: int = 1000,
+    tell: Tell = silent,
 ) -> list[Measured]:
-    """The policy of `file`, then each of its gaits alone, on its course."""
+    """The policy of `file`, then each of its gaits alone, on its course.
+
+    `tell` gets the control steps of all of them, of as many as there may be.
+    """
     env_cfg = load_policy(file).info.env
     ways = [("chosen", chosen_by(file))]
     ways += [(f"{name} alone", alone(gaits, i)) for i, name in enumerate(gaits.names)]
+
+    def after(before: int) -> Tell:
+        return lambda done, of: tell(before * of + done, len(ways) * of)
+
     return [
-        measure(name, act, gaits, env_cfg, reward, episodes=episodes, seed=seed)
-        for name, act in ways
+        measure(
+            name,
+            act,
+            gaits,
+            env_cfg,
+            reward,
+            episodes=episodes,
+            seed=seed,
+            tell=after(before),
+        )
+        for before, (name, act) in enumerate(ways)
     ]
 
 

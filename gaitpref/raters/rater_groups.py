@@ -15,7 +15,7 @@ from typing import Any
 import torch
 
 from data.datasets.dataset import Dataset
-from gaitpref.console.progress import working
+from gaitpref.console.progress import counted
 from gaitpref.method.method import STYLE
 from rewardmodel.answers.answered_pairs import MIN_ANSWERS, AnsweredPairs, load_pairs
 from rewardmodel.answers.program_agreement import RULE
@@ -28,10 +28,11 @@ _ENOUGH_TO_TELL = 12
 """Answers of a rater from which on a report says who wants the same."""
 
 
-def grouping_of(pairs: AnsweredPairs) -> Grouping:
-    """The groups of those who answered `pairs`."""
-    with working(f"comparing the wishes of {len(set(pairs.raters))} raters"):
-        return group_raters(pairs, STYLE.reward, seed=0)
+def grouping_of(pairs: AnsweredPairs, where: str = "") -> Grouping:
+    """The groups of those who answered `pairs`; `where` is said before what is done."""
+    told = f"{where}comparing the wishes of {len(set(pairs.raters))} raters"
+    with counted(told) as tell:
+        return group_raters(pairs, STYLE.reward, seed=0, tell=tell)
 
 
 def told_of_groups(dataset: Dataset) -> tuple[dict[str, Any], list[str]]:
@@ -58,9 +59,9 @@ def told_of_groups(dataset: Dataset) -> tuple[dict[str, Any], list[str]]:
     return values, lines
 
 
-def who_agrees(dataset: Dataset, *, unchecked: bool) -> list[str]:
+def who_agrees(dataset: Dataset, *, unchecked: bool, where: str = "") -> list[str]:
     """Who of several raters wants the same, and what, in lines; nothing where fewer
-    than two gave enough answers to tell."""
+    than two gave enough answers to tell. `where` is said before what is done."""
     try:
         pairs = load_pairs([dataset], unchecked=unchecked)
     except RewardError:
@@ -69,7 +70,7 @@ def who_agrees(dataset: Dataset, *, unchecked: bool) -> list[str]:
     enough = [given[rater] >= _ENOUGH_TO_TELL for rater in pairs.raters]
     if len({r for r, kept in zip(pairs.raters, enough, strict=True) if kept}) < 2:
         return []
-    return list(_lines(grouping_of(pairs.subset(torch.tensor(enough)))))
+    return list(_lines(grouping_of(pairs.subset(torch.tensor(enough)), where)))
 
 
 def answers_for(pairs: AnsweredPairs, whom: Sequence[str]) -> AnsweredPairs:

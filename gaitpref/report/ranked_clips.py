@@ -10,6 +10,7 @@ import numpy as np
 from data.datasets.dataset import Dataset, EpisodeEntry
 from data.episodes.clips import Clip
 from data.errors import GaitprefError
+from data.files.telling import Tell, silent
 from rewardmodel.answers.clip_batch import fill_clips, mean_over, with_past
 from rewardmodel.asking.clip_questions import ClipCfg, clips_of
 from rewardmodel.models.model import RewardModel
@@ -33,10 +34,11 @@ def extremes(
     count: int,
     *,
     entries: Sequence[EpisodeEntry] | None = None,
+    tell: Tell = silent,
 ) -> list[tuple[str, Ranked]]:
     """The best and the worst `count` clips, each of another episode, with a name.
 
-    Of `entries` alone, where they are given.
+    Of `entries` alone, where they are given. `tell` gets the clips that are read.
 
     Raises:
         GaitprefError: the data set gives no clip.
@@ -47,7 +49,9 @@ def extremes(
             f"{dataset.root} gives no clip: `gaitpref record --policy POLICY "
             f"--dataset {dataset.root}` adds episodes"
         )
-    found = sorted(ranked(model, dataset, clips), key=lambda r: (-r.reward, r.clip))
+    found = sorted(
+        ranked(model, dataset, clips, tell), key=lambda r: (-r.reward, r.clip)
+    )
     best = _of_other_episodes(found, count)
     worst = _of_other_episodes(found[::-1], count)
     return [
@@ -57,12 +61,16 @@ def extremes(
     ]
 
 
-def ranked(model: RewardModel, dataset: Dataset, clips: list[Clip]) -> list[Ranked]:
-    """What the reward makes of each clip, in the order the files are read."""
+def ranked(
+    model: RewardModel, dataset: Dataset, clips: list[Clip], tell: Tell = silent
+) -> list[Ranked]:
+    """What the reward makes of each clip, in the order the files are read; `tell` gets
+    how many are."""
     found: list[Ranked] = []
     rows: list[tuple[int, np.ndarray]] = []
     for item in dataset.each_clip_features([with_past(clip) for clip in clips]):
         rows.append(item)
+        tell(len(found) + len(rows), len(clips))
         if len(rows) == _BATCH:
             found += _scored(model, clips, rows)
             rows = []

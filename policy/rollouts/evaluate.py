@@ -5,7 +5,6 @@ Shapes: T steps, N episodes, F feature columns.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +12,7 @@ import torch
 from torch import Tensor
 
 from data.features import column
+from data.files.telling import Tell, silent
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import Robot
@@ -65,7 +65,7 @@ def rollout_features(
     *,
     episodes: int,
     seed: int,
-    tell: Callable[[int, int], None] = lambda done, of: None,
+    tell: Tell = silent,
 ) -> tuple[Tensor, Tensor]:
     """Feature rows [T, N, F] over the grid, and the episodes' lengths [N].
 
@@ -92,6 +92,7 @@ def evaluate(
     episodes: int = 64,
     seed: int = 0,
     env: EnvCfg | None = None,
+    tell: Tell = silent,
 ) -> Evaluation:
     """Roll `policy` out on the grid and score it.
 
@@ -101,6 +102,7 @@ def evaluate(
         episodes: Number of episodes, spread over the grid.
         seed: Start states.
         env: Where it acts; by default where it was trained.
+        tell: As of `rollout_features`.
 
     Raises:
         ValueError: there is no episode, or all simulations diverged.
@@ -109,7 +111,7 @@ def evaluate(
         raise ValueError(f"an evaluation needs at least 1 episode, got {episodes}")
     cfg = env or policy.info.env
     features, lengths = rollout_features(
-        policy, policy.robot(), cfg, episodes=episodes, seed=seed
+        policy, policy.robot(), cfg, episodes=episodes, seed=seed, tell=tell
     )
     return summarise(features, lengths, score_fn, control_dt_s=cfg.control_dt_s)
 

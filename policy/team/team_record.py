@@ -18,11 +18,12 @@ from torch import Tensor
 from data.episodes.episode_records import ROBOTS, Episode
 from data.errors import GaitprefError
 from data.features import FEATURE_DIM
+from data.files.telling import Tell, silent
 from policy.env.env import ONE_OR_TWO
 from policy.env.seeding import spawned
 from policy.rollouts.record_cfg import recorded_commands
 from policy.rollouts.rolled_out import episode_of, logged, meta_of
-from policy.rollouts.rollout import Actor, first_episodes
+from policy.rollouts.rollout import Actor, RolloutStep, first_episodes
 from policy.training.checkpoint import Policy
 
 from .team_env import TeamEnv
@@ -84,7 +85,12 @@ class Lazy:
 
 
 def record_team(
-    policy: Policy, cfg: TeamRecordCfg, *, seed: int, round: int = 0
+    policy: Policy,
+    cfg: TeamRecordCfg,
+    *,
+    seed: int,
+    round: int = 0,
+    tell: Tell = silent,
 ) -> Iterator[Episode]:
     """Episodes of teams, one after the other.
 
@@ -93,6 +99,8 @@ def record_team(
         cfg: How many, how long, how many of them lazy.
         seed: Start states and exploration noise.
         round: Stored with every episode.
+        tell: Gets the control steps that all of them have walked, of as many as the
+            longest may have.
 
     Raises:
         GaitprefError: the policy walks alone.
@@ -113,14 +121,15 @@ def record_team(
     who = _lazy_robots(noisy, cfg)
     lazy = torch.from_numpy(np.stack([who == 1, who == 2], axis=1)).flatten()
     still = max(1, int(cfg.lazy_s / env_cfg.control_dt_s + 0.5))
-    steps = list(
-        first_episodes(
-            Lazy(policy, lazy, steps=still),
-            env,
-            noise=torch.from_numpy(noisy).float().repeat_interleave(2),
-            rng=torch.Generator().manual_seed(actor_seed),
-        )
-    )
+    steps: list[RolloutStep] = []
+    for step in first_episodes(
+        Lazy(policy, lazy, steps=still),
+        env,
+        noise=torch.from_numpy(noisy).float().repeat_interleave(2),
+        rng=torch.Generator().manual_seed(actor_seed),
+    ):
+        steps.append(step)
+        tell(len(steps), env_cfg.episode_steps)
     arrays, lengths = logged(steps)
     arrays["features"] = arrays["features"][..., :FEATURE_DIM]
     for team in range(count):

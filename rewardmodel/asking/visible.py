@@ -21,6 +21,7 @@ from data.episodes.visible_habits import (
     most_different,
     visible_habits,
 )
+from data.files.telling import Tell, silent
 from rewardmodel.acquisition.choose import ToldApart
 
 NOTICED = 1.0
@@ -37,6 +38,8 @@ class Visible:
     dataset: Dataset
     least: float = NOTICED
     """In differences that are just noticed."""
+    tell: Tell = silent
+    """Gets how many clips were looked at, of as many as are to be looked at by now."""
     _known: dict[Clip, np.ndarray] = field(default_factory=dict, init=False)
 
     def __call__(self, clips: Sequence[Clip], pairs: np.ndarray) -> np.ndarray:
@@ -46,7 +49,9 @@ class Visible:
     def habits(self, clips: Sequence[Clip]) -> np.ndarray:
         """[C, H] what is seen of the clips; each is read once."""
         new = [clip for clip in dict.fromkeys(clips) if clip not in self._known]
+        of = len(self._known) + len(new)
         for index, rows in self.dataset.each_clip_features(new):
+            self.tell(len(self._known), of)
             dt_s = self.dataset.entry(new[index].rollout).meta.control_dt_s
             self._known[new[index]] = visible_habits(rows, dt_s)
         rows = [self._known[clip] for clip in clips]

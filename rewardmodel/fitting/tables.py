@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, get_args
@@ -117,6 +117,7 @@ def fit_table(
     *,
     seed: int,
     unbounded: bool = False,
+    advance: Callable[[], None] = lambda: None,
 ) -> TableReward:
     """Fit a reward to answers about segments, and measure it on segments that a model
     has not seen.
@@ -127,6 +128,7 @@ def fit_table(
         kind: Which model.
         seed: Bootstrap draws and first weights.
         unbounded: Clamp no column, as a sum that is written down has no clamp.
+        advance: Called after each model, of `models_fitted(TABLE_FIT)`.
 
     Raises:
         RewardError: too few answers prefer a segment, or all of them take too much
@@ -144,7 +146,7 @@ def fit_table(
         _pairs(segments, answers, cfg)
     )
     names = tuple((segments.ids[a.left], segments.ids[a.right]) for a in answers)
-    fitted = fit_measured(prepared, names, cfg, seed=seed)
+    fitted = fit_measured(prepared, names, cfg, seed=seed, advance=advance)
     asked, foreseen, report = fitted.asked, fitted.foreseen, fitted.report
     kept = [answer for answer, was in zip(answers, asked.tolist(), strict=True) if was]
     report = replace(report, raters=_raters(kept, foreseen, report.temperature))
@@ -174,6 +176,7 @@ def fit_measured(
     *,
     seed: int,
     at_random: Tensor | None = None,
+    advance: Callable[[], None] = lambda: None,
 ) -> Fitted:
     """Fit a reward to prepared answers and measure it on what models have not seen.
 
@@ -183,6 +186,7 @@ def fit_measured(
         cfg: How it is fitted.
         seed: Bootstrap draws and first weights.
         at_random: [B] bool, answers about pairs that no reward chose; by default all.
+        advance: Called after each model, of `models_fitted`.
     """
     started_s = time.perf_counter()
     found = settled(
@@ -191,7 +195,10 @@ def fit_measured(
     errors = errors_alike(prepared, found, found.error_share)
     prepared = replace(prepared, described=replace(prepared.described, errors=errors))
     normaliser, scorer = fit_ensemble(prepared, found, seed)
-    asked, foreseen = held_out_predictions(prepared, names, found, seed)
+    advance()
+    asked, foreseen = held_out_predictions(
+        prepared, names, found, seed, advance=advance
+    )
     report = report_of(
         prepared.described,
         leads_by(scorer.payer, prepared.described, normaliser).mean(dim=0),

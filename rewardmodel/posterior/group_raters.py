@@ -20,6 +20,7 @@ from itertools import combinations
 import torch
 from torch import Tensor
 
+from data.files.telling import Tell, silent
 from rewardmodel.answers.answered_pairs import AnsweredPairs
 from rewardmodel.answers.likelihood import guesses_of
 from rewardmodel.cfg import FitCfg
@@ -37,6 +38,8 @@ _ENOUGH = 40
 """Answers of a rater that are looked at, of more as many, spread over all."""
 _LEAST_TO_CHANGE = 12
 """Answers before and after a change of taste that can tell of it."""
+_OF_A_CHANGE = 10
+"""Wishes that are weighed to see whether one rater's has changed."""
 _PARTICLES = 1000
 _MOST_RATERS = 12
 """Who can be compared within minutes: every two are, those who answered most."""
@@ -95,6 +98,7 @@ def group_raters(
     cfg: FitCfg,
     *,
     seed: int,
+    tell: Tell = silent,
 ) -> Grouping:
     """Groups of those who answered `pairs`, and who of them has changed.
 
@@ -102,14 +106,26 @@ def group_raters(
         pairs: Answers, with their times where changes are looked for.
         cfg: What is expected of wishes and raters.
         seed: Every draw.
+        tell: Gets the comparisons that are made; more are to be made with each group.
     """
     most = sorted(set(pairs.raters), key=lambda name: (-pairs.raters.count(name), name))
     names = sorted(most[:_MOST_RATERS])
     told = _Told(pairs, cfg, seed)
+    # Each alone, every two together, and each at its changes.
+    done, of = 0, len(names) * (len(names) + 1) // 2 + _OF_A_CHANGE * len(names)
 
     @cache
-    def evidence(of: frozenset[str]) -> float:
-        return told.posterior(told.rows(of)).log_evidence
+    def evidence(raters: frozenset[str]) -> float:
+        nonlocal done
+        tell(done, of)
+        done += 1
+        return told.posterior(told.rows(raters)).log_evidence
+
+    def changed(name: str) -> Changed | None:
+        nonlocal done
+        tell(done, of)
+        done += _OF_A_CHANGE
+        return _change_of(told, name)
 
     groups = [frozenset({name}) for name in names]
     while len(groups) > 1:
@@ -123,10 +139,11 @@ def group_raters(
         if gain + _ODDS_ALIKE <= 0:
             break
         groups = [g for g in groups if g not in (first, second)] + [first | second]
+        of += len(groups) - 1
     found = [_described(told, group) for group in groups]
     return Grouping(
         groups=tuple(sorted(found, key=lambda g: (-len(g.raters), g.raters))),
-        changed=tuple(filter(None, (_change_of(told, name) for name in names))),
+        changed=tuple(filter(None, map(changed, names))),
         untold=tuple(sorted(most[_MOST_RATERS:])),
     )
 

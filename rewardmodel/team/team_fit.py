@@ -90,13 +90,20 @@ def rows_in(datasets: Sequence[Dataset]) -> TeamRows:
     return rows
 
 
-def fit_team(pairs: AnsweredPairs, rows: TeamRows, *, seed: int) -> TeamReward:
+def fit_team(
+    pairs: AnsweredPairs,
+    rows: TeamRows,
+    *,
+    seed: int,
+    advance: Callable[[], None] = lambda: None,
+) -> TeamReward:
     """Fit a linear reward to answers about teams.
 
     Args:
         pairs: What was answered; its clips name episodes of teams.
         rows: Reads them.
         seed: Bootstrap draws.
+        advance: Called after each model, of `models_fitted(FitCfg())`.
 
     Raises:
         RewardError: too few answers prefer a team, or one clip shows no steps.
@@ -118,7 +125,12 @@ def fit_team(pairs: AnsweredPairs, rows: TeamRows, *, seed: int) -> TeamReward:
     stands = [~either_fell(clip) for clip in clips]
     prepared = PreparedTeams.of(_described(steps, stands, pairs, cfg))
     fitted = fit_measured(
-        prepared, pairs.episodes, cfg, seed=seed, at_random=pairs.at_random
+        prepared,
+        pairs.episodes,
+        cfg,
+        seed=seed,
+        at_random=pairs.at_random,
+        advance=advance,
     )
     weights = fitted.scorer.linear_weights
     assert weights is not None

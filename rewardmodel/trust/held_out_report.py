@@ -10,10 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 
 import torch
 from torch import Tensor
 
+from data.files.telling import Tell, silent
 from rewardmodel.answers.answered_pairs import AnsweredPairs
 from rewardmodel.cfg import FitCfg
 from rewardmodel.linear.noise_level import takes_to_err
@@ -133,29 +135,46 @@ def opinion_of(lead: Tensor, target: Tensor) -> Accuracy | None:
     return Accuracy(share=share, interval=interval, answers=alike)
 
 
-def foresee(model: RewardModel, pairs: AnsweredPairs, *, seed: int) -> Foreseen:
-    """How well `pairs` are foreseen by models that have not seen their episodes."""
+def foresee(
+    model: RewardModel, pairs: AnsweredPairs, *, seed: int, tell: Tell = silent
+) -> Foreseen:
+    """How well `pairs` are foreseen by models that have not seen their episodes.
+
+    `tell` gets the models that are fitted: one for each fold, and two about raters and
+    the newest round.
+    """
     cfg = model.provenance.cfg
+    steps = count(1)
+
+    def advance() -> None:
+        tell(next(steps), cfg.folds + 2)
+
+    tell(0, cfg.folds + 2)
     seen = model.provenance.episodes
     unseen = torch.tensor([not seen.intersection(pair) for pair in pairs.episodes])
     kind = kind_called(cfg.kind)
     judged = judge(prepare(pairs, cfg), pairs, cfg)
+    advance()
     prepared = judged.prepared
     opinion = Prediction.none(len(pairs))
     asked = unseen.clone()
     if not unseen.all():
-        held_out, by_fold = held_out_predictions(prepared, pairs.episodes, cfg, seed)
+        held_out, by_fold = held_out_predictions(
+            prepared, pairs.episodes, cfg, seed, advance=advance
+        )
         opinion.put(held_out, by_fold)
         asked |= held_out
     if unseen.any():
         fresh = pairs.subset(unseen)
         opinion.put(unseen, model.prediction(fresh.left, fresh.right))
     told = asked & judged.measuring
+    newest = _newest(judged, torch.tensor(pairs.rounds), cfg, seed)
+    advance()
     found = _summary(
         pairs.subset(told) if told.any() else None,
         opinion.subset(told),
         int((unseen & told).sum()),
-        newest=_newest(judged, torch.tensor(pairs.rounds), cfg, seed),
+        newest=newest,
         cfg=cfg,
     )
     found = replace(found, left_out=int(asked.sum() - told.sum()))

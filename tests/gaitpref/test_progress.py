@@ -7,7 +7,13 @@ import time
 import pytest
 
 from gaitpref.console import progress
-from gaitpref.console.progress import counting_bar, left_told, training_bar, working
+from gaitpref.console.progress import (
+    counted,
+    counting_bar,
+    left_told,
+    training_bar,
+    working,
+)
 from policy.training.ppo import IterationStats
 
 
@@ -40,6 +46,35 @@ def test_what_cannot_be_counted_is_named(capsys: pytest.CaptureFixture[str]) -> 
     with working("fitting"):
         time.sleep(0.2)
     assert capsys.readouterr().err == "fitting ...\n"
+
+
+@pytest.mark.usefixtures("at_once")
+def test_what_does_not_count_yet_is_named_and_then_counted(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """0 begins anew, as the next of several data sets does."""
+    with counted("copying") as tell:
+        time.sleep(0.2)
+        for of in (2, 3):
+            for done in range(of):
+                tell(done, of)
+    assert capsys.readouterr().err.splitlines() == [
+        "copying ...",
+        "copying: 1 of 2, 0 s left",
+        "copying: 1 of 3, 0 s left",
+        "copying: 2 of 3, 0 s left",
+    ]
+
+
+def test_what_lasts_says_its_first_word_in_time(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Five seconds from the start, and not from the first part that is done."""
+    monkeypatch.setattr(progress, "_QUIET_S", 0.3)
+    with counting_bar("fitting, models", 3) as bar:
+        time.sleep(0.4)
+        bar.advance(bar.task_ids[0])
+    assert "fitting, models: 1 of 3" in capsys.readouterr().err
 
 
 def test_a_training_says_how_much_of_how_many(

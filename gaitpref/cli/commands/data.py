@@ -23,13 +23,14 @@ from data.episodes.clips import Clip
 from data.errors import DatasetError
 from data.files.files import write_atomically
 from data.files.shown import shown
+from data.files.telling import Tell
 from data.remote.place import Place
 from data.remote.sharing import pull, push
 from gaitpref.cli.options import data_options as options
 from gaitpref.cli.shared.dataset_argument import address, open_dataset
 from gaitpref.cli.shared.next_of_data import next_of_data
 from gaitpref.console.extras import require
-from gaitpref.console.progress import counted, working
+from gaitpref.console.progress import counted
 from gaitpref.console.terminal import PlainConsole, say
 
 from .data_info import info
@@ -59,14 +60,14 @@ def _done(action: options.Action) -> int:
         case options.Merge() | options.Split() | options.Subset():
             _transfer(action)
         case options.Pack():
-            with working("packing"):
-                size = pack(open_dataset(action), action.out)
+            with counted("packing, episodes") as tell:
+                size = pack(open_dataset(action), action.out, tell=tell)
             _say(action.json, {"archive": str(action.out), "bytes": size})
         case options.Unpack():
-            with working("unpacking"):
-                made = unpack(action.archive, action.dataset)
-            counted = {"dataset": str(made.root), "episodes": len(made.entries())}
-            _say(action.json, counted)
+            with counted("unpacking, episodes") as tell:
+                made = unpack(action.archive, action.dataset, tell=tell)
+            holds = {"dataset": str(made.root), "episodes": len(made.entries())}
+            _say(action.json, holds)
         case options.Card():
             _card(action)
         case options.Labels():
@@ -76,8 +77,9 @@ def _done(action: options.Action) -> int:
         case options.Import():
             _imported(action, import_into(action))
         case options.Export():
-            with working("writing it in another format"):
-                written = asdict(export(action))
+            held = "preferences" if action.format == "hf" else "episodes"
+            with counted(f"writing as {action.format}, {held}") as tell:
+                written = asdict(export(action, tell))
             _say(action.json, written)
         case options.Push() | options.Pull():
             _share(action)
@@ -85,8 +87,8 @@ def _done(action: options.Action) -> int:
 
 
 def _verify(action: options.Verify) -> int:
-    with working("comparing every byte"):
-        found = verify(action.dataset, answers=address(action.answers))
+    with counted("comparing every byte, episodes") as tell:
+        found = verify(action.dataset, answers=address(action.answers), tell=tell)
     if action.json:
         print(json.dumps(asdict(found)))
     else:
@@ -119,8 +121,8 @@ def _recover(action: options.Recover) -> int:
                 raise DatasetError(f"{path} is no file; give a cut or damaged episode")
             files.append(recover_file(dataset, path))
     else:
-        with working("looking for what is whole"):
-            files = recover(action.dataset)
+        with counted("looking for what is whole, files") as tell:
+            files = recover(action.dataset, tell=tell)
     kept = sum(file.kept_steps for file in files)
     lost = sum(file.lost_steps or 0 for file in files)
     if action.json:
@@ -136,8 +138,8 @@ def _recover(action: options.Recover) -> int:
 
 
 def _transfer(action: options.Merge | options.Split | options.Subset) -> None:
-    with working("copying episodes and answers"):
-        report = _transferred(action)
+    with counted("copying, episodes") as tell:
+        report = _transferred(action, tell)
     if action.json:
         print(json.dumps({name: asdict(part) for name, part in report.items()}))
         return
@@ -151,19 +153,22 @@ def _transfer(action: options.Merge | options.Split | options.Subset) -> None:
 
 
 def _transferred(
-    action: options.Merge | options.Split | options.Subset,
+    action: options.Merge | options.Split | options.Subset, tell: Tell
 ) -> dict[str, Transferred]:
     match action:
         case options.Merge():
             sources = {str(path): Dataset.open(path) for path in action.source}
             answers = address(action.answers)
             target = Dataset.create(action.dataset, answers=answers)
-            return {name: transfer(s, target) for name, s in sources.items()}
+            return {
+                name: transfer(source, target, tell=tell)
+                for name, source in sources.items()
+            }
         case options.Split():
             source, shares = open_dataset(action), _shares(action.part)
-            return split(source, shares, action.out, seed=action.seed)
+            return split(source, shares, action.out, seed=action.seed, tell=tell)
         case options.Subset():
-            return {str(action.out): _subset(action)}
+            return {str(action.out): _subset(action, tell)}
 
 
 def _share(action: options.Push | options.Pull) -> None:
@@ -200,7 +205,7 @@ def _shares(parts: tuple[str, ...]) -> dict[str, float]:
     return shares
 
 
-def _subset(action: options.Subset) -> Transferred:
+def _subset(action: options.Subset, tell: Tell) -> Transferred:
     source = open_dataset(action)
     entries = [
         entry
@@ -227,6 +232,7 @@ def _subset(action: options.Subset) -> Transferred:
         episodes=hashes,
         wanted=lambda pair, answer: action.rater in (None, answer.rater_id),
         keep_open_pairs=action.rater is None,
+        tell=tell,
     )
 
 

@@ -14,10 +14,11 @@ import numpy as np
 from data.datasets.dataset import Dataset, EpisodeEntry
 from data.errors import DatasetError
 from data.features import column
+from data.files.telling import Tell
 from gaitpref.cli.options import data_options as options
 from gaitpref.cli.shared.dataset_argument import address, open_dataset
 from gaitpref.console.extras import require
-from gaitpref.console.progress import working
+from gaitpref.console.progress import counted, each_counted
 
 if TYPE_CHECKING:
     from gaitpref.formats.export_source import Exported
@@ -29,12 +30,19 @@ def import_into(action: options.Import) -> dict[str, Any]:
     """Add what `action.source` holds to the data set; gives what was new."""
     match action.format:
         case "uni-rlhf":
-            from gaitpref.formats.uni_rlhf import import_uni_rlhf as take
+            from gaitpref.formats.uni_rlhf import import_uni_rlhf
+
+            added = import_uni_rlhf(open_dataset(action), action.source, action.rater)
         case "imitation":
-            from gaitpref.formats.imitation import import_imitation as take
+            from gaitpref.formats.imitation import import_imitation
+
+            with counted("looking for the fragments, episodes") as tell:
+                added = import_imitation(
+                    open_dataset(action), action.source, action.rater, tell
+                )
         case _:
             return _import_log(action)
-    return {"answers": take(open_dataset(action), action.source, action.rater)}
+    return {"answers": added}
 
 
 def _import_log(action: options.Import) -> dict[str, Any]:
@@ -48,10 +56,12 @@ def _import_log(action: options.Import) -> dict[str, Any]:
 
     # Read first: a log that cannot be used leaves no empty data set behind.
     log_map = load_map(action.map)
-    with working("reading the log"):
-        found = _log_episodes(action, log_map, action.map.parent)
+    with counted("reading the log, stretches") as tell:
+        found = _log_episodes(action, log_map, action.map.parent, tell)
     dataset = Dataset.create(action.dataset, answers=address(action.answers))
-    entries = dataset.add_episodes(found.episodes)
+    made = found.episodes
+    with each_counted("writing episodes", made, len(made)) as episodes:
+        entries = dataset.add_episodes(episodes)
 
     def told(key: str) -> list[str]:
         return sorted({n for entry in entries for n in entry.meta.extra[key].split()})
@@ -83,25 +93,27 @@ def _forward_m_s(
     return round(float(known.mean()), 2) if len(known) else None
 
 
-def _log_episodes(action: options.Import, log_map: LogMap, root: Path) -> LogEpisodes:
+def _log_episodes(
+    action: options.Import, log_map: LogMap, root: Path, tell: Tell
+) -> LogEpisodes:
     match action.format:
         case "csv" | "npz" | "parquet" | "lerobot" | "minari":
             from gaitpref.formats.tables.table_episodes import table_episodes
 
-            return table_episodes(action.source, action.format, log_map, root)
+            return table_episodes(action.source, action.format, log_map, root, tell)
         case _:
             require("mcap_ros2.decoder", "logs")
             from gaitpref.formats.ros2.bag_episodes import bag_episodes
 
-            return bag_episodes(action.source, log_map, root)
+            return bag_episodes(action.source, log_map, root, tell)
 
 
-def export(action: options.Export) -> Exported:
-    """Write the data set in another format."""
+def export(action: options.Export, tell: Tell) -> Exported:
+    """Write the data set in another format; `tell` gets how far it is."""
     from gaitpref.formats.export_source import Source
 
     dataset = open_dataset(action)
-    source = Source.of(dataset, with_actions=action.format != "hf")
+    source = Source.of(dataset, with_actions=action.format != "hf", tell=tell)
     match action.format:
         case "minari":
             from gaitpref.formats.hdf5 import export_minari as write

@@ -15,6 +15,8 @@ from data.files.files import read_json
 from data.files.plain import to_plain
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.by_hand import METHODS
+from gaitpref.cli.shared.next_of_run import next_of_run
+from gaitpref.console.progress import console
 from gaitpref.console.terminal import say
 from gaitpref.loop.run_config import read_config
 from gaitpref.loop.run_dir import Round
@@ -42,6 +44,12 @@ def run(command: options.Method) -> int:
         _print_both(command)
     else:
         _print_run(command.run, as_json=command.json)
+    if not command.json:
+        console.next(
+            "`gaitpref loop --run DIR` decides by `style`, with --base none `scratch`"
+            if command.run is None
+            else next_of_run(command.run)
+        )
     return 0
 
 

@@ -9,7 +9,13 @@ from data.errors import GaitprefError
 from data.files.files import write_atomically
 from data.files.lock import only_writer
 from gaitpref.cli.options import options
-from gaitpref.console.progress import console, counted, each_counted, working
+from gaitpref.console.progress import (
+    console,
+    counted,
+    counting_bar,
+    each_counted,
+    working,
+)
 from gaitpref.console.terminal import EXIT_INTERRUPTED, complain
 from gaitpref.options.choice_fit import fit_choices
 from gaitpref.options.choice_rater import answer_choices, parse_wish, wisher_of
@@ -29,6 +35,8 @@ from policy.rollouts.record import record
 from policy.rollouts.record_cfg import RecordCfg
 from policy.training.checkpoint import load_policy
 from policy.training.training_dir import POLICY_NAME, RESUME_NAME
+from rewardmodel.fitting.fit_reward import models_fitted
+from rewardmodel.fitting.tables import TABLE_FIT
 
 UNTAUGHT_NAME, DATASET_NAME = "untaught.pt", "dataset"
 _LENGTHS_M = {"steps": 2.0, "bar": 0.4, "slope": 1.2}
@@ -69,8 +77,8 @@ def _learn(
         return EXIT_INTERRUPTED
     policy_file = command.out / POLICY_NAME
     save_choices(reward, command.out)
-    with working("comparing it with each gait alone"):
-        rows = measured(policy_file, gaits, reward)
+    with counted("comparing it with each gait alone, steps") as tell:
+        rows = measured(policy_file, gaits, reward, tell=tell)
     console.print(table(rows, gaits.names))
     console.print(f"the policy is {policy_file}")
     console.next(
@@ -171,9 +179,14 @@ def _reward(
     if place is None:
         return written_reward(TASK, gaits.names, "metres, energy and changes")
     dataset = Dataset.open(place)
-    with working("fitting the reward to the answers"):
+    told = "fitting the reward to the answers, models"
+    with counting_bar(told, models_fitted(TABLE_FIT)) as bar:
         reward, report = fit_choices(
-            dataset, gaits.names, seed=command.seed, rater_id=rater_id
+            dataset,
+            gaits.names,
+            seed=command.seed,
+            rater_id=rater_id,
+            advance=lambda: bar.advance(bar.task_ids[0]),
         )
     held_out = report.held_out_accuracy
     foreseen = "" if held_out is None else f"; foresees {held_out:.0%} of unseen ones"

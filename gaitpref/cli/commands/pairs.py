@@ -14,7 +14,7 @@ from data.datasets.gone import pairs_gone
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.dataset_argument import open_dataset
 from gaitpref.cli.shared.next_of_answers import next_answers
-from gaitpref.console.progress import console, working
+from gaitpref.console.progress import console, counted
 from gaitpref.method.questions import Questions
 from rewardmodel.asking.clip_questions import ClipCfg, ask, with_known_answer
 from rewardmodel.asking.strategies import make_strategy
@@ -44,8 +44,8 @@ def run(command: options.Pairs) -> int:
     dataset = open_dataset(command)
     model = None if command.reward is None else load_reward(command.reward)
     cut, rng = ClipCfg.of(command.clip_s), np.random.default_rng(command.seed)
-    visible = Visible(dataset, command.apart)
-    with dataset.answers() as store, working("choosing what to ask"):
+    with dataset.answers() as store, counted("choosing what to ask, clips") as tell:
+        visible = Visible(dataset, command.apart, tell)
         known = store.pairs()
         round = max((pair.round for pair in known), default=-1) + 1
         chosen = _chosen(command, visible, model, cut, known, round, rng)
@@ -58,12 +58,13 @@ def run(command: options.Pairs) -> int:
             rng=rng,
         )
         added = store.add_pairs([*chosen, *gold])
+        told, share = visible.told_of(chosen), visible.share(chosen)
     of_these = f", {len(gold)} of them with a known answer" if command.gold else ""
     console.print(f"{added} pairs were added to {command.dataset}{of_these}")
     if command.strategy is None and model is None:
         console.print(_AT_ONCE)
-    console.print(visible.told_of(chosen))
-    if visible.share(chosen) < FEW:
+    console.print(told)
+    if share < FEW:
         teams = any(entry.meta.is_team for entry in dataset.entries())
         console.print(_MORE_OF_TEAMS if teams else _MORE)
     if gone := pairs_gone(dataset):

@@ -14,6 +14,7 @@ from data.files.shown import shown
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.dataset_argument import open_dataset
 from gaitpref.cli.shared.next_of_answers import next_fit
+from gaitpref.cli.shared.next_of_raters import next_of_raters
 from gaitpref.console.extras import require
 from gaitpref.console.progress import console
 from gaitpref.console.terminal import say
@@ -43,21 +44,24 @@ def run(command: options.Raters) -> int:
         case "revoke":
             name = _name(command)
             tokens.revoke(name)
-            _show(command, {"revoked": name}, [f"{name} is logged out for good"])
+            values = {"revoked": name}
+            _show(command, values, [f"{name} is logged out for good"])
+            _next(command, dataset, values)
         case "list":
-            _list(command, dataset, tokens)
+            _next(command, dataset, _list(command, dataset, tokens))
         case "stats":
-            _stats(command, dataset)
+            _next(command, dataset, _stats(command, dataset))
         case "groups":
-            told = require("gaitpref.raters.rater_groups", "fit").told_of_groups(
-                dataset
-            )
-            _show(command, *told)
+            groups = require("gaitpref.raters.rater_groups", "fit")
+            values, lines = groups.told_of_groups(dataset)
+            _show(command, values, lines)
+            _next(command, dataset, values)
         case "compare":
             trust = require("gaitpref.programs.program_trust", "fit")
             with dataset.answers_copy() as store:
-                told = trust.told_of_programs(store)
-            _show(command, *told)
+                values, lines = trust.told_of_programs(store)
+            _show(command, values, lines)
+            _next(command, dataset, values)
         case "leave-out" | "take-in":
             _teaching(command, dataset)
         case "gold":
@@ -86,7 +90,9 @@ def _add(command: options.Raters, dataset: Dataset, tokens: TokenStore) -> None:
         console.next(f"`gaitpref label --dataset {command.dataset}` serves the page")
 
 
-def _list(command: options.Raters, dataset: Dataset, tokens: TokenStore) -> None:
+def _list(
+    command: options.Raters, dataset: Dataset, tokens: TokenStore
+) -> dict[str, Any]:
     known, now = tokens.names(), datetime.now(UTC)
     with dataset.answers_copy() as store:
         seen = {name: seen_of(store, name, now) for name in known}
@@ -102,7 +108,9 @@ def _list(command: options.Raters, dataset: Dataset, tokens: TokenStore) -> None
         for name, token in known.items()
     ]
     hint = f"nobody has a token; `gaitpref raters --dataset {dataset.root} add NAME`"
-    _show(command, {"raters": raters}, lines or [f"{hint} makes one"])
+    values = {"raters": raters}
+    _show(command, values, lines or [f"{hint} makes one"])
+    return values
 
 
 def _teaching(command: options.Raters, dataset: Dataset) -> None:
@@ -174,7 +182,7 @@ def _next_film(command: options.Raters, pair_id: str) -> None:
         )
 
 
-def _stats(command: options.Raters, dataset: Dataset) -> None:
+def _stats(command: options.Raters, dataset: Dataset) -> dict[str, Any]:
     with dataset.answers_copy() as store:
         rows, out = human_rows(store), curation.left_out(store)
     names = sorted({answer.rater_id for _, answer in rows})
@@ -198,6 +206,7 @@ def _stats(command: options.Raters, dataset: Dataset) -> None:
     lines += [f"{name} is left out: the answers teach nothing" for name in sorted(out)]
     lines += [f"wrong with pairs: {said} ({n} x)" for said, n in objections(rows)[:10]]
     _show(command, values, lines)
+    return values
 
 
 def _as_json(of_rater: RaterFigures) -> dict[str, Any]:
@@ -216,6 +225,12 @@ def _name(command: options.Raters) -> str:
             f"whom? `gaitpref raters --dataset {command.dataset} {command.action} NAME`"
         )
     return command.name
+
+
+def _next(command: options.Raters, dataset: Dataset, values: dict[str, Any]) -> None:
+    text = next_of_raters(command.action, dataset, values)
+    if text and not command.json:
+        console.next(text)
 
 
 def _show(command: options.Raters, values: dict[str, Any], lines: list[str]) -> None:

@@ -17,7 +17,13 @@ from gaitpref.cli.options import team_options as options
 from gaitpref.cli.shared.next_of_answers import next_fit, next_pairs
 from gaitpref.cli.shared.shares_told import tell_shares
 from gaitpref.cli.shared.training_command import refuse_trained, told_stopped
-from gaitpref.console.progress import console, counted, training_bar, working
+from gaitpref.console.progress import (
+    console,
+    counted,
+    counting_bar,
+    each_counted,
+    training_bar,
+)
 from gaitpref.raters.criterion_scores import criterion_context
 from gaitpref.raters.rater_cfg import RaterCfg
 from gaitpref.raters.simulated import answer_pairs
@@ -46,6 +52,8 @@ from policy.training.ppo import PpoCfg, ScoreFn
 from policy.training.train import train
 from policy.training.train_cfg import TrainCfg
 from rewardmodel.answers.answered_pairs import load_pairs
+from rewardmodel.cfg import FitCfg
+from rewardmodel.fitting.fit_reward import models_fitted
 from rewardmodel.team.team_fit import fit_team, rows_in
 from rewardmodel.team.team_reward import TeamReward
 from rewardmodel.team.team_storage import TEAM_FILES, load_team, save_team
@@ -209,8 +217,11 @@ def _record(command: options.TeamRecord) -> None:
     )
     dataset = Dataset.create(command.dataset)
     require_kind(dataset, team=True)
-    with working(f"recording {cfg.episodes} episodes"):
-        episodes = record_team(policy, cfg, seed=command.seed, round=command.round)
+    with counted(f"recording {cfg.episodes} episodes, steps") as tell:
+        recorded = list(
+            record_team(policy, cfg, seed=command.seed, round=command.round, tell=tell)
+        )
+    with each_counted("writing episodes", recorded, len(recorded)) as episodes:
         entries = dataset.add_episodes(episodes)
     falls = sum(entry.end_reason == "terminated" for entry in entries)
     console.print(
@@ -247,8 +258,14 @@ def _fit(command: options.TeamFit) -> None:
     datasets = [Dataset.open(path) for path in command.dataset]
     require_alike(datasets)
     pairs = load_pairs(datasets)
-    with working(f"fitting a reward of teams to {len(pairs)} answers"):
-        model = fit_team(pairs, rows_in(datasets), seed=command.seed)
+    told = f"fitting a reward of teams to {len(pairs)} answers, models"
+    with counting_bar(told, models_fitted(FitCfg())) as bar:
+        model = fit_team(
+            pairs,
+            rows_in(datasets),
+            seed=command.seed,
+            advance=lambda: bar.advance(bar.task_ids[0]),
+        )
     with writable(command.out.resolve().parent):
         save_team(model, command.out)
     if command.json:

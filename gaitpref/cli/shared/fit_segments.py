@@ -14,11 +14,18 @@ from data.datasets.segments import Segments, read_answers, read_segments
 from data.errors import GaitprefError
 from data.files.files import require_directory, whole_directory, write_atomically
 from gaitpref.cli.options import options
-from gaitpref.console.progress import console, working
+from gaitpref.console.progress import console, counting_bar
 from gaitpref.report.findings import findings_of_fit
 from gaitpref.report.fit_summary import fit_summary
 from rewardmodel.answers.likelihood import HARDLY_LOOKS
-from rewardmodel.fitting.tables import TABLE_KINDS, TableKind, TableReward, fit_table
+from rewardmodel.fitting.fit_reward import models_fitted
+from rewardmodel.fitting.tables import (
+    TABLE_FIT,
+    TABLE_KINDS,
+    TableKind,
+    TableReward,
+    fit_table,
+)
 
 REPORT_NAME, WORTH_NAME, WEIGHTS_NAME = "report.json", "segments.csv", "weights.csv"
 _NAMES = (REPORT_NAME, WORTH_NAME, WEIGHTS_NAME)
@@ -56,8 +63,15 @@ def fit_segments(command: options.Fit) -> None:
     segments = read_segments(command.segments)
     answers = read_answers(command.labels, segments)
     kind = cast(TableKind, command.model)
-    with working(f"fitting {kind} to {len(answers)} answers"):
-        reward = fit_table(segments, answers, kind, seed=command.seed)
+    told = f"fitting {kind} to {len(answers)} answers, models"
+    with counting_bar(told, models_fitted(TABLE_FIT)) as bar:
+        reward = fit_table(
+            segments,
+            answers,
+            kind,
+            seed=command.seed,
+            advance=lambda: bar.advance(bar.task_ids[0]),
+        )
     _write(reward, segments, command.out)
     report = reward.report
     sentence = findings_of_fit(report, ()).sentence

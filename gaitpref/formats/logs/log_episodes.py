@@ -14,6 +14,7 @@ import numpy as np
 from data.episodes.episode import Episode
 from data.episodes.resample import overlaps, split_at_gaps
 from data.files.files import sha256_bytes, sha256_file
+from data.files.telling import Tell, silent
 from policy.robots.robot import Robot, load_robot
 
 from .as_episode import as_episode
@@ -42,6 +43,7 @@ def log_episodes(
     findings: Findings,
     *,
     source: dict[str, str],
+    tell: Tell = silent,
 ) -> LogEpisodes:
     """Every stretch of a log in which joints and base are known.
 
@@ -51,6 +53,7 @@ def log_episodes(
         robot: As `robot_of` gives it.
         findings: Told what is left out and looks odd.
         source: Kept with every episode; `log` names it, `log_sha256` is its hash.
+        tell: Gets the stretches that are worked out.
 
     Raises:
         LogError: nothing of it can be used.
@@ -61,11 +64,15 @@ def log_episodes(
         else with_base_from_legs(recording, log_map, robot, findings)
         for recording in recordings
     ]
-    tracks = [
-        track_of(recording, log_map, robot, grid_s)
+    stretches = [
+        (recording, grid_s)
         for recording in known
         for grid_s in _grids(recording, log_map, findings)
     ]
+    tracks: list[Track] = []
+    for recording, grid_s in stretches:
+        tell(len(tracks), len(stretches))
+        tracks.append(track_of(recording, log_map, robot, grid_s))
     if not tracks:
         raise LogError(
             f"{source['log']} has no {log_map.min_episode_s} s in which joints and "

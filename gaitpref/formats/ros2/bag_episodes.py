@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from data.files.telling import Tell, silent
 from gaitpref.formats.logs.log_episodes import (
     LogEpisodes,
     log_episodes,
@@ -19,13 +20,16 @@ from .read import read_samples
 from .runs_told import recordings_of
 
 
-def bag_episodes(bag: Path, log_map: LogMap, root: Path) -> LogEpisodes:
+def bag_episodes(
+    bag: Path, log_map: LogMap, root: Path, tell: Tell = silent
+) -> LogEpisodes:
     """Every stretch of a bag in which joints and base are known.
 
     Args:
         bag: A file in MCAP or sqlite3, or the folder of several, packed or not.
         log_map: What its topics mean.
         root: Directory the map's paths start from.
+        tell: Gets the stretches that are worked out.
 
     Raises:
         LogError, RobotError: the bag, its map or the robot cannot be used.
@@ -36,4 +40,4 @@ def bag_episodes(bag: Path, log_map: LogMap, root: Path) -> LogEpisodes:
     recordings = recordings_of(runs, log_map, findings)
     source = source_of("ros2", bag, files)
     robot = robot_of(log_map, root)
-    return log_episodes(recordings, log_map, robot, findings, source=source)
+    return log_episodes(recordings, log_map, robot, findings, source=source, tell=tell)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
+from data.files.telling import Tell, silent
 from gaitpref.formats.logs.log_episodes import (
     LogEpisodes,
     log_episodes,
@@ -33,7 +34,9 @@ _READERS: dict[Form, Reader] = {
 }
 
 
-def table_episodes(place: Path, form: Form, log_map: LogMap, root: Path) -> LogEpisodes:
+def table_episodes(
+    place: Path, form: Form, log_map: LogMap, root: Path, tell: Tell = silent
+) -> LogEpisodes:
     """Every stretch of a table in which joints and base are known.
 
     Args:
@@ -41,6 +44,7 @@ def table_episodes(place: Path, form: Form, log_map: LogMap, root: Path) -> LogE
         form: What it is.
         log_map: What its columns mean.
         root: Directory the map's paths start from.
+        tell: Gets the stretches that are worked out.
 
     Raises:
         LogError, RobotError: the table, its map or the robot cannot be used.
@@ -64,7 +68,7 @@ def table_episodes(place: Path, form: Form, log_map: LogMap, root: Path) -> LogE
         for recording in recordings_of_table(table, columns, log_map, robot, findings)
     ]
     source = source_of(form, place, _files(place))
-    return log_episodes(recordings, log_map, robot, findings, source=source)
+    return log_episodes(recordings, log_map, robot, findings, source=source, tell=tell)
 
 
 def _with_lerobots_names(columns: Columns) -> Columns:

@@ -19,7 +19,7 @@ from gaitpref.cli.commands.looking.explained import (
     rounded_values,
 )
 from gaitpref.cli.options import options
-from gaitpref.console.progress import console, counted, working
+from gaitpref.console.progress import console, counted
 from gaitpref.console.terminal import say
 from gaitpref.report.crediting import (
     OfHabits,
@@ -49,8 +49,8 @@ def run(command: options.Explain) -> int:
         clip = find_clip(dataset, command.clip)
         chosen = [("clip", ranked(model, dataset, [clip])[0])]
     else:
-        with working("looking for the best and the worst clips"):
-            chosen = extremes(model, dataset, command.count)
+        with counted("looking for the best and the worst clips") as tell:
+            chosen = extremes(model, dataset, command.count, tell=tell)
     with dataset.answers_copy() as store:
         answered = store.current_answers()
     chosen += _marked(model, dataset, answered, command)

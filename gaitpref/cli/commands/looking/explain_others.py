@@ -17,7 +17,7 @@ from gaitpref.cli.commands.looking.explained import (
     clip_json,
 )
 from gaitpref.cli.options import options
-from gaitpref.console.progress import console, working
+from gaitpref.console.progress import console, each_counted
 from gaitpref.console.terminal import say
 from gaitpref.report.crediting import Crediting, OfTeams
 from gaitpref.report.pictures import save_picture
@@ -40,9 +40,10 @@ def explain_others(
             f"{dataset.root} gives no clip of {ClipCfg().clip_s:g} s: --clip EPISODE "
             "explains a whole episode"
         )
-    with working("looking for the best and the worst clips"):
+    told = "looking for the best and the worst clips"
+    with each_counted(told, clips, len(clips)) as each_clip:
         found = sorted(
-            (_ranked(reward, dataset, clip) for clip in clips),
+            (_ranked(reward, dataset, clip) for clip in each_clip),
             key=lambda each: (-each.reward, each.clip),
         )
     count = command.count

@@ -7,7 +7,7 @@ from data.datasets.dataset import Dataset
 from data.datasets.named_clip import find_clip
 from data.errors import GaitprefError
 from gaitpref.cli.options import options
-from gaitpref.console.progress import counting_bar
+from gaitpref.console.progress import console, counting_bar
 from gaitpref.console.terminal import say
 from gaitpref.film.camera import CameraCfg
 from gaitpref.film.reel import FilmCfg, film, frame_count, require_kind, write_film
@@ -27,7 +27,21 @@ def run(command: options.Film) -> int:
         write_film(frames, command.out, cfg.fps)
     size_kb = command.out.stat().st_size / 1e3
     say(f"{command.out}, {count / cfg.fps:.1f} s, {size_kb:,.0f} kB")
+    console.next(_next(command))
     return 0
+
+
+def _next(command: options.Film) -> str:
+    if command.dataset is None:
+        policy = f" --policy {command.policy}" * bool(command.policy)
+        against = f" --against {command.against}" * bool(command.against)
+        return f"`gaitpref play{policy}{against} --open` lets you drive it"
+    episode = f"--episode {(command.clip or '').partition(':')[0]}"
+    shown = f"--pair {command.pair}" if command.pair else episode
+    return (
+        f"`gaitpref data view --dataset {command.dataset} {shown} --out view.mcap` "
+        "shows every number of it beside the robot"
+    )
 
 
 def _cfg(command: options.Film) -> FilmCfg:

@@ -12,9 +12,10 @@ from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from data.features import column
 from gaitpref.cli.options import options
+from gaitpref.cli.shared.next_of_answers import next_once_answered
 from gaitpref.cli.shared.serving import require_port, stoppable, wait_until_stopped
 from gaitpref.console.browser import open_page
-from gaitpref.console.progress import working
+from gaitpref.console.progress import console, working
 from gaitpref.console.terminal import say
 from gaitpref.raters.liked import Liked
 from labeling_ui.play_server import Like, PlayPage, play_site
@@ -145,4 +146,14 @@ def run(command: options.Play) -> int:
             open_page(site.url)
         wait_until_stopped(stopped)
         site.stop()
+    console.next(_next(command))
     return 0
+
+
+def _next(command: options.Play) -> str:
+    if command.dataset is not None:
+        return next_once_answered(Dataset.open(command.dataset))
+    policy = f" --policy {command.policy}" * bool(command.policy)
+    against = f" --against {command.against}" * bool(command.against)
+    where = ", on the robot it was trained on" * bool(command.robot)
+    return f"`gaitpref film{policy}{against} --out walk.gif` films it{where}"

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from gaitpref.cli.options import options
 from gaitpref.console.browser import open_page
-from gaitpref.console.progress import console
+from gaitpref.console.progress import console, working
 from gaitpref.loop.run_report import write_report
 
 
 def run(command: options.Report) -> int:
     """Run the command; gives the exit code."""
-    page = write_report(command.run)
+    with working("writing the report"):
+        page = write_report(command.run)
     console.print(f"the report is {page}")
     if command.open:
         open_page(page.resolve().as_uri())

@@ -7,7 +7,7 @@ import json
 from data.datasets.gone import told_gone
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.dataset_argument import open_dataset
-from gaitpref.console.progress import console, counted, working
+from gaitpref.console.progress import console, counted
 from gaitpref.console.terminal import say
 from gaitpref.report.calibration_plot import reliability_plot
 from gaitpref.report.findings import about_raters, findings_of_trust
@@ -29,8 +29,9 @@ def run(command: options.Trust) -> int:
     """Run the command; gives the exit code, 0 with an alarm too."""
     model = load_reward(command.reward)
     judged = load_pairs([open_dataset(command)], unchecked=True)
-    with working(f"foreseeing {len(judged)} answers without their episodes"):
-        foreseen = foresee(model, judged, seed=command.seed)
+    told = f"foreseeing {len(judged)} answers without their episodes, models"
+    with counted(told) as tell:
+        foreseen = foresee(model, judged, seed=command.seed, tell=tell)
     reached = None
     if command.policy is not None:
         policy = load_policy(command.policy)

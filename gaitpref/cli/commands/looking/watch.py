@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 from data.errors import GaitprefError
 from gaitpref.cli.options import options
+from gaitpref.cli.shared.next_of_run import next_of_run
 from gaitpref.cli.shared.serving import require_port, stoppable, wait_until_stopped
 from gaitpref.console.browser import open_page
 from gaitpref.console.extras import require
@@ -43,6 +44,7 @@ def run(command: options.Watch) -> int:
         finally:
             stopped.set()
             mirrored()
+    console.next(next_of_run(command.run))
     return 0
 
 
