@@ -16,10 +16,16 @@ from rewardmodel.fitting.tables import TableReward, fit_table
 from rewardmodel.models.fit_report import FitReport
 
 from .choice_clips import ChoiceClips, asked_about
+from .choice_sets import Asked
 
 
 def fit_choices(
-    dataset: Dataset, gaits: tuple[str, ...], *, seed: int, rater_id: str | None = None
+    dataset: Dataset,
+    gaits: tuple[str, ...],
+    *,
+    seed: int,
+    rater_id: str | None = None,
+    asked: Asked | None = None,
 ) -> tuple[ChoiceReward, FitReport]:
     """The reward that the answers of a data set tell, and how well it foresees them.
 
@@ -28,6 +34,7 @@ def fit_choices(
         gaits: Names of what was chosen among.
         seed: Resampling of the answers.
         rater_id: Whose answers; None is everybody's.
+        asked: Which robot on which course they must be about; None takes any.
 
     Raises:
         GaitprefError: there are too few, or they are about something else.
@@ -40,7 +47,7 @@ def fit_choices(
             f"{dataset.root}` asks people, --wish a simulated rater"
         )
     clips, told = asked_about(used)
-    segments = ChoiceClips(dataset, gaits).segments(clips)
+    segments = ChoiceClips(dataset, gaits, asked).segments(clips)
     fitted = fit_table(segments, told, "linear", seed=seed, unbounded=True)
     return as_reward(fitted, segments, f"{len(told)} answers"), fitted.report
 

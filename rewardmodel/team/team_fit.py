@@ -33,7 +33,7 @@ from rewardmodel.prepared.described import DescribedPairs
 from rewardmodel.prepared.prepared import Prepared, PreparedClips
 
 from .pair_habits import PAIR_NAMES, describe_pair
-from .team_reward import TeamReward, either_fell
+from .team_reward import TeamReward, Walkers, either_fell
 
 _MIN_STD = 1e-4
 """Raw rewards, in logits, that vary less than this are no opinion."""
@@ -90,13 +90,16 @@ def rows_in(datasets: Sequence[Dataset]) -> TeamRows:
     return rows
 
 
-def fit_team(pairs: AnsweredPairs, rows: TeamRows, *, seed: int) -> TeamReward:
+def fit_team(
+    pairs: AnsweredPairs, rows: TeamRows, *, seed: int, walkers: Walkers | None = None
+) -> TeamReward:
     """Fit a linear reward to answers about teams.
 
     Args:
         pairs: What was answered; its clips name episodes of teams.
         rows: Reads them.
         seed: Bootstrap draws.
+        walkers: Who is seen in them, where it will be asked of others.
 
     Raises:
         RewardError: too few answers prefer a team, or one clip shows no steps.
@@ -132,6 +135,7 @@ def fit_team(pairs: AnsweredPairs, rows: TeamRows, *, seed: int) -> TeamReward:
         report=fitted.report,
         answers_sha256=pairs.answers_sha256,
         episodes=frozenset(name for names in pairs.episodes for name in names),
+        walkers=walkers,
     )
 
 

@@ -13,6 +13,7 @@ from gaitpref.console.progress import console, counted, each_counted, working
 from gaitpref.console.terminal import EXIT_INTERRUPTED, complain
 from gaitpref.options.choice_fit import fit_choices
 from gaitpref.options.choice_rater import answer_choices, parse_wish, wisher_of
+from gaitpref.options.choice_sets import Asked, about
 from gaitpref.options.choice_storage import save_choices
 from gaitpref.options.gait_files import Gaits, load_gaits, named_files
 from gaitpref.options.measure import measured, table
@@ -68,7 +69,7 @@ def _learn(
         complain("stopped; the same command goes on")
         return EXIT_INTERRUPTED
     policy_file = command.out / POLICY_NAME
-    save_choices(reward, command.out)
+    save_choices(about(reward, gaits.robot, gaits.env.control_dt_s), command.out)
     with working("comparing it with each gait alone"):
         rows = measured(policy_file, gaits, reward)
     console.print(table(rows, gaits.names))
@@ -173,7 +174,11 @@ def _reward(
     dataset = Dataset.open(place)
     with working("fitting the reward to the answers"):
         reward, report = fit_choices(
-            dataset, gaits.names, seed=command.seed, rater_id=rater_id
+            dataset,
+            gaits.names,
+            seed=command.seed,
+            rater_id=rater_id,
+            asked=Asked(gaits.robot, gaits.env.control_dt_s, cfg.course),
         )
     held_out = report.held_out_accuracy
     foreseen = "" if held_out is None else f"; foresees {held_out:.0%} of unseen ones"
