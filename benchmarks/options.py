@@ -1,7 +1,7 @@
 """What choosing among gaits wins: over the best of them alone, and over a rule.
 
     python -m benchmarks.options --policy walk=FILE --policy high=FILE ... \
-        [--seeds 3] [--results DIR] [--json FILE]
+        [--quick] [--seeds 3] [--results DIR] [--json FILE]
 
 One row, a file each, for every way to end a gait and every seed; what is there is not
 done again. All are measured from the line, on the same starts, under the same reward:
@@ -37,7 +37,7 @@ from gaitpref.options.measure import (
     measure,
 )
 from gaitpref.options.train_options import OptionsCfg, train_options
-from policy.env.course import AHEAD_DIM, KINDS, CourseCfg
+from policy.env.course import AHEAD_DIM, KINDS, CourseCfg, Obstacle
 from policy.env.feature_row import OBS_DIM
 from policy.options.choice_row import NEAR_M, TASK, ChoiceReward, written_reward
 from policy.options.choosing import ChoosingCfg
@@ -76,6 +76,8 @@ class Options:
 
     policy: tyro.conf.UseAppendAction[tuple[str, ...]]
     """NAME=FILE of a gait; `high` is one that climbs, `crouch` one that passes bars."""
+    quick: bool = False
+    """One seed, one way, a bar after 0.7 m, few steps, and no answers."""
     steps: int = 150_000
     """Environment steps of a training."""
     envs: int = 64
@@ -105,6 +107,22 @@ class Options:
     """Directory of the trainings."""
     json: Path | None = None
     """Write the figures here."""
+
+
+def _quick(options: Options) -> Options:
+    """So small that it says only whether all of it runs."""
+    bar = Obstacle(kind="bar", start_m=0.7, length_m=0.3)
+    return replace(
+        options,
+        steps=160,
+        envs=8,
+        seeds=1,
+        episodes=4,
+        episode_s=1.0,
+        ways=("fixed_1s",),
+        answers=(),
+        course=CourseCfg(obstacles=(bar,), length_m=1.6),
+    )
 
 
 def bent(file: Path, out: Path) -> Path:
@@ -223,6 +241,8 @@ def _once(path: Path, row: Callable[[], Measured]) -> Measured:
 def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> None:
     """Measure everything and publish it."""
     torch.set_num_threads(1)
+    if options.quick:
+        options = _quick(options)
     files = _files(options)
     gaits = load_gaits(files)
     reward = written_reward(TASK, gaits.names, "metres, energy and changes")

@@ -234,7 +234,8 @@ def summary(rows: Sequence[Row]) -> dict[str, Figure]:
         for name in ("formation", "gap_error_m", "lag_m", "fell"):
             figures[f"{kind}_{name}"] = mean(kind, name)
         for robot in (1, 2):
-            figures[f"{kind}_error_{robot}_m_s"] = mean(kind, f"error_{robot}_m_s")
+            for name in (f"error_{robot}_m_s", f"stands_{robot}"):
+                figures[f"{kind}_{name}"] = mean(kind, name)
         after = mean(kind, "formation")
         if kind != "before" and after is not None and before is not None:
             figures[f"{kind}_gain"] = after - before

@@ -5,7 +5,6 @@ Shapes: T steps of a clip, C columns of a choice row.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,14 +13,15 @@ import torch
 
 from data.datasets.dataset import Dataset
 from data.datasets.segments import Segments, TableAnswer
-from data.episodes.choices import COURSE, choices_of
+from data.episodes.choices import choices_of
 from data.episodes.clips import Clip
 from data.episodes.episode_records import Episode
 from data.errors import GaitprefError
-from data.files.plain import from_plain
-from policy.env.course import CourseCfg, Lane
+from policy.env.course import Lane
 from policy.options.choice_row import choice_names, choice_rows
 from rewardmodel.answers.used import Used
+
+from .choice_sets import Asked, course_of
 
 
 def rows_of_episode(episode: Episode, gaits: Sequence[str]) -> np.ndarray:
@@ -41,7 +41,7 @@ def rows_of_episode(episode: Episode, gaits: Sequence[str]) -> np.ndarray:
     gait = torch.tensor([gaits.index(name) for name in said.names])[
         torch.from_numpy(said.gait)
     ]
-    lane = Lane(_course(episode), torch.device("cpu"))
+    lane = Lane(course_of(episode), torch.device("cpu"))
     # Where the model has the free joint first, as every robot on a course has.
     x = torch.from_numpy(episode.qpos[:, 0].copy())
     changed = torch.zeros(len(gait), dtype=torch.bool)
@@ -58,33 +58,29 @@ def rows_of_episode(episode: Episode, gaits: Sequence[str]) -> np.ndarray:
     return rows.numpy()
 
 
-def _course(episode: Episode) -> CourseCfg:
-    try:
-        return from_plain(CourseCfg, json.loads(episode.meta.extra[COURSE]))
-    except (KeyError, TypeError, ValueError) as error:
-        raise GaitprefError(
-            f"an episode says of no course that it was on ({error}); record it again"
-        ) from None
-
-
 @dataclass(frozen=True, eq=False)
 class ChoiceClips:
     """Clips of a data set as choice rows; every episode is read once."""
 
     dataset: Dataset
     gaits: tuple[str, ...]
+    asked: Asked | None = None
+    """Which robot on which course they must show; None takes any."""
 
     def segments(self, clips: Sequence[Clip]) -> Segments:
         """What was judged, in the order of `clips`.
 
         Raises:
-            GaitprefError: an episode is of no choices among these gaits.
+            GaitprefError: an episode is of no choices among these gaits, or shows
+                something else than is asked.
         """
         rows: dict[str, np.ndarray] = {}
         for clip in clips:
             if clip.rollout not in rows:
                 episode = self.dataset.read(clip.rollout)
                 rows[clip.rollout] = rows_of_episode(episode, self.gaits)
+                if self.asked is not None:
+                    self.asked.require(episode)
         longest = max(clip.steps for clip in clips)
         names = choice_names(self.gaits)
         table = np.full((len(clips), longest, len(names)), np.nan, dtype=np.float32)

@@ -20,6 +20,7 @@ from rewardmodel.explain.attribution import Explanation
 from rewardmodel.explain.credit import Side
 
 from .choice_clips import rows_of_episode
+from .choice_sets import require_about
 from .choice_storage import gaits_of
 
 
@@ -57,10 +58,12 @@ class OfChoices:
         """A clip of a data set.
 
         Raises:
-            GaitprefError: it is of no choices among the gaits that the reward knows.
+            GaitprefError: it is of no choices among the gaits that the reward knows, of
+                another robot or another rate.
         """
         rows = _rows(dataset, clip.rollout, gaits_of(self.reward))[clip.rows]
         entry = dataset.entry(clip.rollout)
+        require_about(self.reward, entry.meta, str(dataset.root))
         chosen = choices_of(entry.meta.extra, entry.num_steps)
         assert chosen is not None
         return Side(

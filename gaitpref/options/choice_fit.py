@@ -18,6 +18,7 @@ from rewardmodel.fitting.tables import TableReward, fit_table
 from rewardmodel.models.fit_report import FitReport
 
 from .choice_clips import ChoiceClips, asked_about
+from .choice_sets import Asked
 
 
 def fit_choices(
@@ -27,6 +28,7 @@ def fit_choices(
     seed: int,
     rater_id: str | None = None,
     advance: Callable[[], None] = lambda: None,
+    asked: Asked | None = None,
 ) -> tuple[ChoiceReward, FitReport]:
     """The reward that the answers of a data set tell, and how well it foresees them.
 
@@ -36,6 +38,7 @@ def fit_choices(
         seed: Resampling of the answers.
         rater_id: Whose answers; None is everybody's.
         advance: Called after each model, of `models_fitted(TABLE_FIT)`.
+        asked: Which robot on which course they must be about; None takes any.
 
     Raises:
         GaitprefError: there are too few, or they are about something else.
@@ -48,7 +51,7 @@ def fit_choices(
             f"{dataset.root}` asks people, --wish a simulated rater"
         )
     clips, told = asked_about(used)
-    segments = ChoiceClips(dataset, gaits).segments(clips)
+    segments = ChoiceClips(dataset, gaits, asked).segments(clips)
     fitted = fit_table(
         segments, told, "linear", seed=seed, unbounded=True, advance=advance
     )

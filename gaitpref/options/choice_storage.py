@@ -51,6 +51,9 @@ def _require_sound(reward: ChoiceReward) -> None:
         raise ValueError(f"{len(reward.linear)} weights for {count} columns")
     if not all(map(math.isfinite, (*reward.linear, *reward.square, reward.shift))):
         raise ValueError("a weight is no finite number")
+    rate = reward.control_dt_s
+    if not (math.isfinite(rate) and (rate > 0 if reward.robot else rate == 0)):
+        raise ValueError(f"a control step of {rate} s of {reward.robot or 'no robot'}")
 
 
 def gaits_of(reward: ChoiceReward) -> tuple[str, ...]:

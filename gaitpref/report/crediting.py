@@ -25,7 +25,7 @@ from rewardmodel.explain.four_ways import Run
 from rewardmodel.models.model import RewardModel
 from rewardmodel.models.storage import FACTS_NAME, load_reward
 from rewardmodel.team.team_explained import explain_team
-from rewardmodel.team.team_reward import TeamReward, either_fell
+from rewardmodel.team.team_reward import TeamReward, Walkers, either_fell
 from rewardmodel.team.team_storage import TEAM_FACTS, load_team
 
 
@@ -86,11 +86,13 @@ class OfTeams:
 
     def side(self, dataset: Dataset, clip: Clip) -> Side:
         """See `Crediting`."""
-        if not dataset.entry(clip.rollout).meta.is_team:
+        meta = dataset.entry(clip.rollout).meta
+        if not meta.is_team:
             raise GaitprefError(
                 f"{dataset.root} shows one robot alone, and this reward is of teams of "
                 "two: give one of `gaitpref fit`"
             )
+        self.model.require(Walkers.of(meta), str(dataset.root))
         rows = torch.tensor(_rows(dataset, clip.rollout)[clip.rows])
         fallen = either_fell(rows)
         return Side(

@@ -9,13 +9,14 @@ Shapes: N environments or steps, O gaits, C columns of a row.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
 
 from data.errors import GaitprefError
 from data.features import column
+from data.files.plain import ADDED_LATER
 from policy.env.course import KINDS
 
 NEAR_M = 0.5
@@ -76,6 +77,10 @@ class ChoiceReward:
     """Of the squares; nothing for none."""
     shift: float = 0.0
     """Added to every second."""
+    robot: str = field(default="", metadata=ADDED_LATER)
+    """Whose choices it is about; nothing in older files, of which nobody can tell."""
+    control_dt_s: float = field(default=0.0, metadata=ADDED_LATER)
+    """Time between two of its actions; 0 where `robot` is nothing."""
 
     def __call__(self, rows: Tensor) -> Tensor:
         """Reward per second [...] of rows [..., C]."""

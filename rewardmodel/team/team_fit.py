@@ -33,7 +33,7 @@ from rewardmodel.prepared.described import DescribedPairs
 from rewardmodel.prepared.prepared import Prepared, PreparedClips
 
 from .pair_habits import PAIR_NAMES, describe_pair
-from .team_reward import TeamReward, either_fell
+from .team_reward import TeamReward, Walkers, either_fell
 
 _MIN_STD = 1e-4
 """Raw rewards, in logits, that vary less than this are no opinion."""
@@ -95,6 +95,7 @@ def fit_team(
     rows: TeamRows,
     *,
     seed: int,
+    walkers: Walkers | None = None,
     advance: Callable[[], None] = lambda: None,
 ) -> TeamReward:
     """Fit a linear reward to answers about teams.
@@ -103,6 +104,7 @@ def fit_team(
         pairs: What was answered; its clips name episodes of teams.
         rows: Reads them.
         seed: Bootstrap draws.
+        walkers: Who is seen in them, where it will be asked of others.
         advance: Called after each model, of `models_fitted(FitCfg())`.
 
     Raises:
@@ -144,6 +146,7 @@ def fit_team(
         report=fitted.report,
         answers_sha256=pairs.answers_sha256,
         episodes=frozenset(name for names in pairs.episodes for name in names),
+        walkers=walkers,
     )
 
 

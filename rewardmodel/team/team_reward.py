@@ -13,15 +13,18 @@ robot, P of the pair, M members, N = R E robots.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
+from data.episodes.episode_records import EpisodeMeta
 from data.features import column
 from rewardmodel.cfg import FitCfg
 from rewardmodel.descriptors.normaliser import Normaliser, fill_missing
 from rewardmodel.descriptors.table import DESCRIPTOR_NAMES, columns_seen, describe
+from rewardmodel.errors import RewardError
 from rewardmodel.models.fit_report import FitReport
 
 from .pair_habits import PAIR_HABITS, PAIR_NAMES, describe_pair
@@ -31,6 +34,36 @@ from .stood_still import StandingCfg, had_stood
 def either_fell(rows: Tensor) -> Tensor:
     """[...] bool, the steps of rows [..., R, F + V] at which a robot fell."""
     return (rows[..., column("fallen")][..., 0] > 0.5).any(dim=-1)
+
+
+@dataclass(frozen=True)
+class Walkers:
+    """Which robots walk in a team, and how often they act.
+
+    Raises:
+        ValueError: no time lies between two actions.
+    """
+
+    robot: str
+    """What they are called."""
+    model_sha256: str
+    """Hash of the world with both."""
+    control_dt_s: float
+    """Time between two actions."""
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.control_dt_s) and self.control_dt_s > 0):
+            raise ValueError(f"a control step of {self.control_dt_s} s")
+
+    @staticmethod
+    def of(meta: EpisodeMeta) -> Walkers:
+        """Those of an episode."""
+        return Walkers(meta.robot, meta.model_sha256, meta.control_dt_s)
+
+    @property
+    def words(self) -> str:
+        """Robot and rate."""
+        return f"{self.robot} at {1 / self.control_dt_s:g} Hz"
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +103,8 @@ class TeamReward:
     answers_sha256: str
     episodes: frozenset[str]
     """SHA-256 of the episodes in the answers."""
+    walkers: Walkers | None = None
+    """Whose answers they are about; None in older files, of which nobody can tell."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -80,6 +115,30 @@ class TeamReward:
     def fall_price(self) -> float:
         """What a fall costs the team, in units of the reward."""
         return FitCfg().fall_logit / self.scale
+
+    def require(self, walkers: Walkers, where: str) -> None:
+        """
+        Args:
+            walkers: Who is to be paid, or told what it earned.
+            where: What shows them, for the message.
+
+        Raises:
+            RewardError: it was fitted to other robots, or to another rate.
+        """
+        own = self.walkers
+        if own is None:
+            return
+        if own.control_dt_s != walkers.control_dt_s or own.robot != walkers.robot:
+            fitted, shown = own.words, walkers.words
+        elif own.model_sha256 != walkers.model_sha256:
+            fitted, shown = own.words, f"another model of {walkers.robot}"
+        else:
+            return
+        raise RewardError(
+            f"this reward was fitted to teams of {fitted}, and {where} is of "
+            f"{shown}: what a robot earns is counted in steps of one robot at one "
+            "rate; give one of `gaitpref team fit` about such teams"
+        )
 
     def described(self, rows: Tensor) -> tuple[Tensor, Tensor]:
         """Standardised descriptors [..., R, D] and [..., P] of rows [..., R, F + V]."""

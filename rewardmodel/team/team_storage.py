@@ -25,7 +25,7 @@ from rewardmodel.errors import RewardError
 from rewardmodel.models.fit_report import FitReport
 
 from .pair_habits import PAIR_NAMES
-from .team_reward import TeamReward
+from .team_reward import TeamReward, Walkers
 
 TEAM_TENSORS, TEAM_FACTS = "team.safetensors", "team.json"
 TEAM_FILES = (TEAM_TENSORS, TEAM_FACTS)
@@ -61,6 +61,7 @@ def save_team(model: TeamReward, directory: Path) -> None:
         "report": report,
         "answers_sha256": model.answers_sha256,
         "episodes": sorted(model.episodes),
+        "walkers": None if model.walkers is None else to_plain(model.walkers),
         "tensors_sha256": sha256_bytes(tensors),
     }
     with whole_directory(directory, TEAM_FILES) as partial:
@@ -99,6 +100,7 @@ def load_team(directory: Path) -> TeamReward:
             report=from_plain(FitReport, facts["report"] | {"seconds": 0.0}),
             answers_sha256=str(facts["answers_sha256"]),
             episodes=frozenset(map(str, facts["episodes"])),
+            walkers=_walkers(facts.get("walkers")),
         )
     except GaitprefError:
         raise
@@ -108,6 +110,11 @@ def load_team(directory: Path) -> TeamReward:
             f"{directory} holds a damaged reward of a team ({found}); fit it again "
             "with `gaitpref team fit`"
         ) from error
+
+
+def _walkers(told: Any) -> Walkers | None:
+    """Those that a file tells of; none in files written before they were."""
+    return None if told is None else from_plain(Walkers, told)
 
 
 def _normaliser(tensors: dict[str, Tensor], name: str, count: int) -> Normaliser:

@@ -153,6 +153,11 @@ def test_a_report_draws_whatever_reward_there_is(place: Path, tmp_path: Path) ->
     (one,) = told["answers"]
     assert sum(one["by_robot"].values()) == pytest.approx(one["lead"], abs=1e-3)
     assert set(told["clips"][0]["ways"]) == {"moment", "habit", "robot"}
+    page = (tmp_path / "why" / "index.html").read_text()
+    assert page.count("<svg") == len(told["clips"]) + 1
+    assert f"an answer of ann: A leads by {one['lead']:+.2f}" in page
+    assert all(clip["clip"] in page for clip in told["clips"])
+    assert "robot 1" in page
 
 
 def test_a_reward_of_something_else_is_refused_in_one_line(

@@ -15,8 +15,10 @@ from benchmarks import (
     ablations,
     actors,
     hour,
+    options,
     preference_fresh,
     robots,
+    team,
     throughput,
     walk,
 )
@@ -29,6 +31,7 @@ from gaitpref.loop.run import run_loop
 from gaitpref.raters.criteria import load_criterion
 from gaitpref.raters.criterion_scores import criterion_context
 from gaitpref.raters.rater_cfg import RaterCfg
+from policy.robots.shipped import WALK
 from policy.rollouts.walking import TRACKING_ERROR_M_S
 from policy.training.checkpoint import load_policy
 from rewardmodel.descriptors.table import describe
@@ -91,6 +94,71 @@ def test_robots_of_others(tmp_path: Path) -> None:
     assert result["spot_tracking_error_m_s"] > 0.1
     # A robot of half a metre is asked for more than one of 0.29 m.
     assert result["spot_fastest_m_s"] > 1.1
+
+
+def test_options(tmp_path: Path) -> None:
+    """Gaits alone, a rule and what was learned, from rows that are made once."""
+    figures = tmp_path / "figures.json"
+    small = options.Options(
+        quick=True,
+        policy=(f"walk={WALK}", f"high={WALK}"),
+        results=tmp_path / "rows",
+        work=tmp_path / "work",
+        json=figures,
+    )
+    options.main(small)
+    result = json.loads(figures.read_text())
+    rows = {path.stem for path in small.results.glob("*.json")}
+    alone = {"walk-alone", "high-alone", "crouch-alone"}
+    assert rows == alone | {"rule", "fixed_1s-seed0"}
+    gain = result["fixed_1s_reward"] - result["rule_reward"]
+    assert result["fixed_1s_over_rule"] == pytest.approx(gain)
+    assert result["best_alone"].removesuffix(" alone") in ("walk", "high", "crouch")
+    figures.unlink()
+    before = {path: path.stat().st_mtime_ns for path in small.results.glob("*.json")}
+    options.main(small)
+    assert json.loads(figures.read_text()) == result
+    assert before == {path: path.stat().st_mtime_ns for path in before}
+
+
+def test_a_rule_by_hand_sees_what_is_near() -> None:
+    """High on steps, crouch below a bar, else the first; far away is open ground."""
+    ahead = torch.zeros(5, 6)
+    for row, (kind, distance_m) in enumerate(
+        ((0, 0.4), (2, 0.0), (1, 0.1), (2, 0.6), (0, 0.5))
+    ):
+        ahead[row, kind], ahead[row, 3] = 1.0, distance_m
+    rule = options.rule_of(("walk", "high", "crouch"))
+    assert rule(ahead).tolist() == [1, 2, 0, 0, 1]
+    assert options.rule_of(("walk", "crouch"))(ahead).tolist() == [0, 1, 0, 0, 0]
+
+
+def test_teams_are_summed_up_robot_by_robot() -> None:
+    """Means over seeds, of what there is; a gain is over the policy before."""
+    names = ("formation", "gap_error_m", "lag_m", "fell", "error_1_m_s", "error_2_m_s")
+    names = (*names, "stands_1", "stands_2")
+
+    def row(kind: str, formation: float) -> team.Row:
+        numbers = dict.fromkeys(names, 0.25) | {"stands_2": -formation}
+        return {"kind": kind, **numbers, "formation": formation}
+
+    found = team.summary(
+        [
+            *(row("before", formation) for formation in (-1.0, -2.0)),
+            *(row("shares", formation) for formation in (-0.5, -0.9)),
+            *(
+                {"kind": "answers", "answers": 20, "accuracy": accuracy}
+                for accuracy in (0.5, None, 0.7)
+            ),
+            {"kind": "lazy", "named_1": True, "named_2": False, "earns_less_1": True},
+        ]
+    )
+    assert found["shares_gain"] == pytest.approx(0.8)
+    stands = [found[f"shares_stands_{robot}"] for robot in (1, 2)]
+    assert stands == pytest.approx([0.25, 0.7])
+    assert found["accuracy_20"] == pytest.approx(0.6)
+    assert found["lazy_named"] == "1 of 2"
+    assert found["lazy_earns_less"] == "1 of 1"
 
 
 def test_preferences(tmp_path: Path) -> None:

@@ -74,7 +74,7 @@ ELSEWHERE = {
     "gaitpref loop --run runs/getup": "tests/loop/test_loop.py begins lying",
     "gaitpref loop --run runs/ours": "tests/house/test_quickstart.py serves one",
     "gaitpref loop --run runs/own --criterion": "tests/house/test_examples.py has one",
-    "gaitpref options": "tests/policy/test_options.py",
+    "gaitpref options": "tests/policy/test_options.py learns to the end, a few steps",
     "gaitpref record --policy runs/choose": "tests/policy/test_options.py",
     "gaitpref pairs --dataset runs/judged": "tests/policy/test_options.py",
     "gaitpref label --dataset runs/judged": "tests/policy/test_options.py",

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,11 +17,14 @@ from benchmarks.options import bent
 from data.datasets.dataset import Dataset
 from data.datasets.segments import Segments, TableAnswer
 from data.episodes.choices import choices_of, told_choices
+from data.episodes.clips import Clip
 from data.errors import GaitprefError
 from gaitpref.cli.main import main
 from gaitpref.options.choice_clips import rows_of_episode
+from gaitpref.options.choice_explained import OfChoices
 from gaitpref.options.choice_fit import as_reward, fit_choices
 from gaitpref.options.choice_rater import answer_choices, wisher_of
+from gaitpref.options.choice_storage import load_choices
 from gaitpref.options.gait_files import Gaits, load_gaits, named_files
 from gaitpref.options.measure import alone, measure
 from gaitpref.options.train_options import (
@@ -391,6 +396,85 @@ def test_the_command_says_what_is_wrong_in_one_line(
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["policy.pt"]
 
 
+@pytest.fixture(scope="module")
+def wished(gaits: Gaits, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where `options --wish` was, to its end: gaits, clips, answers and a policy."""
+    place = tmp_path_factory.mktemp("wished")
+    bent(WALK, place / "crouch.pt")
+    wish = ["--wish", "changes_per_s=-1", "--answers", "20"]
+    out = ["--out", str(place / "wished")]
+    assert main(["options", *gaits_given(place), *SHORT, *wish, *out]) == 0
+    return place
+
+
+# So fast that nobody gets far: an episode is short.
+SHORT = ["--course", "bar", "--speed-m-s", "1.5", "--steps", "160", "--envs", "8"]
+
+
+def gaits_given(place: Path) -> list[str]:
+    return ["--policy", f"walk={WALK}", "--policy", f"crouch={place / 'crouch.pt'}"]
+
+
+def test_a_wish_and_answers_are_learned_to_the_end(
+    wished: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The answers of a data set, here those of a wish, teach the same reward again; and
+    what is written says whose choices it is about."""
+    answers = ["--dataset", str(wished / "wished/dataset")]
+    out = ["--out", str(wished / "answered")]
+    capsys.readouterr()
+    assert main(["options", *gaits_given(wished), *SHORT, *answers, *out]) == 0
+    told = capsys.readouterr().err
+    assert "fitted to 20 answers" in told
+    assert "crouch alone" in told
+    first, second = (load_choices(wished / name) for name in ("wished", "answered"))
+    assert first == second
+    assert (first.robot, first.control_dt_s) == ("go1", 0.02)
+    for name in ("wished", "answered"):
+        gaits = load_policy(wished / name / "policy.pt").info.ppo.gaits
+        assert gaits is not None
+        assert gaits.names == ("walk", "crouch")
+
+
+def test_answers_about_something_else_are_refused(
+    wished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Gaits of the same names: of another rate, of a heavier robot, elsewhere."""
+    given = gaits_given(wished)
+    slow, heavy = ([], [])
+    for name, path in named_files((given[1], given[3])).items():
+        slow += ["--policy", f"{name}={slower(path, tmp_path / f'{name}-slow.pt')}"]
+        heavy += ["--policy", f"{name}={heavier(path, tmp_path / f'{name}-heavy.pt')}"]
+    answers = ["--dataset", str(wished / "wished/dataset")]
+    out = ["--out", str(tmp_path / "out")]
+    for gaits, more, said in (
+        (given, ["--bar-m", "0.35"], "a bar_m of 0.29 instead of 0.35"),
+        (given, ["--course", "bar", "slope"], "course: bar instead of bar slope"),
+        (slow, [], "acts at 50 Hz, and these gaits at 40 Hz"),
+        (heavy, [], "go1 has a mass of"),
+    ):
+        assert main(["options", *gaits, *SHORT, *more, *answers, *out]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert said in line
+        assert "answers about th" in line
+    assert not (tmp_path / "out/policy.pt").exists()
+
+
+def test_a_reward_of_choices_is_about_one_robot_at_one_rate(wished: Path) -> None:
+    """One of an older file says of none, and is read as ever."""
+    dataset = Dataset.open(wished / "wished/dataset")
+    clip = Clip(dataset.entries()[0].sha256, 0, 5)
+    reward = load_choices(wished / "wished")
+    OfChoices(reward).side(dataset, clip)
+    for other, said in (
+        (replace(reward, robot="spot"), "choices of spot at 50 Hz, and .* shows go1"),
+        (replace(reward, control_dt_s=0.04), "go1 at 25 Hz, and .* go1 at 50 Hz"),
+    ):
+        with pytest.raises(GaitprefError, match=said):
+            OfChoices(other).side(dataset, clip)
+    OfChoices(replace(reward, robot="", control_dt_s=0.0)).side(dataset, clip)
+
+
 def test_a_liking_for_changes_is_paid() -> None:
     reward = written_reward({"changes_per_s": 1.0}, ("walk", "crouch"), "wish")
     assert reward.change_cost(0.02) == pytest.approx(-1.0)
@@ -416,14 +500,37 @@ def test_it_says_why_it_cannot_be_exported(chosen: Path, tmp_path: Path) -> None
     assert not (tmp_path / "out").exists()
 
 
+def slower(file: Path, out: Path) -> Path:
+    """The policy of `file` at 40 Hz."""
+    return retold(file, out, lambda told: told["env"].update(substeps=5))
+
+
+def heavier(file: Path, out: Path) -> Path:
+    """The policy of `file`, of a robot whose trunk weighs 4 kg more."""
+
+    def load(told: dict[str, Any]) -> None:
+        before = told["robot_mjcf"]
+        told["robot_mjcf"] = before.replace('mass="5.204"', 'mass="9.204"')
+        assert told["robot_mjcf"] != before
+
+    return retold(file, out, load)
+
+
+def retold(file: Path, out: Path, change: Callable[[dict[str, Any]], None]) -> Path:
+    """The policy of `file`, which says something else of itself."""
+    payload = read_plain(file)
+    told = json.loads(payload["infos"]["gaitpref"])
+    change(told)
+    out.write_bytes(saved_bytes({**payload, "infos": {"gaitpref": json.dumps(told)}}))
+    return out
+
+
 def test_gaits_that_cannot_follow_one_another_are_told(
     chosen: Path, tmp_path: Path
 ) -> None:
-    payload = read_plain(WALK)
-    told = json.loads(payload["infos"]["gaitpref"])
-    told["env"]["substeps"] = 5
-    slow = tmp_path / "slow.pt"
-    slow.write_bytes(saved_bytes({**payload, "infos": {"gaitpref": json.dumps(told)}}))
+    slow = slower(WALK, tmp_path / "slow.pt")
+    with pytest.raises(GaitprefError, match="heavy is of another robot than walk: it"):
+        load_gaits({"walk": WALK, "heavy": heavier(WALK, tmp_path / "heavy.pt")})
     with pytest.raises(GaitprefError, match=r"control_dt_s of 0\.025 s, walk of 0\.02"):
         load_gaits({"walk": WALK, "slow": slow})
     with pytest.raises(GaitprefError, match="chooses among gaits itself"):

@@ -14,6 +14,7 @@ import pytest
 import torch
 
 from data.datasets.dataset import Dataset
+from data.episodes.clips import Clip
 from data.episodes.episode import decode_episode
 from data.episodes.episode_records import Episode
 from data.episodes.team_rows import (
@@ -26,8 +27,10 @@ from data.episodes.writer import encode_episode
 from data.errors import CorruptEpisode, GaitprefError
 from data.features import FEATURE_DIM, column
 from gaitpref.cli.main import main
+from gaitpref.report.crediting import load_crediting
+from gaitpref.team.team_credit import Credit, verdict_of
 from gaitpref.team.team_pay import SharedPay
-from gaitpref.team.team_sets import require_alike, require_kind
+from gaitpref.team.team_sets import first_team, require_alike, require_kind
 from labeling_ui.scene.geometry import instance_poses, robot_geometry
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg
@@ -45,10 +48,12 @@ from policy.team.team_start import as_team
 from policy.training.checkpoint import Policy, load_policy
 from rewardmodel.descriptors.normaliser import Normaliser
 from rewardmodel.descriptors.table import DESCRIPTOR_NAMES, describe
+from rewardmodel.errors import RewardError
 from rewardmodel.models.fit_report import FitReport
 from rewardmodel.team.pair_habits import PAIR_NAMES, describe_pair
 from rewardmodel.team.stood_still import StandingCfg, had_stood
-from rewardmodel.team.team_reward import TeamReward
+from rewardmodel.team.team_reward import TeamReward, Walkers
+from rewardmodel.team.team_storage import TEAM_FACTS, load_team, save_team
 
 STANDING = StandingCfg(height_m=0.28)
 
@@ -361,7 +366,81 @@ def test_the_lazy_one_is_named(
         behind, ahead = int(lazy) - 1, 2 - int(lazy)
         less += own[ahead] - own[behind]
         assert still[behind] > still[ahead] + 0.1
+        verdict = told[lazy]["verdict"]
+        assert f"robot {lazy} " in verdict
+        assert "is lazy" in verdict
+        assert f"robot {ahead + 1} " not in verdict
     assert less > 0.05
+
+
+def credits_of(gaps: Sequence[float], still: tuple[float, float]) -> list[Credit]:
+    """Episodes in which robot 1 earns so much more than robot 2."""
+    nothing = (0.0, 0.0)
+    return [
+        Credit(share=(1.0 + gap, 1.0), own=nothing, worth=nothing, still=still)
+        for gap in gaps
+    ]
+
+
+@pytest.mark.parametrize(
+    ("gaps", "still", "behind", "sentence"),
+    [
+        (
+            (-0.4, -0.6, -0.5, -0.5),
+            (0.5, 0.1),
+            1,
+            "robot 1 earns 0.50 +- 0.04 a second less than the other: it is lazy; it "
+            "stands still 50% of the time, the other 10%",
+        ),
+        (
+            (0.4, 0.6, 0.5, 0.5),
+            (0.1, 0.15),
+            2,
+            "robot 2 earns 0.50 +- 0.04 a second less than the other: not by standing "
+            "still; it stands still 15% of the time, the other 10%",
+        ),
+        (
+            (1.0, -1.0, 0.5, -0.3),
+            (0.1, 0.1),
+            None,
+            "both robots earn alike: the difference is 0.05 +- 0.44 a second; they "
+            "stand still 10% and 10% of the time",
+        ),
+        (
+            (1.0, -1.0, 0.5, -0.3),
+            (0.1, 0.4),
+            None,
+            "both robots earn alike: the difference is 0.05 +- 0.44 a second; they "
+            "stand still 10% and 40% of the time: robot 2 is lazy, and no answer tells "
+            "what that costs",
+        ),
+        (
+            (-2.0,),
+            (0.9, 0.0),
+            None,
+            "both robots earn alike: the difference is 2.00 +- inf a second; they "
+            "stand still 90% and 0% of the time: robot 1 is lazy, and no answer tells "
+            "what that costs",
+        ),
+        (
+            (0.01, 0.01, 0.01),
+            (0.0, 0.0),
+            None,
+            "both robots earn alike: the difference is 0.01 +- 0.00 a second; they "
+            "stand still 0% and 0% of the time",
+        ),
+    ],
+)
+def test_a_verdict_names_who_earns_less_and_why(
+    gaps: Sequence[float],
+    still: tuple[float, float],
+    behind: int | None,
+    sentence: str,
+) -> None:
+    """Two standard errors and five hundredths make a difference; one episode none."""
+    verdict = verdict_of(credits_of(gaps, still))
+    assert (verdict.behind, verdict.still) == (behind, still)
+    assert verdict.sentence == sentence
 
 
 def test_each_way_to_pay_trains_and_goes_on(
@@ -371,6 +450,7 @@ def test_each_way_to_pay_trains_and_goes_on(
     reward = tmp_path / "reward"
     given = ["--dataset", str(dataset.root)]
     assert main(["team", "fit", *given, "--out", str(reward)]) == 0
+    assert load_team(reward).walkers == Walkers.of(first_team(dataset).meta)
     small = ["--steps", "192", "--robots", "4", "--checkpoints", "0"]
     for pay in ("shares", "same", "counterfactual"):
         out = ["--out", str(tmp_path / pay), "--reward", str(reward), "--pay", pay]
@@ -396,6 +476,41 @@ def test_each_way_to_pay_trains_and_goes_on(
         assert main(args) == 2, args
         assert words in capsys.readouterr().err
     assert not (tmp_path / "fresh" / "start.pt").exists()
+
+
+def test_a_reward_of_other_teams_pays_nobody(
+    dataset: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It says of which robots and rate it is; an older file does not, and is read."""
+    given = ["--dataset", str(dataset.root)]
+    walkers = Walkers.of(first_team(dataset).meta)
+    assert (walkers.robot, walkers.control_dt_s) == ("go1", 0.02)
+    train = ["team", "train", "--steps", "96", "--robots", "4", "--checkpoints", "0"]
+    for name, changed, said in (
+        ("spot", replace(walkers, robot="spot"), "teams of spot at 50 Hz, and"),
+        ("slow", replace(walkers, control_dt_s=0.04), "go1 at 25 Hz, and"),
+        ("heavy", replace(walkers, model_sha256="0" * 64), "another model of go1:"),
+    ):
+        reward, out = tmp_path / name, tmp_path / f"{name}-out"
+        save_team(replace(any_reward(), walkers=changed), reward)
+        used = ["--reward", str(reward)]
+        for command in ([*train, "--out", str(out)], ["team", "shares", *given]):
+            assert main([*command, *used]) == 2
+            (line,) = capsys.readouterr().err.splitlines()
+            assert said in line
+            assert "`gaitpref team fit` about such teams" in line
+        assert not out.exists() or not list(out.glob("*.pt"))
+        with pytest.raises(RewardError, match=re.escape(said)):
+            load_crediting(reward).side(
+                dataset, Clip(dataset.entries()[0].sha256, 0, 5)
+            )
+    older = tmp_path / "older"
+    save_team(any_reward(), older)
+    facts = json.loads((older / TEAM_FACTS).read_text())
+    del facts["walkers"]
+    (older / TEAM_FACTS).write_text(json.dumps(facts))
+    assert load_team(older).walkers is None
+    assert main(["team", "shares", *given, "--reward", str(older)]) == 0
 
 
 def test_sets_of_other_teams_are_not_mixed(

@@ -19,6 +19,7 @@ from gaitpref.console.progress import (
 from gaitpref.console.terminal import EXIT_INTERRUPTED, complain
 from gaitpref.options.choice_fit import fit_choices
 from gaitpref.options.choice_rater import answer_choices, parse_wish, wisher_of
+from gaitpref.options.choice_sets import Asked, about
 from gaitpref.options.choice_storage import save_choices
 from gaitpref.options.gait_files import Gaits, load_gaits, named_files
 from gaitpref.options.measure import measured, table
@@ -76,7 +77,7 @@ def _learn(
         complain("stopped; the same command goes on")
         return EXIT_INTERRUPTED
     policy_file = command.out / POLICY_NAME
-    save_choices(reward, command.out)
+    save_choices(about(reward, gaits.robot, gaits.env.control_dt_s), command.out)
     with counted("comparing it with each gait alone, steps") as tell:
         rows = measured(policy_file, gaits, reward, tell=tell)
     console.print(table(rows, gaits.names))
@@ -187,6 +188,7 @@ def _reward(
             seed=command.seed,
             rater_id=rater_id,
             advance=lambda: bar.advance(bar.task_ids[0]),
+            asked=Asked(gaits.robot, gaits.env.control_dt_s, cfg.course),
         )
     held_out = report.held_out_accuracy
     foreseen = "" if held_out is None else f"; foresees {held_out:.0%} of unseen ones"

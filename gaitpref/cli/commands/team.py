@@ -33,6 +33,7 @@ from gaitpref.team.team_criteria import team_criterion
 from gaitpref.team.team_pay import CriterionPay, SharedPay
 from gaitpref.team.team_sets import (
     context_of_teams,
+    first_team,
     require_alike,
     require_kind,
     robot_of_teams,
@@ -44,6 +45,7 @@ from policy.env.team_cfg import TeamCfg
 from policy.robots.robot import Robot
 from policy.robots.shipped import WALK
 from policy.rollouts.record_cfg import LONGEST_S
+from policy.team.pair_model import pair_of
 from policy.team.team_env import team_runner
 from policy.team.team_record import LAZY, TeamRecordCfg, record_team
 from policy.team.team_start import as_team
@@ -55,7 +57,7 @@ from rewardmodel.answers.answered_pairs import load_pairs
 from rewardmodel.cfg import FitCfg
 from rewardmodel.fitting.fit_reward import models_fitted
 from rewardmodel.team.team_fit import fit_team, rows_in
-from rewardmodel.team.team_reward import TeamReward
+from rewardmodel.team.team_reward import TeamReward, Walkers
 from rewardmodel.team.team_storage import TEAM_FILES, load_team, save_team
 
 _START_STD, _END_STD = 0.3, 0.15
@@ -131,7 +133,7 @@ def _require_possible(command: options.TeamTrain) -> None:
     """
     learned = Path(command.reward).is_dir()
     if learned:
-        load_team(Path(command.reward))
+        _require_fitted(load_team(Path(command.reward)), command.init or WALK)
     if command.pay != options.TeamTrain.pay and not learned:
         raise GaitprefError(
             f"--pay {command.pay} is of a learned reward, whose shares are known, and "
@@ -147,6 +149,17 @@ def _require_possible(command: options.TeamTrain) -> None:
         raise GaitprefError(
             f"--robots {command.robots}: two walk in every world; give an even number"
         )
+
+
+def _require_fitted(model: TeamReward, init: Path) -> None:
+    """
+    Raises:
+        GaitprefError: the reward is of other robots than those that would be trained.
+    """
+    policy = load_policy(init)
+    both, _ = pair_of(policy.robot())
+    rate = policy.info.env.control_dt_s
+    model.require(Walkers(both.name, both.model_sha256, rate), str(init))
 
 
 def _start(command: options.TeamTrain) -> Path:
@@ -264,6 +277,7 @@ def _fit(command: options.TeamFit) -> None:
             pairs,
             rows_in(datasets),
             seed=command.seed,
+            walkers=Walkers.of(first_team(datasets[0]).meta),
             advance=lambda: bar.advance(bar.task_ids[0]),
         )
     with writable(command.out.resolve().parent):
@@ -294,6 +308,7 @@ def _largest(model: TeamReward) -> list[tuple[str, float]]:
 def _shares(command: options.TeamShares) -> None:
     model = load_team(command.reward)
     dataset = Dataset.open(command.dataset)
+    model.require(Walkers.of(first_team(dataset).meta), str(dataset.root))
     robot, control_dt_s = robot_of_teams(dataset)
     entries = [
         entry

@@ -51,8 +51,8 @@ class Options:
     speed_m_s: float = 0.6
     """Forward speed that is asked for on the whole course."""
     dataset: Path | None = None
-    """Data set with answers about clips of choices on a course: the reward is fitted to
-    them."""
+    """Data set with answers about clips of choices of this robot on this course, at
+    this rate: the reward is fitted to them."""
     wish: str | None = None
     """A simulated rater instead of people: what it likes, as
     `changes_per_s=-1,crouch:bar=2`; a wrong name lists the columns. It answers about

@@ -17,6 +17,7 @@ from gaitpref.cli.commands.looking.explained import (
     clip_json,
     curve_json,
     rounded_values,
+    write_page,
 )
 from gaitpref.cli.options import options
 from gaitpref.console.progress import console, counted
@@ -74,6 +75,7 @@ def run(command: options.Explain) -> int:
     }
     write_atomically(command.out / DATA_NAME, json.dumps(data).encode())
     say(f"the figures are in {command.out / DATA_NAME}")
+    write_page(command.out, f"What {command.reward} likes", told, answers)
     console.next(
         f"`gaitpref pairs --dataset {command.dataset} --reward {command.reward} "
         f"--count 20` asks where it is in doubt"

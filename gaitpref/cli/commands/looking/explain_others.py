@@ -5,6 +5,7 @@ of a team, or at which gait runs when.
 from __future__ import annotations
 
 import json
+from typing import Any
 
 from data.datasets.dataset import Dataset
 from data.datasets.named_clip import find_clip
@@ -15,6 +16,7 @@ from gaitpref.cli.commands.looking.explained import (
     DATA_NAME,
     answers_told,
     clip_json,
+    write_page,
 )
 from gaitpref.cli.options import options
 from gaitpref.console.progress import console, each_counted
@@ -65,6 +67,7 @@ def explain_others(
     }
     write_atomically(command.out / DATA_NAME, json.dumps(data).encode())
     say(f"the figures are in {command.out / DATA_NAME}")
+    write_page(command.out, f"What {command.reward} likes", told, answers)
     console.next(_next(command, reward))
     return 0
 
@@ -80,7 +83,7 @@ def _told(
     reward: Crediting,
     name: str,
     found: Ranked,
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """The figures of a clip, whose picture is written."""
     clip = found.clip
     entry, side = dataset.entry(clip.rollout), reward.side(dataset, clip)

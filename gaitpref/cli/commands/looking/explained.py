@@ -10,6 +10,8 @@ import numpy as np
 
 from data.answers.answer_records import Answer, Pair
 from data.datasets.dataset import Dataset, EpisodeEntry
+from data.files.files import write_atomically
+from gaitpref.cli.commands.looking.explained_page import explained_page
 from gaitpref.console.terminal import say
 from gaitpref.report.answer_credit import newest_credited
 from gaitpref.report.credit_picture import credit_picture
@@ -20,7 +22,7 @@ from rewardmodel.explain.attribution import Explanation
 from rewardmodel.explain.four_ways import Run, four_ways
 from rewardmodel.explain.learned_curves import Curve
 
-DATA_NAME = "explanation.json"
+DATA_NAME, PAGE_NAME = "explanation.json", "index.html"
 
 
 def answers_told(
@@ -88,6 +90,34 @@ def clip_json(
             ).ways.items()
         },
     }
+
+
+def write_page(
+    out: Path,
+    title: str,
+    clips: Sequence[Mapping[str, Any]],
+    answers: Sequence[Mapping[str, Any]],
+) -> None:
+    """Write a page of the pictures in `out` that these figures are of."""
+    pictures = [
+        (
+            out / f"{clip['name']}.svg",
+            f"{clip['name']}: reward {clip['reward_of_clip']:+.2f}, {clip['clip']}",
+        )
+        for clip in clips
+    ]
+    pictures += [
+        (
+            out / f"answer-{number}.svg",
+            f"an answer of {answer['rater']}: A leads by {answer['lead']:+.2f}",
+        )
+        for number, answer in enumerate(answers, start=1)
+    ]
+    if (habits := out / "habits.svg").exists():
+        pictures.append((habits, "the habits that matter most"))
+    page = out / PAGE_NAME
+    write_atomically(page, explained_page(title, pictures).encode())
+    say(f"all of it on one page: {page}")
 
 
 def curve_json(curve: Curve) -> dict[str, Any]:
