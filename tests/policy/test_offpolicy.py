@@ -41,7 +41,6 @@ from policy.training.train_cfg import TrainCfg
 ENV = EnvCfg(episode_s=0.4, commands=CommandCfg(resample_s=math.inf))
 PPO = PpoCfg(num_envs=4, steps_per_env=24, hidden_sizes=(16,))
 SAC = SacCfg(
-    actor_sizes=(16,),
     critic_sizes=(16,),
     memory=400,
     learn_from=90,
@@ -422,3 +421,31 @@ def test_updates_that_are_none_are_refused(
     assert main([*given, f"--updates-per-step={per_step}"]) == 2
     assert "--updates-per-step must be a number above 0" in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_networks_are_as_wide_as_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of actor and critics; one that goes on with a policy has the actor's sizes."""
+
+    def trained(out: str, *more: str) -> int:
+        given = ["train", "--out", str(tmp_path / out), "--reward", "task"]
+        given += ["--algorithm", "fastsac", "--steps", "4", "--envs", "4"]
+        return main([*given, *more])
+
+    critic = ("--critic-sizes", "24")
+    actor = ("--actor-sizes", "16", "8")
+    assert trained("new", *critic, *actor) == 0
+    made = tmp_path / "new" / "policy.pt"
+    assert trained("on", *critic, "--init", str(made)) == 0
+    for name in ("new", "on"):
+        state = read_plain(tmp_path / name / "policy.pt")["offpolicy_state_dict"]
+        assert [state[f"actor.hidden.{n}.weight"].shape[0] for n in (0, 1)] == [16, 8]
+        assert state["critic.weights.0"].shape == (2, 60, 24)
+        info = load_policy(tmp_path / name / "policy.pt").info
+        assert info.ppo.hidden_sizes == (16, 8)
+    assert trained("both", *actor, "--init", str(made)) == 2
+    assert "--init has networks of its own" in capsys.readouterr().err
+    for given in (actor, critic):
+        assert trained("ppo", *given, "--algorithm", "ppo") == 2
+        assert "is about off-policy learning" in capsys.readouterr().err

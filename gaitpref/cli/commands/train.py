@@ -165,7 +165,7 @@ def _engine(
     actors = actors_of(command, ranks)
     engine = off_policy_of(command, actors, ranks, console.print)
     if engine is not None:
-        return off_policy_cfg(cfg, engine)
+        return off_policy_cfg(cfg), engine
     if actors is None:
         return cfg, None
     return cfg, WithActors(cfg=actors, tell=console.print)
@@ -188,6 +188,7 @@ def _plain_cfg(command: options.Train, setting: Setting) -> TrainCfg:
         ppo=replace(
             setting.ppo,
             num_envs=command.envs,
+            hidden_sizes=command.actor_sizes or setting.ppo.hidden_sizes,
             bonus=(
                 None
                 if command.exploration == "none"

@@ -117,6 +117,11 @@ class Train:
     resume.pt too."""
     updates_per_step: float = SacCfg.updates_per_step
     """With --algorithm fastsac: updates for each environment step."""
+    actor_sizes: tuple[Count, ...] = ()
+    """With --algorithm fastsac: widths of the hidden layers of a new policy; 128 128 by
+    default."""
+    critic_sizes: tuple[Count, ...] = SacCfg.critic_sizes
+    """With --algorithm fastsac: those of each critic."""
     prioritised: bool = False
     """With --algorithm fastsac: learn more often from steps the critics err about; with
     --actors this is Ape-X."""

@@ -32,7 +32,10 @@ def off_policy_of(
     if command.algorithm == "ppo":
         refuse_unasked(
             command,
-            ("replay", "offline", "memory", "updates_per_step", "prioritised"),
+            (
+                *("replay", "offline", "memory", "updates_per_step", "prioritised"),
+                *("actor_sizes", "critic_sizes"),
+            ),
             "is about off-policy learning: give --algorithm fastsac",
         )
         return None
@@ -46,8 +49,14 @@ def off_policy_of(
             "--most-lag drops steps of older weights, and --algorithm fastsac learns "
             "from all of them: leave one of the two out"
         )
+    if command.actor_sizes and command.init is not None:
+        raise GaitprefError(
+            "--actor-sizes is of a new policy, and --init has networks of its own: "
+            "leave one of the two out"
+        )
     try:
         sac = SacCfg(
+            critic_sizes=command.critic_sizes,
             memory=command.memory,
             updates_per_step=command.updates_per_step,
             priorities=PriorityCfg() if command.prioritised else None,
