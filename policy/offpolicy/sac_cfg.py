@@ -108,6 +108,10 @@ class SacCfg:
             raise ValueError(
                 f"updates_per_step must be a number above 0: {self.updates_per_step}"
             )
+        if not 0.0 <= self.clone_weight < math.inf:
+            raise ValueError(
+                f"clone_weight must be a number of at least 0: {self.clone_weight}"
+            )
         if not 0.0 <= self.gamma < 1.0:
             raise ValueError(f"gamma must lie in [0, 1), got {self.gamma}")
         if not 0.0 < self.std_bounds[0] <= self.first_std <= self.std_bounds[1]:
