@@ -74,6 +74,30 @@ def test_figures_of_actors_are_of_what_is_counted() -> None:
     assert figures["torchrun_2_over_ppo_steps_per_s"] == pytest.approx(1.5)
 
 
+def test_off_policy_beside_ppo(tmp_path: Path) -> None:
+    """A style out of data alone, and out of answers, is a share of what PPO gains; what
+    is finished is not run again."""
+    figures, work = tmp_path / "figures.json", tmp_path / "work"
+    command = [sys.executable, "-m", "benchmarks.offpolicy", "--quick"]
+    command += ["--parts", "offline", "answers", "--work", str(work)]
+    command += ["--clone-weights", "0.2", "--json", str(figures)]
+    subprocess.run(command, check=True)
+    result = json.loads(figures.read_text())
+    assert result["offline_clone_0.2_distance_0"] > 0.0
+    for part, gained in (
+        ("offline_clone_0.2", ("offline_clone_0.2_gain_0", "online_gain_0")),
+        ("answers", ("answers_gain_fastsac_0", "answers_gain_ppo_0")),
+    ):
+        gain, whole = (result[name] for name in gained)
+        share = gain / whole if whole > 0 else 0.0
+        assert result[f"{part}_share_median"] == pytest.approx(share)
+    finished = {path: path.stat().st_mtime_ns for path in work.rglob("*.pt")}
+    figures.unlink()
+    subprocess.run(command, check=True)
+    assert json.loads(figures.read_text()) == result
+    assert {p: p.stat().st_mtime_ns for p in work.rglob("*.pt")} == finished
+
+
 def test_robots_of_others(tmp_path: Path) -> None:
     """A robot is trained, measured and published with the keys of the goals."""
     xml = tmp_path / "menagerie" / robots.ROBOTS["spot"]
