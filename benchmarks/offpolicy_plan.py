@@ -8,6 +8,7 @@ from typing import Literal
 
 from gaitpref.raters.criteria import load_criterion
 from gaitpref.raters.criterion_scores import criterion_context, score_of_criterion
+from policy.robots.shipped import WALK
 from policy.rollouts.evaluate import evaluate
 from policy.training.checkpoint import load_policy
 
@@ -33,6 +34,8 @@ class Options:
     """Environment steps between two policies that are looked at."""
     style: str = "high_step"
     """The criterion that is learned offline, beside the task, and from answers."""
+    base: Path = WALK
+    """The walk that the style is learned on."""
     recorded: int = 192
     """Episodes of the data set."""
     offline_steps: int = 200_000

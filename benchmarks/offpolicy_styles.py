@@ -12,7 +12,6 @@ from pathlib import Path
 from data.files.files import write_atomically
 from gaitpref.cli.shared.off_policy import EXIT_NO_GAIN
 from gaitpref.console.terminal import EXIT_BAD_INPUT
-from policy.robots.shipped import WALK
 
 from .harness import Figure, gaitpref, median
 from .offpolicy_plan import FAST, Options, earned
@@ -21,7 +20,7 @@ from .offpolicy_plan import FAST, Options, earned
 def offline(options: Options) -> dict[str, Figure]:
     """The share of a style that comes out of a data set alone, by weight of cloning and
     seed."""
-    base = earned(options, options.style, WALK)
+    base = earned(options, options.style, options.base)
     figures: dict[str, Figure] = {"offline_base_return": base}
     shares: dict[float, list[float]] = {weight: [] for weight in options.clone_weights}
     for seed in options.seeds:
@@ -57,11 +56,11 @@ def _offline_row(options: Options, seed: int) -> Path:
     row = options.work / f"offline-{options.style}-{seed}"
     _once(
         row / "recorded",
-        *("record", "--policy", WALK, "--dataset", row / "set"),
+        *("record", "--policy", options.base, "--dataset", row / "set"),
         *("--episodes", str(options.recorded), "--varied", "0.5"),
         *("--seed", str(seed)),
     )
-    reward = ("--reward", options.style, "--keep-task", "--init", WALK)
+    reward = ("--reward", options.style, "--keep-task", "--init", options.base)
     chance = ("--seed", str(seed), "--resume")
     for weight in options.clone_weights:
         _once(
@@ -103,11 +102,11 @@ def answers(options: Options) -> dict[str, Figure]:
 
 
 def _answered(options: Options, name: str, seed: int, more: Sequence[str]) -> float:
-    """What a loop gained on the walk that ships, by what its rater looks for."""
+    """What a loop gained on what it began with, by what its rater looks for."""
     run = options.work / f"answers-{options.style}-{seed}" / name
     _once(
         run.with_name(f"{name}-done"),
-        *("loop", "--run", run, "--criterion", options.style, "--base", "walk"),
+        *("loop", "--run", run, "--criterion", options.style, "--base", options.base),
         *("--labels", str(options.labels), "--rounds", str(options.rounds)),
         *("--steps", str(options.answered_steps), "--seed", str(seed), *more),
     )
