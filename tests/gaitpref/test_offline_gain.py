@@ -13,6 +13,8 @@ from torch import Tensor
 from data.datasets.dataset import Dataset
 from data.features import column
 from gaitpref.cli.main import main
+from gaitpref.cli.options import options
+from gaitpref.cli.shared.off_policy import told_offline
 from gaitpref.training.offline_gain import offline_gain
 from policy.env.env_cfg import EnvCfg
 from policy.offpolicy.off_policy_runner import OffPolicy
@@ -143,18 +145,18 @@ def test_what_left_the_data_behind_is_refused(
 
 
 def test_without_a_policy_it_is_compared_with_the_data(
-    tmp_path: Path,
-    walk: Path,
-    untrained: Policy,
-    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path, walk: Path, untrained: Policy
 ) -> None:
     """What is learned of a walk in a moment earns less than the walk did."""
-    replay = _recorded(tmp_path / "set", walk)
-    words = ("--reward", "task", "--replay", replay, "--updates-per-step", "0.02")
-    assert _offline(tmp_path, *words) != 0
-    said = " ".join(capsys.readouterr().err.split())
-    assert re.search(r"who made the data \d\S+ in as many steps: the data alone", said)
     robot, env = untrained.robot(), replace(untrained.info.env, episode_s=1.0)
+    replay, lines = _recorded(tmp_path / "set", walk), list[str]()
+    engine = OffPolicy(replay=(replay,), offline=True)
+    cfg = TrainCfg(steps=96, env=env, ppo=PpoCfg(num_envs=4))
+    result = train(tmp_path / "out", robot, cfg, engine=engine)
+    command = options.Train(out=tmp_path / "out", reward="task")
+    assert told_offline(command, result, robot, env, None, lines.append) != 0
+    (told,) = (line for line in lines if line.startswith("tried, it earns"))
+    assert re.search(r"who made the data \d\S+ in as many steps: the data alone", told)
     walked = offline_gain(0.0, load_policy(walk), robot, env, None)
     data = walked.after.return_mean
     lost = offline_gain(data, untrained, robot, env, None)

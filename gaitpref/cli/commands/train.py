@@ -104,7 +104,9 @@ def _train(command: options.Train, ranks: Ranks) -> int:
         return told_stopped(result.steps) if ranks.is_first else EXIT_INTERRUPTED
     console.print(f"the policy is {result.policy}")
     if command.offline and result.stats is not None:
-        code = told_offline(command, result, setting, cfg.env, reward_fn, console.print)
+        code = told_offline(
+            command, result, setting.robot, cfg.env, reward_fn, console.print
+        )
         if code:
             return code
     if ranks.is_first and command.reward == "task" and not command.getup:

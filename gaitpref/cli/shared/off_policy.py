@@ -16,10 +16,10 @@ from policy.offpolicy.distance import TOO_FAR
 from policy.offpolicy.off_policy_runner import OffPolicy
 from policy.offpolicy.sac_cfg import PriorityCfg, SacCfg
 from policy.parallel.ranks import Ranks
+from policy.robots.robot import Robot
 from policy.training.checkpoint import load_policy
 from policy.training.ppo import ScoreFn
 from policy.training.session import TrainResult
-from policy.training.setup import Setting
 
 EXIT_NO_GAIN = 1
 _DISTANCE = "offline/action_distance"
@@ -87,7 +87,7 @@ def off_policy_of(
 def told_offline(
     command: options.Train,
     result: TrainResult,
-    setting: Setting,
+    robot: Robot,
     env: EnvCfg,
     reward_fn: ScoreFn | None,
     tell: Callable[[str], None],
@@ -98,7 +98,7 @@ def told_offline(
     assert stats is not None
     before = stats.mean_return if command.init is None else load_policy(command.init)
     after = load_policy(result.policy)
-    gain = offline_gain(before, after, setting.robot, env, reward_fn)
+    gain = offline_gain(before, after, robot, env, reward_fn)
     distance = stats.scalars[_DISTANCE]
     if distance >= TOO_FAR:
         tell(gain.words)
