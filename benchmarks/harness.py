@@ -29,8 +29,9 @@ class Run:
     stdout: str
 
 
-def gaitpref(*args: str | Path) -> Run:
-    """Run a `gaitpref` command in a process of its own.
+def gaitpref(*args: str | Path, well: Sequence[int] = (0,)) -> Run:
+    """Run a `gaitpref` command in a process of its own, that ends `well` with one of
+    these codes.
 
     Raises:
         RuntimeError: it failed.
@@ -44,7 +45,7 @@ def gaitpref(*args: str | Path) -> Run:
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
     wall_s = time.perf_counter() - start_s
-    if process.returncode:
+    if process.returncode not in well:
         raise RuntimeError(f"{' '.join(command)} ended with {process.returncode}")
     return Run(wall_s, usage.ru_maxrss / 1024, stdout)
 

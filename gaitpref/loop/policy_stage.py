@@ -216,9 +216,8 @@ def _learned_by(learner: SacCfg | None, round: Round, plan: _Plan) -> _Plan:
     if learner is None:
         return plan
     engine = OffPolicy(cfg=learner, replay=trained_before(round), tell=console.print)
-    cfg, engine = off_policy_cfg(plan.cfg, engine)
     paid = paid_by_step(plan.reward_fn, console.print)
-    return replace(plan, cfg=cfg, engine=engine, reward_fn=paid)
+    return replace(plan, cfg=off_policy_cfg(plan.cfg), engine=engine, reward_fn=paid)
 
 
 def planned_steps(cfg: LoopCfg, round: Round) -> int:

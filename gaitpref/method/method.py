@@ -57,7 +57,8 @@ class Method:
     """What people are asked while a policy is trained; None: nothing."""
     learner: SacCfg | None = field(default=None, metadata=NONE_AS_BEFORE)
     """What trains, off-policy from all that the run's trainings remember; None: PPO. It
-    finds its own noise, whatever `exploration` says, and has the policy's sizes."""
+    finds its own noise, whatever `exploration` says; its actor has the sizes of
+    `ppo.hidden_sizes`."""
 
     REMOVED: ClassVar = ("start", "once_it_walks", "unstick")
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from policy.offpolicy.off_policy_runner import OffPolicy
 from policy.training.ppo import PpoCfg, ScoreFn
 from policy.training.train_cfg import TrainCfg
 
@@ -29,10 +28,11 @@ def paid_by_step(reward: ScoreFn | None, tell: Callable[[str], None]) -> ScoreFn
     return replace(reward, tracking_limit=None)
 
 
-def off_policy_cfg(cfg: TrainCfg, engine: OffPolicy) -> tuple[TrainCfg, OffPolicy]:
-    """`cfg` in short iterations with rare states, and networks as those it begins with.
+def off_policy_cfg(cfg: TrainCfg) -> TrainCfg:
+    """`cfg` in short iterations with rare states.
 
-    Of PPO's settings only the number of environments and the mirror are kept.
+    Of PPO's settings the number of environments, the sizes of the policy and the mirror
+    are kept, and what the learner refuses.
     """
     ppo = PpoCfg(
         num_envs=cfg.ppo.num_envs,
@@ -42,5 +42,4 @@ def off_policy_cfg(cfg: TrainCfg, engine: OffPolicy) -> tuple[TrainCfg, OffPolic
         bonus=cfg.ppo.bonus,
         kl_penalty=cfg.ppo.kl_penalty,
     )
-    sac = replace(engine.cfg, actor_sizes=ppo.hidden_sizes)
-    return replace(cfg, ppo=ppo, save_every=_SAVE_EVERY), replace(engine, cfg=sac)
+    return replace(cfg, ppo=ppo, save_every=_SAVE_EVERY)

@@ -18,46 +18,65 @@ from policy.training.ppo import ScoreFn
 
 @dataclass(frozen=True)
 class OfflineGain:
-    """A policy that was learned from data alone, beside the one it began from."""
+    """A policy that was learned from data alone, beside what it was learned from."""
 
-    before: Evaluation
+    before: Evaluation | float
+    """Of the policy it began from; without one, what the remembered steps are paid over
+    an episode that none of them ends."""
     after: Evaluation
 
     @property
     def gained(self) -> bool:
         """Whether the later one earns more, with a probability of 97.5 %."""
-        either = math.hypot(self.before.return_ci95, self.after.return_ci95)
-        return self.after.return_mean - self.before.return_mean > either
+        before, spread = _earned(self.before)
+        either = math.hypot(spread, self.after.return_ci95)
+        return self.after.return_mean - before > either
 
     @property
     def words(self) -> str:
         """What to say of it."""
-        before, after = (
-            return_text(each.return_mean, each.return_ci95)
-            for each in (self.before, self.after)
-        )
-        told = f"tried, it earns {after} an episode, and what it began from {before}"
+        after = return_text(*_earned(self.after))
+        if isinstance(self.before, Evaluation):
+            of = f"what it began from {return_text(*_earned(self.before))}"
+            instead = "keep the first"
+        else:
+            of = f"who made the data {self.before:.2f} in as many steps"
+            instead = "begin from a policy, with --init"
+        told = f"tried, it earns {after} an episode, and {of}"
         if self.gained:
             return told
         return (
-            f"{told}: the data alone gained nothing; keep the first, record episodes "
+            f"{told}: the data alone gained nothing; {instead}, record episodes "
             "of more kinds, or leave --offline out, so that it tries what it learns"
         )
 
 
+def _earned(told: Evaluation | float) -> tuple[float, float]:
+    """A return and half of its interval; all of memory is no sample."""
+    if isinstance(told, Evaluation):
+        return told.return_mean, told.return_ci95
+    return told, 0.0
+
+
 def offline_gain(
-    before: Policy, after: Policy, robot: Robot, env: EnvCfg, reward: ScoreFn | None
+    before: Policy | float,
+    after: Policy,
+    robot: Robot,
+    env: EnvCfg,
+    reward: ScoreFn | None,
 ) -> OfflineGain:
-    """Roll both out under `env`, from the same starts, and score them by `reward`; None
-    is the task's own."""
+    """Roll policies out under `env`, from the same starts, and score them by `reward`,
+    as it is paid for a step; None is the task's own."""
 
     cfg = task_reward_for(robot, env.task)
 
-    def task(features: Tensor, starts: Tensor) -> Tensor:
-        del starts
+    def per_second(features: Tensor, starts: Tensor) -> Tensor:
+        if reward is not None:
+            return reward(features, starts) / env.control_dt_s
         return task_score(features, cfg, control_dt_s=env.control_dt_s)
 
-    score = reward or task
+    if not isinstance(before, Policy):
+        return OfflineGain(before, evaluate(after, per_second, env=env))
     return OfflineGain(
-        evaluate(before, score, env=env), evaluate(after, score, env=env)
+        evaluate(before, per_second, env=env), evaluate(after, per_second, env=env)
     )

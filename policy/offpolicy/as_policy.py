@@ -85,9 +85,9 @@ def tensors_of(actor: TanhActor) -> dict[str, Tensor]:
     return found
 
 
-def described(ppo: PpoCfg, obs_dim: int, sizes: tuple[int, ...]) -> PpoCfg:
+def described(ppo: PpoCfg, obs_dim: int) -> PpoCfg:
     """`ppo` as the policy file of an actor says it: its network is a recipe."""
-    return replace(ppo, hidden_sizes=sizes, recipe=recipe_of(obs_dim, sizes))
+    return replace(ppo, recipe=recipe_of(obs_dim, ppo.hidden_sizes))
 
 
 def policy_states(learner: Sac, ppo: PpoCfg, std: Tensor) -> dict[str, Any]:

@@ -39,6 +39,8 @@ class ExplorerPlan(EnvPlan):
 
     sac: SacCfg
     """The learner's; an actor learns nothing itself."""
+    sizes: tuple[int, ...]
+    """Widths of the policy's hidden layers."""
     steps: int
     """Control steps it sends at a time."""
 
@@ -55,7 +57,7 @@ class Explorer:
         self._env = plan.begin_env()
         obs_dim = self._env.get_observations()["policy"].shape[-1]
         bound = action_bound(self._env, plan.sac.most_action)
-        self._actor = new_actor(plan.sac, obs_dim, bound)
+        self._actor = new_actor(plan.sac, obs_dim, bound, plan.sizes)
         spread_time_outs(self._env)
 
     def steps(self, weights: Weights, version: int, sequence: int) -> SentSteps:

@@ -165,6 +165,7 @@ class FromActors:
             num_envs=self._envs,
             seed=seed_of_actor(self._seed, actor, sequence),
             sac=self._learner.cfg,
+            sizes=self._cfg.ppo.hidden_sizes,
             steps=self._cfg.ppo.steps_per_env,
         )
 

@@ -82,9 +82,9 @@ class OffPolicyRunner:
         self.device = str(self.env.device)
         self.sac, self.engine = engine.cfg, engine
         obs_dim = self.env.get_observations()["policy"].shape[-1]
-        self.ppo = described(cfg.ppo, obs_dim, self.sac.actor_sizes)
+        self.ppo = described(cfg.ppo, obs_dim)
         bound = action_bound(self.env, self.sac.most_action)
-        self.alg = Sac(self.sac, obs_dim, bound)
+        self.alg = Sac(self.sac, obs_dim, bound, cfg.ppo.hidden_sizes)
         if cfg.ppo.mirror:
             self.alg.mirror = mirror_of(self.env.robot).to(self.env.sim.device)
         self.memory = Memory(

@@ -31,10 +31,12 @@ class Sac:
     mirror: Mirror | None = None
     """Learn from half of the steps in the mirror."""
 
-    def __init__(self, cfg: SacCfg, obs_dim: int, bound: Tensor) -> None:
+    def __init__(
+        self, cfg: SacCfg, obs_dim: int, bound: Tensor, actor_sizes: tuple[int, ...]
+    ) -> None:
         device = bound.device
         self.cfg = cfg
-        self.actor = new_actor(cfg, obs_dim, bound).to(device)
+        self.actor = new_actor(cfg, obs_dim, bound, actor_sizes).to(device)
         self.critic = TwinCritic(obs_dim, cfg.critic_sizes).to(device)
         self.target = copy.deepcopy(self.critic).requires_grad_(False)
         self.log_alpha = torch.tensor(math.log(cfg.first_alpha), device=device)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 from data.errors import GaitprefError
 from data.features import FEATURE_DIM
@@ -51,8 +52,9 @@ class SacCfg:
     by side and large batches are those of FastTD3 (Seo et al. 2025, arXiv 2505.22642).
     """
 
-    actor_sizes: tuple[int, ...] = (128, 128)
-    """Widths of the hidden layers of the actor."""
+    REMOVED: ClassVar = ("actor_sizes",)
+    """Settings that older files have: the actor has the policy's sizes."""
+
     critic_sizes: tuple[int, ...] = (128, 128)
     """Widths of the hidden layers of each critic."""
     memory: int = 200_000
@@ -105,6 +107,10 @@ class SacCfg:
         if not 0.0 < self.updates_per_step < math.inf:
             raise ValueError(
                 f"updates_per_step must be a number above 0: {self.updates_per_step}"
+            )
+        if not 0.0 <= self.clone_weight < math.inf:
+            raise ValueError(
+                f"clone_weight must be a number of at least 0: {self.clone_weight}"
             )
         if not 0.0 <= self.gamma < 1.0:
             raise ValueError(f"gamma must lie in [0, 1), got {self.gamma}")

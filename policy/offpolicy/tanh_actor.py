@@ -121,11 +121,13 @@ def action_bound(env: QuadrupedEnv, most_action: float) -> Tensor:
     return env.reach().clamp(max=most)
 
 
-def new_actor(cfg: SacCfg, obs_dim: int, bound: Tensor) -> TanhActor:
+def new_actor(
+    cfg: SacCfg, obs_dim: int, bound: Tensor, sizes: tuple[int, ...]
+) -> TanhActor:
     """One that has learned nothing."""
     return TanhActor(
         obs_dim,
-        cfg.actor_sizes,
+        sizes,
         bound,
         first_std=cfg.first_std,
         std_bounds=cfg.std_bounds,

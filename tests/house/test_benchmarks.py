@@ -34,6 +34,9 @@ from gaitpref.raters.rater_cfg import RaterCfg
 from policy.robots.shipped import WALK
 from policy.rollouts.walking import TRACKING_ERROR_M_S
 from policy.training.checkpoint import load_policy
+from policy.training.ppo import PpoCfg
+from policy.training.train import train
+from policy.training.train_cfg import TrainCfg
 from rewardmodel.descriptors.table import describe
 from tests.helpers.foreign_robots import Drawing, mjcf
 from tests.helpers.small_loop import small_cfg
@@ -75,6 +78,35 @@ def test_figures_of_actors_are_of_what_is_counted() -> None:
     for ratio in ("gradients_2_over_gradients_1", "physics_2_over_physics_1"):
         assert figures[f"{ratio}_steps_per_s"] == pytest.approx(1.5)
     assert figures["torchrun_2_over_ppo_steps_per_s"] == pytest.approx(1.5)
+
+
+def test_off_policy_beside_ppo(tmp_path: Path) -> None:
+    """A style out of data alone is a share of what PPO gains, and so is one out of the
+    answers of loops, which are finished here and not run again."""
+    figures, work = tmp_path / "figures.json", tmp_path / "work"
+    shipped = load_policy(WALK)
+    # Its episodes take a second.
+    cfg = TrainCfg(steps=0, env=replace(shipped.info.env, episode_s=1.0), ppo=PpoCfg())
+    base = train(tmp_path / "base", shipped.robot(), cfg, init=WALK).policy
+    for name, returns in (("ppo", (1.0, 3.0)), ("fastsac", (1.0, 1.5))):
+        row = work / "answers-high_step-0"
+        for number, earned in enumerate(returns):
+            report = row / name / f"rounds/{number:02d}/report.json"
+            report.parent.mkdir(parents=True)
+            report.write_text(json.dumps({"evaluation": {"return_mean": earned}}))
+        (row / f"{name}-done").touch()
+    command = [sys.executable, "-m", "benchmarks.offpolicy", "--quick"]
+    command += ["--parts", "offline", "answers", "--work", str(work)]
+    command += ["--base", str(base), "--clone-weights", "0.2", "--json", str(figures)]
+    subprocess.run(command, check=True)
+    result = json.loads(figures.read_text())
+    assert result["answers_share_0"] == result["answers_share_median"] == 0.25
+    assert result["offline_clone_0.2_distance_0"] > 0.0
+    gain, online = result["offline_clone_0.2_gain_0"], result["online_gain_0"]
+    share = gain / online if online > 0 else 0.0
+    assert result["offline_clone_0.2_share_median"] == pytest.approx(share)
+    done = (work / "offline-high_step-0").glob("*-done")
+    assert {path.name for path in done} == {"offline_clone_0.2-done", "online-done"}
 
 
 def test_robots_of_others(tmp_path: Path) -> None:

@@ -97,6 +97,18 @@ def test_who_learns_is_told_and_older_runs_are_as_they_were() -> None:
     assert from_plain(LoopCfg, told) == fast
 
 
+def test_networks_of_a_loop_are_as_wide_as_is_said() -> None:
+    """A policy it begins with has sizes already, and PPO knows only its own."""
+    own = Loop(run=Path(), actor_sizes=(16, 8), critic_sizes=(24,))
+    cfg = resolve(replace(own, algorithm="fastsac", base="task"))
+    assert cfg.ppo.hidden_sizes == (16, 8)
+    assert cfg.method.learner == SacCfg(critic_sizes=(24,))
+    with pytest.raises(GaitprefError, match="--base walk has networks of its own"):
+        resolve(replace(own, algorithm="fastsac"))
+    with pytest.raises(GaitprefError, match="give --algorithm fastsac too"):
+        resolve(replace(own, actor_sizes=()))
+
+
 def test_what_cannot_be_learned_so_is_refused_before_anybody_answers(
     tmp_path: Path,
 ) -> None:

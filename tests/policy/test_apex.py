@@ -38,7 +38,6 @@ pytestmark = [
 ENV = EnvCfg(episode_s=0.4)
 PPO = PpoCfg(num_envs=4, steps_per_env=8, hidden_sizes=(16,))
 SAC = SacCfg(
-    actor_sizes=(16,),
     critic_sizes=(16,),
     memory=600,
     learn_from=60,
@@ -54,7 +53,7 @@ def test_steps_that_do_not_follow_are_parted() -> None:
     """Two actors of two columns. The first goes on; then the second dies and the first
     fills in, which neither follows; then both are back."""
     ring = Ring(20, 4, 1, device="cpu")
-    learner = Sac(SAC, 1, torch.ones(12))
+    learner = Sac(SAC, 1, torch.ones(12), (16,))
     source = FromActors(ROBOT, CFG, TWO, learner, ring, seed=0, tell=lambda line: None)
     for sent in (
         ((0, 1), (1, 1)),

@@ -18,6 +18,7 @@ from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from data.features import FEATURE_DIM, column
 from gaitpref.cli.main import main
+from gaitpref.formats.logs.from_qpos import steps_from_qpos
 from gaitpref.training.total_reward import total_reward
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import CommandCfg, EnvCfg, TerrainCfg
@@ -37,11 +38,11 @@ from policy.training.session import TrainResult
 from policy.training.setup import setting_of
 from policy.training.train import train
 from policy.training.train_cfg import TrainCfg
+from tests.helpers.foreign_robots import Drawing, mjcf
 
 ENV = EnvCfg(episode_s=0.4, commands=CommandCfg(resample_s=math.inf))
 PPO = PpoCfg(num_envs=4, steps_per_env=24, hidden_sizes=(16,))
 SAC = SacCfg(
-    actor_sizes=(16,),
     critic_sizes=(16,),
     memory=400,
     learn_from=90,
@@ -372,7 +373,8 @@ def test_a_memory_of_another_ground_is_replayed_on_it(
 def test_what_the_data_do_not_hold_is_refused(
     recorded: Path, robot: Robot, tmp_path: Path
 ) -> None:
-    """A reward that pays all steps alike, other rates, no episodes, other memory."""
+    """A reward that pays all steps alike, another robot, ground or rate, no episodes,
+    other memory."""
     engine = OffPolicy(cfg=SAC, replay=(recorded,), offline=True)
 
     def same(features: Tensor, starts: Tensor) -> Tensor:
@@ -383,6 +385,14 @@ def test_what_the_data_do_not_hold_is_refused(
     beside = total_reward(same, robot, ENV, known=KnownTermsCfg(), keep_task=True)
     with pytest.raises(GaitprefError, match=r"pays all .* remembered steps alike"):
         _trained(tmp_path / "beside", robot, 1, engine, reward_fn=beside)
+    uneven = replace(ENV, terrain=TerrainCfg(kind="steps"))
+    xml = tmp_path / "other.xml"
+    xml.write_text(mjcf(Drawing()))
+    other = load_robot(xml, physics_dt_s=ENV.physics_dt_s)
+    for on, env in ((robot, uneven), (other, ENV)):
+        elsewhere = TrainCfg(steps=96, env=env, ppo=PPO)
+        with pytest.raises(GaitprefError, match="it is of another robot or ground"):
+            train(tmp_path / "elsewhere", on, elsewhere, engine=engine)
     slower = TrainCfg(steps=96, env=replace(ENV, substeps=8), ppo=PPO)
     with pytest.raises(GaitprefError, match=r"controlled at 50 Hz.* at 25 Hz"):
         train(tmp_path / "rate", robot, slower, engine=engine)
@@ -398,6 +408,42 @@ def test_what_the_data_do_not_hold_is_refused(
         _trained(tmp_path / "b", robot, 1, OffPolicy(cfg=SAC, offline=True))
     with pytest.raises(GaitprefError, match="give --memory"):
         _trained(tmp_path / "c", robot, 1, OffPolicy(cfg=replace(SAC, memory=10**7)))
+
+
+def test_a_log_that_lacks_nothing_but_what_a_policy_saw_is_refused(
+    recorded: Path, robot: Robot, tmp_path: Path
+) -> None:
+    """Its actions are known and its rows complete; and what of a data set can be
+    replayed beside it, is."""
+    lines: list[str] = []
+    dataset = Dataset.open(recorded)
+    truth = dataset.read(_entries(recorded)[0].sha256)
+
+    def led(name: str) -> np.ndarray:
+        rows = truth.features[:, column(name)]
+        return np.vstack([rows[:1], rows])
+
+    log = steps_from_qpos(
+        robot,
+        truth.qpos,
+        truth.qvel,
+        ENV.control_dt_s,
+        command=truth.meta.command,
+        contact=led("foot_contact"),
+        torque=led("joint_torque"),
+        action=led("action"),
+    )
+    assert np.isfinite(log.features).all()
+    assert np.isfinite(log.action).all()
+    alone = Dataset.create(tmp_path / "log")
+    alone.add_episodes([log])
+    engine = OffPolicy(cfg=SAC, replay=(alone.root,), tell=lines.append)
+    refused = "none of its 1 episodes fits: it lacks numbers, as what a robot does not"
+    with pytest.raises(GaitprefError, match=refused):
+        _trained(tmp_path / "alone", robot, 1, engine)
+    alone.add_episodes([truth])
+    _trained(tmp_path / "beside", robot, 1, engine)
+    assert "of 1 episodes are replayed, 1 left out: it lacks numbers" in lines[0]
 
 
 def test_an_earlier_memory_is_scored_by_the_present_reward(
@@ -422,3 +468,31 @@ def test_updates_that_are_none_are_refused(
     assert main([*given, f"--updates-per-step={per_step}"]) == 2
     assert "--updates-per-step must be a number above 0" in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_networks_are_as_wide_as_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of actor and critics; one that goes on with a policy has the actor's sizes."""
+
+    def trained(out: str, *more: str) -> int:
+        given = ["train", "--out", str(tmp_path / out), "--reward", "task"]
+        given += ["--algorithm", "fastsac", "--steps", "4", "--envs", "4"]
+        return main([*given, *more])
+
+    critic = ("--critic-sizes", "24")
+    actor = ("--actor-sizes", "16", "8")
+    assert trained("new", *critic, *actor) == 0
+    made = tmp_path / "new" / "policy.pt"
+    assert trained("on", *critic, "--init", str(made)) == 0
+    for name in ("new", "on"):
+        state = read_plain(tmp_path / name / "policy.pt")["offpolicy_state_dict"]
+        assert [state[f"actor.hidden.{n}.weight"].shape[0] for n in (0, 1)] == [16, 8]
+        assert state["critic.weights.0"].shape == (2, 60, 24)
+        info = load_policy(tmp_path / name / "policy.pt").info
+        assert info.ppo.hidden_sizes == (16, 8)
+    assert trained("both", *actor, "--init", str(made)) == 2
+    assert "--init has networks of its own" in capsys.readouterr().err
+    for given in (actor, critic):
+        assert trained("ppo", *given, "--algorithm", "ppo") == 2
+        assert "is about off-policy learning" in capsys.readouterr().err

@@ -26,7 +26,6 @@ from policy.training.train_cfg import TrainCfg
 ENV = EnvCfg(episode_s=0.4)
 PPO = PpoCfg(num_envs=4, steps_per_env=24, hidden_sizes=(16,))
 SAC = SacCfg(
-    actor_sizes=(16,),
     critic_sizes=(16,),
     memory=400,
     learn_from=90,
@@ -112,7 +111,7 @@ def test_a_step_that_counts_nothing_teaches_the_critics_nothing() -> None:
     learned = []
     for gain in (0.0, 100.0):
         torch.manual_seed(2)
-        sac = Sac(SAC, 3, torch.ones(12))
+        sac = Sac(SAC, 3, torch.ones(12), (16,))
         batch = Batch(
             obs=obs,
             action=torch.zeros(4, 12),

@@ -20,19 +20,14 @@ from gaitpref.cli.shared.by_hand import (
     told_without_method,
 )
 from gaitpref.cli.shared.launched import ranks_of_launch
-from gaitpref.cli.shared.off_policy import (
-    is_too_far,
-    off_policy_of,
-    told_of_distance,
-)
+from gaitpref.cli.shared.off_policy import off_policy_of, told_offline
 from gaitpref.cli.shared.simulator import require_sim, sim_of
 from gaitpref.cli.shared.training_command import refuse_trained, told_stopped
 from gaitpref.console.progress import console, training_bar
-from gaitpref.console.terminal import EXIT_BAD_INPUT, EXIT_INTERRUPTED
+from gaitpref.console.terminal import EXIT_INTERRUPTED
 from gaitpref.raters.criterion_scores import criterion_context
 from gaitpref.training.by_method import Retraining, rows_of
 from gaitpref.training.off_policy_training import off_policy_cfg, paid_by_step
-from gaitpref.training.offline_gain import offline_gain
 from gaitpref.training.total_reward import load_score, total_reward
 from policy.engines.with_actors import WithActors
 from policy.env.curriculum import CurriculumCfg
@@ -108,11 +103,12 @@ def _train(command: options.Train, ranks: Ranks) -> int:
     if not result.finished:
         return told_stopped(result.steps) if ranks.is_first else EXIT_INTERRUPTED
     console.print(f"the policy is {result.policy}")
-    if told := told_of_distance(result.stats):
-        console.print(told)
-        _tell_gain(command, result.policy, setting, cfg.env, reward_fn)
-        if is_too_far(result.stats):
-            return EXIT_BAD_INPUT
+    if command.offline and result.stats is not None:
+        code = told_offline(
+            command, result, setting.robot, cfg.env, reward_fn, console.print
+        )
+        if code:
+            return code
     if ranks.is_first and command.reward == "task" and not command.getup:
         _tell_standing(result.policy)
     if ranks.is_first:
@@ -121,20 +117,6 @@ def _train(command: options.Train, ranks: Ranks) -> int:
             f"record --policy {result.policy} --dataset DIR` logs what it does"
         )
     return 0
-
-
-def _tell_gain(
-    command: options.Train,
-    file: Path,
-    setting: Setting,
-    env: EnvCfg,
-    reward_fn: ScoreFn | None,
-) -> None:
-    """Say what learning offline was worth, where it began from a policy."""
-    if command.init is not None:
-        before, after = load_policy(command.init), load_policy(file)
-        gain = offline_gain(before, after, setting.robot, env, reward_fn)
-        console.print(gain.words)
 
 
 def _tell_standing(file: Path) -> None:
@@ -165,7 +147,7 @@ def _engine(
     actors = actors_of(command, ranks)
     engine = off_policy_of(command, actors, ranks, console.print)
     if engine is not None:
-        return off_policy_cfg(cfg, engine)
+        return off_policy_cfg(cfg), engine
     if actors is None:
         return cfg, None
     return cfg, WithActors(cfg=actors, tell=console.print)
@@ -188,6 +170,7 @@ def _plain_cfg(command: options.Train, setting: Setting) -> TrainCfg:
         ppo=replace(
             setting.ppo,
             num_envs=command.envs,
+            hidden_sizes=command.actor_sizes or setting.ppo.hidden_sizes,
             bonus=(
                 None
                 if command.exploration == "none"

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from policy.offpolicy.sac_cfg import SacCfg
+from policy.offpolicy.sac_cfg import OFFLINE_CLONE_WEIGHT, SacCfg
 
 from .bounds import AtLeast, Count, CountOrZero, Seed
 
@@ -111,12 +111,22 @@ class Train:
     directories of earlier such trainings, all scored by the present reward."""
     offline: bool = False
     """With --replay: take no new step, and stay near what was done. --steps then says
-    how long is learned, as long as that many steps would be."""
+    how long is learned, as long as that many steps would be. The policy is kept, and
+    the command exits 1 where it earns no more than before, 2 where it left the data
+    behind."""
+    clone_weight: Annotated[float, AtLeast(0)] = OFFLINE_CLONE_WEIGHT
+    """With --offline: how much staying near what was done counts, beside what the
+    critics say; 0: nothing."""
     memory: Count = SacCfg.memory
     """With --algorithm fastsac: steps that are remembered, 570 bytes each, in
     resume.pt too."""
     updates_per_step: float = SacCfg.updates_per_step
     """With --algorithm fastsac: updates for each environment step."""
+    actor_sizes: tuple[Count, ...] = ()
+    """With --algorithm fastsac: widths of the hidden layers of a new policy; 128 128 by
+    default."""
+    critic_sizes: tuple[Count, ...] = SacCfg.critic_sizes
+    """With --algorithm fastsac: those of each critic."""
     prioritised: bool = False
     """With --algorithm fastsac: learn more often from steps the critics err about; with
     --actors this is Ape-X."""

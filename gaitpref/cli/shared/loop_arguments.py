@@ -47,14 +47,38 @@ def resolve(options: Loop) -> LoopCfg:
         stop_asking=options.stop_asking,
         seed=options.seed,
     )
-    if options.algorithm == "fastsac":
-        method = replace(cfg.method, learner=SacCfg(), exploration=None)
-        cfg = replace(cfg, method=method)
+    cfg = _learned(options, cfg)
     if options.apart is not None:
         questions = replace(cfg.method.questions, apart=options.apart)
         cfg = replace(cfg, method=replace(cfg.method, questions=questions))
     cfg = replace(cfg, steps=replace(cfg.steps, sim=sim_of(options)))
     return replace(cfg, env=_lying(cfg.env, cfg.base)) if options.getup else cfg
+
+
+def _learned(options: Loop, cfg: LoopCfg) -> LoopCfg:
+    """`cfg` with who learns, and with networks of which sizes.
+
+    Raises:
+        RunError: sizes are given of what has none, or others.
+    """
+    if options.algorithm == "ppo":
+        sizes = options.actor_sizes, options.critic_sizes
+        if sizes != (Loop.actor_sizes, Loop.critic_sizes):
+            raise RunError(
+                "--actor-sizes and --critic-sizes are about off-policy learning: give "
+                "--algorithm fastsac too, or leave them out"
+            )
+        return cfg
+    learner = SacCfg(critic_sizes=options.critic_sizes)
+    cfg = replace(cfg, method=replace(cfg.method, learner=learner, exploration=None))
+    if not options.actor_sizes:
+        return cfg
+    if cfg.base_file is not None:
+        raise RunError(
+            f"--actor-sizes is of a new policy, and --base {cfg.base} has networks of "
+            "its own: leave it out, or give --base task or none"
+        )
+    return replace(cfg, ppo=replace(cfg.ppo, hidden_sizes=options.actor_sizes))
 
 
 def _lying(env: EnvCfg, base: str) -> EnvCfg:

@@ -1,20 +1,27 @@
-"""`gaitpref train --algorithm fastsac`: which engine, and with what in memory."""
+"""`gaitpref train --algorithm fastsac`: which engine, and what learning offline was
+worth."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 from data.errors import GaitprefError
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.training_command import refuse_unasked
+from gaitpref.console.terminal import EXIT_BAD_INPUT
+from gaitpref.training.offline_gain import offline_gain
 from policy.engines.actors_cfg import ActorsCfg
+from policy.env.env_cfg import EnvCfg
 from policy.offpolicy.distance import TOO_FAR
 from policy.offpolicy.off_policy_runner import OffPolicy
-from policy.offpolicy.sac_cfg import OFFLINE_CLONE_WEIGHT, PriorityCfg, SacCfg
+from policy.offpolicy.sac_cfg import PriorityCfg, SacCfg
 from policy.parallel.ranks import Ranks
-from policy.training.ppo import IterationStats
+from policy.robots.robot import Robot
+from policy.training.checkpoint import load_policy
+from policy.training.ppo import ScoreFn
+from policy.training.session import TrainResult
 
+EXIT_NO_GAIN = 1
 _DISTANCE = "offline/action_distance"
 
 
@@ -32,7 +39,10 @@ def off_policy_of(
     if command.algorithm == "ppo":
         refuse_unasked(
             command,
-            ("replay", "offline", "memory", "updates_per_step", "prioritised"),
+            (
+                *("replay", "offline", "memory", "updates_per_step", "prioritised"),
+                *("actor_sizes", "critic_sizes", "clone_weight"),
+            ),
             "is about off-policy learning: give --algorithm fastsac",
         )
         return None
@@ -46,16 +56,25 @@ def off_policy_of(
             "--most-lag drops steps of older weights, and --algorithm fastsac learns "
             "from all of them: leave one of the two out"
         )
+    if command.actor_sizes and command.init is not None:
+        raise GaitprefError(
+            "--actor-sizes is of a new policy, and --init has networks of its own: "
+            "leave one of the two out"
+        )
+    if not command.offline:
+        refuse_unasked(
+            command, ("clone_weight",), "is about --offline learning: give that"
+        )
     try:
         sac = SacCfg(
+            clone_weight=command.clone_weight if command.offline else 0.0,
+            critic_sizes=command.critic_sizes,
             memory=command.memory,
             updates_per_step=command.updates_per_step,
             priorities=PriorityCfg() if command.prioritised else None,
         )
     except ValueError as error:
         raise GaitprefError(f"--{str(error).replace('_', '-')}") from None
-    if command.offline:
-        sac = replace(sac, clone_weight=OFFLINE_CLONE_WEIGHT)
     return OffPolicy(
         cfg=sac,
         replay=command.replay,
@@ -65,24 +84,34 @@ def off_policy_of(
     )
 
 
-def is_too_far(stats: IterationStats | None) -> bool:
-    """Whether a policy that was learned offline left the data behind."""
-    return bool(stats and stats.scalars.get(_DISTANCE, 0.0) >= TOO_FAR)
-
-
-def told_of_distance(stats: IterationStats | None) -> str:
-    """What to say of a policy that was learned offline; empty where it is sound."""
-    found = stats.scalars.get(_DISTANCE) if stats else None
-    if found is None:
-        return ""
-    if not is_too_far(stats):
-        return (
-            f"its actions differ from those in memory by {found:.2f} of what two of "
-            "them differ by"
+def told_offline(
+    command: options.Train,
+    result: TrainResult,
+    robot: Robot,
+    env: EnvCfg,
+    reward_fn: ScoreFn | None,
+    tell: Callable[[str], None],
+) -> int:
+    """Tell how far a policy went from the data it was learned from, and what that was
+    worth, what is wrong last; gives the exit code."""
+    stats = result.stats
+    assert stats is not None
+    before = stats.mean_return if command.init is None else load_policy(command.init)
+    after = load_policy(result.policy)
+    gain = offline_gain(before, after, robot, env, reward_fn)
+    distance = stats.scalars[_DISTANCE]
+    if distance >= TOO_FAR:
+        tell(gain.words)
+        tell(
+            f"the data do not hold what the reward wants: the policy's actions differ "
+            f"from those in memory by {distance:.2f} of what two of them differ by, so "
+            "what it is thought to be worth is a guess; record episodes nearer to it, "
+            "or leave --offline out"
         )
-    return (
-        f"the data do not hold what the reward wants: the policy's actions differ from "
-        f"those in memory by {found:.2f} of what two of them differ by, so what it is "
-        "thought to be worth is a guess; record episodes nearer to it, or leave "
-        "--offline out"
+        return EXIT_BAD_INPUT
+    tell(
+        f"its actions differ from those in memory by {distance:.2f} of what two of "
+        "them differ by"
     )
+    tell(gain.words)
+    return 0 if gain.gained else EXIT_NO_GAIN
