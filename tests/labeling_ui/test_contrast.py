@@ -1,4 +1,4 @@
-"""Whether what stands on the pages beside the labeling page can be read, both themes."""
+"""Whether what stands on the pages beside the labeling page can be read."""
 
 from __future__ import annotations
 

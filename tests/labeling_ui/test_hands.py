@@ -197,6 +197,22 @@ def test_the_map_of_the_keys(page: "Page", site: Site) -> None:
     assert site.answers()[0].choice == "equal"
 
 
+def test_the_open_entry_of_the_history_is_marked(page: "Page", site: Site) -> None:
+    """In words, for a screen reader, and in another colour; until it is answered."""
+    pressed(page, "Last answers")
+    past = page.get_by_role("button", name=re.compile("^[0-9]{2}:[0-9]{2} · "))
+    marked = page.locator("#root button[aria-current=true]")
+    assert marked.count() == 0
+    past.nth(1).click()
+    expect(marked).to_have_text(re.compile(" · open$"), timeout=WAIT_MS)
+    paint = "button => getComputedStyle(button).backgroundColor"
+    assert past.nth(1).get_attribute("aria-current") == "true"
+    assert past.nth(1).evaluate(paint) != past.nth(0).evaluate(paint)
+    page.keyboard.press("k")
+    expect(marked).to_have_count(0, timeout=WAIT_MS)
+    pressed(page, "Last answers")
+
+
 def said(page: "Page") -> tuple[str, str, str]:
     """Note, confidence and what decides, as the page shows them."""
     shown = page.locator("[data-gp-why]").get_attribute("data-gp-why") or ""
