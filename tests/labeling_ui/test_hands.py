@@ -199,6 +199,10 @@ def test_the_map_of_the_keys(page: "Page", site: Site) -> None:
 
 def test_the_open_entry_of_the_history_is_marked(page: "Page", site: Site) -> None:
     """In words, for a screen reader, and in another colour; until it is answered."""
+    before = len(site.answers())
+    for number, key in enumerate("24", start=1):
+        page.keyboard.press(key)
+        counted(page, before + number)
     pressed(page, "Last answers")
     past = page.get_by_role("button", name=re.compile("^[0-9]{2}:[0-9]{2} · "))
     marked = page.locator("#root button[aria-current=true]")
