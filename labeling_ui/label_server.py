@@ -15,6 +15,7 @@ from labeling_ui.page.loop_status import StatusSource, no_status
 from labeling_ui.page.page_access import Desk, Picture
 from labeling_ui.page.rater_page import Page
 from labeling_ui.page.shared import Shared
+from labeling_ui.page.view_habits import habits_of
 from labeling_ui.questions.key_repeat import GuardCfg
 from labeling_ui.questions.rater_figures import rater_figures
 from labeling_ui.questions.rater_session import QueueCfg, RaterSession
@@ -125,6 +126,7 @@ class LabelServer:
             wake=self._site.wake,
             guidelines=self._guidelines,
             picture=self._picture,
+            has_names=cfg.auth,
         )
         try:
             self._board.follow()
@@ -154,4 +156,4 @@ class LabelServer:
             rng=np.random.default_rng(),
         )
         desk = Desk(session, self._motions, may_act=visit.may_act)
-        return Page(client, desk, self._shared)
+        return Page(client, desk, self._shared, habits_of(visit.habits))

@@ -18,7 +18,7 @@ from labeling_ui.page.controls import (
 )
 from labeling_ui.page.footfall_svg import live_footfalls
 from labeling_ui.page.loop_status import LoopStatus, no_status
-from labeling_ui.page.theme import set_theme
+from labeling_ui.page.theme import BRAND_RGB, NEUTRAL_RGB, SIDE_RGBS, set_theme
 from labeling_ui.questions.rater_figures import RaterFigures
 from labeling_ui.scene.aim import Aim
 from labeling_ui.scene.live_robot import HISTORY_S, Drive, LivePolicy, LiveRobot, StepFn
@@ -41,8 +41,7 @@ PUSH_M_S = 0.7
 Key = Literal[
     "P", "space", "R", "X", "T", "C", "M", "I", "K", "J", "L", "1", "2"
 ]  # fmt: skip
-Colour = Literal["orange", "gray", "blue", "green"]
-Button = tuple[Key, str, int | None, str, Colour]
+Button = tuple[Key, str, int | None, str, tuple[int, int, int]]
 """Key, event and its value, words and colour."""
 Like = Callable[[Sequence[StepFn], int], str]
 """Keeps that of the robots, as they are stepped, one is liked; gives what to say."""
@@ -235,17 +234,17 @@ _STEERING: tuple[tuple[Key, str, int, float], ...] = (
 )
 """Key, words, which command, and by how much; W, A, S and D move the camera."""
 _LIKES: tuple[Button, ...] = (
-    ("1", "like", 0, "A walks as it should", "green"),
-    ("2", "like", 1, "B walks as it should", "green"),
+    ("1", "like", 0, "A walks as it should", SIDE_RGBS[0]),
+    ("2", "like", 1, "B walks as it should", SIDE_RGBS[1]),
 )
 _KEYS: tuple[Button, ...] = (
-    ("P", "push", None, "Push", "orange"),
-    ("space", "play", None, "Pause or go on", "blue"),
-    ("R", "reset", None, "Reset", "gray"),
-    ("X", "stand", None, "Stand still", "gray"),
-    ("T", "view", None, "Other view", "gray"),
-    ("C", "camera", None, "Reset the camera", "gray"),
-    ("M", "theme", None, "Light or dark", "gray"),
+    ("P", "push", None, "Push", BRAND_RGB),
+    ("space", "play", None, "Pause or go on", BRAND_RGB),
+    ("R", "reset", None, "Reset", NEUTRAL_RGB),
+    ("X", "stand", None, "Stand still", NEUTRAL_RGB),
+    ("T", "view", None, "Other view", NEUTRAL_RGB),
+    ("C", "camera", None, "Reset the camera", NEUTRAL_RGB),
+    ("M", "theme", None, "Light or dark", NEUTRAL_RGB),
 )
 
 

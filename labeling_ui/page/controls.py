@@ -10,12 +10,13 @@ from typing import Any
 import viser
 from viser import GuiButtonHandle, GuiEvent
 
+from data.answers.answer_records import Answer
 from data.files.limits import NOTE_CHARS
 from labeling_ui.questions.judgement import Past
 
 from .loop_status import LoopStatus
 from .page_access import HISTORY_LENGTH, Showing
-from .panel_html import LINKS, boxed, head, past_words
+from .panel_html import LINKS, OPEN_ENTRY, boxed, head, past_words
 from .remarks import Remarks
 from .shortcuts import (
     ASPECT_KEYS,
@@ -25,7 +26,8 @@ from .shortcuts import (
     VERDICTS,
     Name,
 )
-from .theme import NEUTRAL_RGB, SIDE_RGBS
+from .theme import BRAND_RGB, NEUTRAL_RGB, SIDE_RGBS
+from .view_habits import Habits
 
 Post = Callable[..., None]
 """Takes the name of an event and its value; never blocks."""
@@ -35,6 +37,9 @@ FLOATING_PX = 560
 """Width of the panel below the robots until the browser makes it as wide as them."""
 CLOCK_BUTTONS: tuple[Name, ...] = (
     "play", "replay", "back", "on", "slower", "faster",
+)  # fmt: skip
+VIEW_BUTTONS: tuple[Name, ...] = (
+    "guidelines", "view", "ghost", "curves", "camera", "theme",
 )  # fmt: skip
 
 
@@ -98,15 +103,16 @@ class Controls:
         for index, button in enumerate(self._history):
             button.on_click(posts(post, "reopen", index))
         with gui.add_folder("View and help", expand_by_default=False):
-            for name in ("guidelines", "view", "camera", "theme"):
+            for name in VIEW_BUTTONS:
                 self._button(name, post)
             gui.add_html(LINKS)
         self._loop = gui.add_html("", visible=False)
         self._loop_bar = gui.add_progress_bar(0.0, visible=False, animated=True)
+        self._habits = gui.add_html("")
         _add_hotkeys(client, post)
 
     def fill(self, rater_id: str, showing: Showing) -> None:
-        """Show a question, or that there is none."""
+        """Show a question, or that there is none, to who is called `rater_id`."""
         self._told = (rater_id, showing)
         self._fill_head()
         progress = showing.progress
@@ -120,7 +126,7 @@ class Controls:
         self._why.visible = asked
         self._undo.disabled = progress.answered == 0
         self._keep.disabled = question is None or question.corrects is None
-        self._fill_history(showing.history)
+        self._fill_history(showing.history, question and question.corrects)
 
     def warn(self, text: str) -> None:
         """Show a sentence until something else is shown."""
@@ -152,16 +158,25 @@ class Controls:
             self._loop.content = boxed(html.escape(status.text))
             self._loop_bar.value = 100.0 * (status.progress or 0.0)
 
+    def keep_habits(self, habits: Habits) -> None:
+        """Have the browser keep them."""
+        self._habits.content = f'<i hidden data-gp-habits="{habits.text}"></i>'
+
     def _button(self, name: Name, post: Post) -> GuiButtonHandle:
         button = self._gui.add_button(SHORTCUTS[name].label, color=NEUTRAL_RGB)
         button.on_click(posts(post, name))
         return button
 
-    def _fill_history(self, history: tuple[Past, ...]) -> None:
+    def _fill_history(self, history: tuple[Past, ...], opened: Answer | None) -> None:
         for index, button in enumerate(self._history):
             button.visible = index < len(history)
             if index < len(history):
-                button.label = past_words(history[index])
+                past = history[index]
+                is_open = opened is not None and (
+                    past.answer.answer_id == opened.answer_id
+                )
+                button.label = past_words(past) + (OPEN_ENTRY if is_open else "")
+                button.color = BRAND_RGB if is_open else NEUTRAL_RGB
 
 
 def _add_hotkeys(client: viser.ClientHandle, post: Post) -> None:

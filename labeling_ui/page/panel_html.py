@@ -2,7 +2,7 @@
 
 The script in the browser finds its way by the attributes: `data-gp-ready` says that the
 page is there, `data-gp-question` which question it shows, `data-gp-why` what decides,
-`data-gp-spoken` what to read aloud.
+`data-gp-spoken` what to read aloud, `data-gp-habits` how the rater likes to look.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ from .shortcuts import WORDS
 
 _HEAD_PX = 128
 """Room for six lines, two of them the command: what follows stands still."""
+OPEN_ENTRY = " · open"
+"""Ends the words of an answer in the history that is open again."""
 
 
 def head(rater_id: str, showing: Showing, said: Remarks) -> str:

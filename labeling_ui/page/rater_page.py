@@ -34,10 +34,11 @@ from .loop_status import LoopStatus
 from .page_access import Desk, Showing
 from .playback import Playback
 from .remarks import Remarks, remarks_of
-from .shared import Habits, Shared
+from .shared import Shared
 from .shortcuts import ASPECT_OF_LABEL, CONFIDENCE_OF, CONFIDENCES, Name
 from .theme import set_theme
 from .transport import Transport
+from .view_habits import Habits
 
 ACTIVE_S = 300.0
 """Without an event for longer than this, nobody is there."""
@@ -56,8 +57,15 @@ _NOT_STORED = (
 class Page:
     """One browser tab of one rater."""
 
-    def __init__(self, client: viser.ClientHandle, desk: Desk, shared: Shared) -> None:
-        """Build the page; a first look at the desk is under way when this returns."""
+    def __init__(
+        self,
+        client: viser.ClientHandle,
+        desk: Desk,
+        shared: Shared,
+        habits: Habits,
+    ) -> None:
+        """Build the page as `habits` say; a first look at the desk is under way when
+        this returns."""
         self.client = client
         self._desk, self._shared = desk, shared
         self._events: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
@@ -66,21 +74,27 @@ class Page:
         self._sign_of_life = time.monotonic()
         self._modal: Dialog | None = None
         self._showing: Showing | None = None
-        self._clock = Playback(duration_s=1.0, frame_s=0.02)
+        self._clock = Playback(duration_s=1.0, frame_s=0.02, speed=habits.speed)
         self._drawn_at: float | None = None
         self._shown_at = time.monotonic()
         self._note_at = -NOTE_RECENT_S
         self._remarks = Remarks()
         self._late: tuple[float, Verdict] | None = None
         self._status: LoopStatus | None = None
-        self._habits = shared.habits.get(desk.rater_id, Habits())
+        self._habits = habits
         self._frames = Frames(client)
         with client.atomic():
-            set_theme(client.gui, dark=self._habits.dark)
+            set_theme(client.gui, dark=habits.dark)
             self._scene = PairScene(client)
-            self._scene.darken(self._habits.dark)
+            self._scene.darken(habits.dark)
+            self._scene.look(habits.view)
             self._controls = Controls(client, self.post)
+            self._controls.keep_habits(habits)
             self._transport = Transport(client, self.post)
+            if habits.ghost:
+                self._scene.toggle_ghosts()
+            if habits.curves:
+                self._transport.toggle_curves()
         self._aim = Aim(self._scene, client.camera)
         client.camera.on_update(self._seen_from)
         self._at_desk.look(Desk.look)
@@ -187,6 +201,7 @@ class Page:
             return
         elif name in _CLOCK:
             self._set_clock(_CLOCK[name](self._clock))
+            self._keep(replace(self._habits, speed=self._clock.speed))
         elif name in CONFIDENCE_OF:
             self._remark(replace(self._remarks, confidence=CONFIDENCE_OF[name]))
         elif name == "here":
@@ -205,24 +220,31 @@ class Page:
             self._change_view(name)
 
     def _change_view(self, name: Name) -> None:
-        scene = self._scene
+        scene, habits = self._scene, self._habits
         if name == "view":
             scene.look("lanes" if scene.view == "treadmill" else "treadmill")
+            self._keep(replace(habits, view=scene.view))
             self._drawn_at = None
         elif name == "ghost":
             scene.toggle_ghosts()
+            self._keep(replace(habits, ghost=not habits.ghost))
             self._drawn_at = None
         elif name == "camera":
             scene.look(scene.view)
         elif name == "theme":
-            self._habits = Habits(dark=not self._habits.dark)
-            self._shared.habits[self._desk.rater_id] = self._habits
+            self._keep(replace(habits, dark=not habits.dark))
             set_theme(self.client.gui, dark=self._habits.dark)
             scene.darken(self._habits.dark)
         elif name == "curves":
             self._transport.toggle_curves()
+            self._keep(replace(habits, curves=not habits.curves))
             if self._showing is not None:
                 self._transport.fill(self._showing.motions, self._clock)
+
+    def _keep(self, habits: Habits) -> None:
+        if habits != self._habits:
+            self._habits = habits
+            self._controls.keep_habits(habits)
 
     def _say_why(self, why: Aspect) -> None:
         """What of the gait decides the answer; the same again takes it back."""
@@ -276,7 +298,8 @@ class Page:
         before = None if self._showing is None else self._showing.question_id
         first, self._showing = self._showing is None, showing
         with self.client.atomic():
-            self._controls.fill(self._desk.rater_id, showing)
+            who = self._desk.rater_id if self._shared.has_names else "you"
+            self._controls.fill(who, showing)
             if first or before != showing.question_id:
                 self._show_pair(showing)
                 question = showing.question

@@ -12,13 +12,6 @@ from .page_access import Picture
 from .store_thread import Worker
 
 
-@dataclass(frozen=True)
-class Habits:
-    """What a rater chose, kept over reloads while the server runs."""
-
-    dark: bool = False
-
-
 @dataclass(eq=False)
 class Shared:
     """What all pages of a server use."""
@@ -33,7 +26,8 @@ class Shared:
     """What raters are told, as it is now."""
     picture: Picture | None = None
     """Tells what moved a reward about the last answer, where there is one."""
-    habits: dict[str, Habits] = field(default_factory=dict)
+    has_names: bool = True
+    """Whether raters log in; without, the name of who is there tells nobody a thing."""
     marks: dict[str, tuple[str | None, tuple[float, ...]]] = field(default_factory=dict)
     """Of each rater the question whose clips were marked last, and the moments; notes
     and what decides are kept by the browser."""

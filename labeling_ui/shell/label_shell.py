@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from labeling_ui.page.dialogs import SEND
+from labeling_ui.page.panel_html import OPEN_ENTRY
 from labeling_ui.page.shortcuts import (
     ASPECT_KEYS,
     CONFIDENCE_OF,
@@ -60,6 +61,7 @@ _STRIP = (
     ("V", "ghost"),
     ("?", "all keys"),
 )
+_TAPS: tuple[Name, ...] = ("play", "replay")
 
 LABEL_SHELL = Shell(
     title="Which one walks better?",
@@ -67,10 +69,13 @@ LABEL_SHELL = Shell(
     "orange",
     keys=_GROUPS,
     strip=_STRIP,
+    taps=tuple((SHORTCUTS[name].key, SHORTCUTS[name].words) for name in _TAPS),
     words={
         "answers": {v.key: v.label for v in VERDICTS}
         | {SHORTCUTS[n].key: SHORTCUTS[n].label for n in ("bad", "undo", "keep")},
         "send": SEND,
+        "openEntry": OPEN_ENTRY,
+        "wide": [SHORTCUTS["curves"].label],
         "sure": "how sure",
         "sureKeys": {
             words: SHORTCUTS[name].key for name, words in CONFIDENCE_OF.items()

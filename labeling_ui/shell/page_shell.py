@@ -7,6 +7,7 @@ The browser gets it before the megabyte of viser's own program, and shows it at 
 from __future__ import annotations
 
 import hashlib
+import html
 import json
 import re
 from collections.abc import Mapping
@@ -64,6 +65,8 @@ class Shell:
     """All keys."""
     strip: tuple[tuple[str, str], ...] = ()
     """The most used keys, and what they do."""
+    taps: tuple[tuple[str, str], ...] = ()
+    """Keys that a phone, which has no room for their buttons, gets over the scene."""
     words: Mapping[str, Any] = field(default_factory=dict)
     """What the script has to know of the page besides."""
 
@@ -99,7 +102,7 @@ class Shell:
             '<button type="button" class="gp-button" id="gp-act" hidden></button>'
             '</div></div><div id="gp-toast" role="status" hidden></div>'
             '<div id="gp-live" role="status"></div>'
-            f"{key_strip(self.strip)}{key_map(self.keys)}{_SMALL}"
+            f"{key_strip(self.strip)}{_taps(self.taps)}{key_map(self.keys)}{_SMALL}"
         )
 
     def around(self, page: bytes) -> bytes:
@@ -117,6 +120,15 @@ class Shell:
         ours = self._written(self.version).encode()
         theirs = _THEIRS.sub(b"", page[start:program])
         return page[:start] + ours + theirs + page[program:]
+
+
+def _taps(taps: tuple[tuple[str, str], ...]) -> str:
+    buttons = "".join(
+        f'<button type="button" data-gp-press="{html.escape(key)}">'
+        f"{html.escape(does)}</button>"
+        for key, does in taps
+    )
+    return f'<div id="gp-taps">{buttons}</div>'
 
 
 _SMALL = (

@@ -109,7 +109,7 @@ def figures_page(figures: RaterFigures, *, can_leave: bool) -> str:
     """A rater's own figures, with what they mean.
 
     Args:
-        can_leave: Offer to log out.
+        can_leave: Whether raters log in: say who it is, and offer to log out.
     """
     rows = "".join(
         f"<tr><th>{name}</th><td class='number'>{html.escape(value)}</td>"
@@ -120,9 +120,10 @@ def figures_page(figures: RaterFigures, *, can_leave: bool) -> str:
         '<form class="quiet" method="post" action="logout"><button>Log out</button>'
         "</form>"
     )
+    name = f"<p class='soft'>{html.escape(figures.rater_id)}</p>" if can_leave else ""
     return _page(
         "My figures",
-        f"<h1>My figures</h1><p class='soft'>{html.escape(figures.rater_id)}</p>"
+        f"<h1>My figures</h1>{name}"
         f"<table>{rows}</table>{_pace_chart(figures.pace_s)}"
         "<p class='soft'>They tell how reliable the answers are. "
         "Nobody is ranked, and nothing is kept from you.</p>"

@@ -20,6 +20,8 @@ logger = logging.getLogger(__name__)
 
 CLOSE_LOGGED_OUT = 4003
 _LONGEST_REASON = 100
+_HABITS_COOKIE = "gp-habits"
+_LONGEST_HABITS = 100
 
 
 class Visit:
@@ -40,6 +42,11 @@ class Visit:
         self._request, self._rater_of = request, rater_of
         self._ended: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._gui: viser.GuiApi | None = None
+
+    @property
+    def habits(self) -> str:
+        """How the rater likes to look, as the browser kept it; anybody may write it."""
+        return self._request.cookies.get(_HABITS_COOKIE, "")[:_LONGEST_HABITS]
 
     def seat(self, gui: viser.GuiApi) -> None:
         """From now on, check messages against the elements of this page."""

@@ -15,6 +15,7 @@ import pytest
 
 from labeling_ui.label_server import LabelServer
 from labeling_ui.limits import page_limits
+from labeling_ui.page.view_habits import Habits, habits_of
 from labeling_ui.questions.key_repeat import GuardCfg
 from tests.helpers.label_browser import (
     SMALL,
@@ -155,6 +156,43 @@ def test_a_server_that_was_restarted(browser: "Browser", tmp_path: Path) -> None
         page.keyboard.type("!")
         expect(page.locator("textarea:focus")).to_have_value(NOTE + "!")
         assert page.get_by_role("dialog").count() == 0
+
+
+def test_how_a_rater_likes_to_look_is_kept(browser: "Browser", tmp_path: Path) -> None:
+    """Theme, view, speed, ghost and plots, over a lost line and another server."""
+    chosen = "lanes-0.5x-dark-ghost-curves"
+    with at_work(browser, tmp_path) as (site, wire, page):
+        told = page.locator("[data-gp-habits]")
+        for key in "mtvpuu":
+            page.keyboard.press(key)
+        page.keyboard.press("i")
+        expect(told).to_have_attribute("data-gp-habits", chosen, timeout=WAIT_MS)
+        page.wait_for_function("document.cookie.includes('curves')")
+        for server_too in (False, True):
+            wire.cut()
+            state(page, "lost")
+            if server_too:
+                port = int(site.server.url.rpartition(":")[2])
+                site.server.stop()
+                site.server = LabelServer(site.dataset, label_cfg(port=port))
+                site.server.start()
+            wire.join()
+            state(page, "")
+            expect(told).to_have_attribute("data-gp-habits", chosen)
+            root = page.locator("html")
+            expect(root).to_have_attribute("data-mantine-color-scheme", "dark")
+            page.get_by_text("base height, m").wait_for()
+            page.locator(".gp .speed").get_by_text("0.5x", exact=True).wait_for()
+            ghost = page.locator('[data-scene-node="/ghost_A"]')
+            ghost.first.wait_for(state="attached")
+            page.locator('[data-scene-node="/lanes"]').first.wait_for(state="attached")
+
+
+def test_a_browser_may_send_any_habits() -> None:
+    """What is none is passed over."""
+    assert habits_of("") == habits_of("-3x-DARK-<b>;\0-nan-1e9x") == Habits()
+    chosen = Habits(dark=True, view="lanes", speed=0.25, ghost=True, curves=True)
+    assert habits_of(chosen.text) == chosen
 
 
 def test_who_finds_no_place_is_told_and_let_in(

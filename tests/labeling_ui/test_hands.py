@@ -8,6 +8,7 @@ import pytest
 
 from labeling_ui.page.shortcuts import ASPECT_KEYS, SHORTCUTS, VERDICTS
 from labeling_ui.questions.key_repeat import GuardCfg
+from tests.helpers.contrast import contrasts, too_pale
 from tests.helpers.label_browser import (
     WAIT_MS,
     Site,
@@ -25,48 +26,6 @@ else:
 
 pytestmark = pytest.mark.browser
 
-AA = 4.5
-"""Least contrast of text, WCAG 2.2, 1.4.3 (AA)."""
-CONTRASTS = """() => {
-  const parse = (text) => {
-    const found = text.match(/[\\d.]+/g).map(Number);
-    const scale = text.startsWith("color(") ? 255 : 1;
-    const [r, g, b] = found.slice(0, 3).map((part) => part * scale);
-    return [r, g, b, found[3] ?? 1];
-  };
-  const over = (top, below) => top.slice(0, 3).map(
-    (part, index) => part * top[3] + below[index] * (1 - top[3]));
-  const light = (rgb) => {
-    const [r, g, b] = rgb.map((part) => part / 255).map(
-      (part) => part <= 0.04045 ? part / 12.92 : ((part + 0.055) / 1.055) ** 2.4);
-    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
-  };
-  const found = [];
-  const walk = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
-  for (let text = walk.nextNode(); text; text = walk.nextNode()) {
-    const own = text.parentElement;
-    const box = own.getBoundingClientRect();
-    if (!text.data.trim() || !box.width || !box.height || !own.checkVisibility()
-        || own.closest("[inert], [disabled], [data-disabled], script, style, template")
-        || box.width < 2) continue;
-    const chain = [];
-    for (let at = own; at; at = at.parentElement) chain.push(at);
-    let below = parse(getComputedStyle(document.body).backgroundColor);
-    if (below[3] === 0) below = [255, 255, 255, 1];
-    below = below.slice(0, 3);
-    let opacity = 1;
-    for (const at of chain.reverse()) {
-      const style = getComputedStyle(at);
-      below = over(parse(style.backgroundColor), below);
-      opacity *= Number(style.opacity);
-    }
-    const ink = parse(getComputedStyle(own).color);
-    const shown = over([...ink.slice(0, 3), ink[3] * opacity], below);
-    const [high, low] = [light(shown), light(below)].sort((a, b) => b - a);
-    found.push([text.data.trim().slice(0, 40), (high + 0.05) / (low + 0.05)]);
-  }
-  return found;
-}"""
 NAMELESS = """() => [...document.querySelectorAll(
   "#root button, #root input:not([type=hidden]), #root textarea, "
   + "#root canvas[data-engine], #root [role=slider], "
@@ -238,6 +197,26 @@ def test_the_map_of_the_keys(page: "Page", site: Site) -> None:
     assert site.answers()[0].choice == "equal"
 
 
+def test_the_open_entry_of_the_history_is_marked(page: "Page", site: Site) -> None:
+    """In words, for a screen reader, and in another colour; until it is answered."""
+    before = len(site.answers())
+    for number, key in enumerate("24", start=1):
+        page.keyboard.press(key)
+        counted(page, before + number)
+    pressed(page, "Last answers")
+    past = page.get_by_role("button", name=re.compile("^[0-9]{2}:[0-9]{2} · "))
+    marked = page.locator("#root button[aria-current=true]")
+    assert marked.count() == 0
+    past.nth(1).click()
+    expect(marked).to_have_text(re.compile(" · open$"), timeout=WAIT_MS)
+    paint = "button => getComputedStyle(button).backgroundColor"
+    assert past.nth(1).get_attribute("aria-current") == "true"
+    assert past.nth(1).evaluate(paint) != past.nth(0).evaluate(paint)
+    page.keyboard.press("k")
+    expect(marked).to_have_count(0, timeout=WAIT_MS)
+    pressed(page, "Last answers")
+
+
 def said(page: "Page") -> tuple[str, str, str]:
     """Note, confidence and what decides, as the page shows them."""
     shown = page.locator("[data-gp-why]").get_attribute("data-gp-why") or ""
@@ -363,17 +342,17 @@ def test_what_is_written_can_be_read(page: "Page", theme: str) -> None:
     page.get_by_text("base height, m").wait_for()
     page.wait_for_timeout(400)  # Folders fade in.
     keep_picture(page, f"labeling-page-{theme}.png")
-    found: list[Any] = page.evaluate(CONTRASTS)
+    found = contrasts(page)
     page.keyboard.press("f")
     page.get_by_role("dialog").get_by_text("Too short").wait_for()
     page.wait_for_timeout(400)
-    found += page.evaluate(CONTRASTS)
+    found += contrasts(page)
     page.keyboard.press("Escape")
     page.get_by_role("dialog").wait_for(state="detached")
     page.keyboard.press("p")
     pressed(page, "View and help")
     assert len(found) > 80
-    assert {text: round(ratio, 2) for text, ratio in found if ratio < AA} == {}
+    assert too_pale(found) == {}
 
 
 @pytest.mark.parametrize(

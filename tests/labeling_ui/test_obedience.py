@@ -1,9 +1,26 @@
 """The way ahead of a robot, and how far it came of what it was asked for."""
 
+import io
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
+from PIL import Image
 
+from benchmarks.walks import walk
+from data.answers.answer_records import Pair
+from data.datasets.dataset import Dataset
+from data.episodes.clips import Clip
+from labeling_ui.label_server import LabelServer
 from labeling_ui.scene.obedience import AHEAD_S, HIDDEN_M, obeyed, ways
+from tests.helpers.label_browser import (
+    LAPTOP,
+    WAIT_MS,
+    dismiss_guidelines,
+    label_cfg,
+    launched,
+)
 
 STANDS = np.zeros((2, 2))
 AHEAD = np.zeros(2)
@@ -41,3 +58,39 @@ def test_what_was_asked_for_is_measured_along_the_robot() -> None:
     assert found.went_m == pytest.approx(0.1)
     assert found.asked_m == pytest.approx(0.2)
     assert (found.turned_rad, found.asked_rad) == pytest.approx((0.0, 0.5))
+
+
+@pytest.mark.browser
+def test_the_page_shows_who_obeys(tmp_path: Path) -> None:
+    """Beside the feet how far each came, and green marks before the robots; of two that
+    are asked for 0.5 m/s over 1.2 s, one goes at half of it."""
+    dataset = Dataset.create(tmp_path / "set")
+    good = walk(100, seed=0)
+    lazy = replace(good, qpos=good.qpos * np.where(np.arange(19) == 0, 0.5, 1.0))
+    clips = [Clip(each.sha256, 0, 60) for each in dataset.add_episodes([good, lazy])]
+    with dataset.answers() as store:
+        store.add_pairs([Pair.make(*clips, strategy="random", round=0)])
+    with LabelServer(dataset, label_cfg(auth=False)) as server, launched() as browser:
+        page = browser.new_page(viewport=LAPTOP)
+        page.set_default_timeout(WAIT_MS)
+        page.goto(server.url + "/?fixedDpr=0.25")
+        dismiss_guidelines(page)
+        went = page.locator(".gp .went")
+        went.nth(1).wait_for()
+        told = {row.inner_text().replace("\n", " ") for row in went.all()}
+        page.keyboard.press(" ")
+        page.get_by_text("1x paused").wait_for()
+        marks = 0
+        for _ in range(30):
+            drawn = page.locator("canvas[data-engine]").screenshot()
+            if marks := _green(drawn):
+                break
+            page.wait_for_timeout(500)
+    assert told == {"went 0.60 m of 0.60 m", "went 0.30 m of 0.60 m"}
+    assert marks > 20
+
+
+def _green(png: bytes) -> int:
+    """Pixels that are; neither robot nor the floor is."""
+    red, green, blue = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"), int).T
+    return int(((green > red + 25) & (green > blue + 10)).sum())

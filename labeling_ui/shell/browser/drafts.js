@@ -66,8 +66,9 @@ function restore(kept) {
   }
 }
 
-function press(key) {
-  const code = /\d/.test(key) ? `Digit${key}` : `Key${key}`;
+function press(name) {
+  const key = name === "space" ? " " : name;
+  const code = key === " " ? "Space" : /\d/.test(key) ? `Digit${key}` : `Key${key}`;
   const low = key.toLowerCase();
   document.body.dispatchEvent(new KeyboardEvent("keydown", { key: low, code, bubbles: true }));
 }
@@ -93,9 +94,20 @@ document.addEventListener("focusout", (event) => {
   });
 });
 
+// How the rater likes to look: the page says it, and is told when it is opened again.
+function keepHabits() {
+  const text = document.querySelector("#root [data-gp-habits]")?.dataset.gpHabits;
+  if (root.dataset.gp !== "" || !text || text === keepHabits.kept) return;
+  keepHabits.kept = text;
+  // viser's client opens its socket at the folder's address without the last slash.
+  const path = location.pathname.replace(/\/[^/]*$/, "") || "/";
+  document.cookie = `gp-habits=${text}; path=${path}; max-age=31536000; samesite=strict`;
+}
+
 setInterval(() => {
   show();
   followDraft();
+  keepHabits();
   nameAll();
   markAnswers();
   announce();

@@ -112,6 +112,11 @@ function onFocused(event) {
 document.addEventListener("click", (event) => {
   if (event.target.closest?.("[data-gp-keys]")) openKeyMap();
   if (event.target.closest?.("#gp-keys") && !event.target.closest("table")) byId("gp-keys").close();
+  const tap = event.target.closest?.("[data-gp-press]");
+  if (tap) {
+    tap.blur();
+    press(tap.dataset.gpPress);
+  }
   if (event.target.closest?.("[data-gp-anyway]")) {
     sessionStorage.setItem("gp-anyway", "1");
     root.dataset.gpAnyway = "1";
@@ -146,6 +151,12 @@ function nameAll() {
     const label = part.closest(".mantine-Flex-root")?.parentElement
       ?.querySelector("label")?.textContent;
     put(part, { "aria-label": label || words.slider });
+  }
+  for (const button of document.querySelectorAll("#root button")) {
+    const text = button.textContent.trim();
+    if (words.openEntry && text.endsWith(words.openEntry)) put(button, { "aria-current": "true" });
+    else button.removeAttribute("aria-current");
+    if (words.wide?.includes(text)) put(button, { "data-gp-wide": "" });
   }
   for (const icon of document.querySelectorAll("#root button:not([aria-label])")) {
     if (!icon.textContent.trim()) put(icon, { "aria-label": words.icon });

@@ -1,0 +1,114 @@
+"""Whether what stands on the pages beside the labeling page can be read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import pytest
+
+from benchmarks.walks import DT_S, ROBOT_XML, walk
+from labeling_ui.play_server import PlayPage, play_site
+from labeling_ui.scene.geometry import robot_geometry
+from labeling_ui.scene.live_robot import Drive, LivePolicy, LiveState, StepFn
+from labeling_ui.web.tokens import TokenStore
+from tests.helpers.contrast import contrasts, too_pale
+from tests.helpers.label_browser import (
+    SMALL,
+    WAIT_MS,
+    Site,
+    keep_picture,
+    launched,
+    playwright,
+)
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, expect
+else:
+    expect = playwright.expect
+
+pytestmark = pytest.mark.browser
+Theme = Literal["light", "dark"]
+both_themes = pytest.mark.parametrize("theme", ["light", "dark"])
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """One for all tests."""
+    with launched() as found:
+        yield found
+
+
+def replayed(name: str) -> LivePolicy:
+    """A robot that trots as it was written down, whatever it is told."""
+    episode = walk(100, seed=0)
+
+    def new_step() -> StepFn:
+        moments = iter(np.arange(10**6) % len(episode.action))
+
+        def step(drive: Drive) -> LiveState:
+            del drive
+            qpos = episode.qpos[next(moments)]
+            return LiveState(qpos, np.ones(4), 0.5, qpos[2], fallen=False)
+
+        return step
+
+    return LivePolicy(name, robot_geometry(ROBOT_XML.read_text()), DT_S, new_step)
+
+
+@both_themes
+def test_the_page_of_play(browser: Browser, tmp_path: Path, theme: Theme) -> None:
+    """With its buttons for what is liked."""
+    policies = (replayed("one"), replayed("other"))
+    site = play_site(0, TokenStore(tmp_path), likes=True)
+    site.start(lambda client, visit: PlayPage(client, policies, lambda *_: "kept"))
+    try:
+        page = browser.new_page(viewport=SMALL)
+        page.set_default_timeout(WAIT_MS)
+        page.goto(site.url + "/?fixedDpr=0.1")
+        page.get_by_role("button", name="B walks as it should [2]").wait_for()
+        if theme == "dark":
+            page.get_by_role("button", name="Light or dark [M]").click()
+        root = page.locator("html")
+        expect(root).to_have_attribute(
+            "data-mantine-color-scheme", theme, timeout=WAIT_MS
+        )
+        page.keyboard.press("1")
+        page.get_by_text("kept", exact=True).wait_for()
+        page.wait_for_timeout(400)  # Colours fade.
+        keep_picture(page, f"play-page-{theme}.png")
+        found = contrasts(page)
+        page.close()
+    finally:
+        site.stop()
+    assert len(found) > 20
+    assert too_pale(found) == {}
+
+
+@both_themes
+def test_pages_without_a_scene(browser: Browser, tmp_path: Path, theme: Theme) -> None:
+    """Login, with a complaint; figures; guidelines."""
+    site = Site(tmp_path / "set", pairs=1)
+    context = browser.new_context(color_scheme=theme)
+    context.set_default_timeout(WAIT_MS)
+    page = context.new_page()
+    with site.server:
+        page.goto(site.server.url)
+        page.locator("input[type=password]").fill("wrong")
+        page.keyboard.press("Enter")
+        page.get_by_text("This token is not known.").wait_for()
+        found = contrasts(page)
+        context.request.post(
+            site.server.url + "/login",
+            form={"token": site.tokens["ann"]},
+            headers={"Origin": site.server.url},
+        )
+        for name in ("figures", "guidelines"):
+            page.goto(f"{site.server.url}/{name}")
+            page.get_by_text("To the pairs").wait_for()
+            found += contrasts(page)
+    context.close()
+    assert len(found) > 40
+    assert too_pale(found) == {}
