@@ -266,7 +266,7 @@ def _served(*words: object) -> Iterator[str]:
 def _report(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
     del folder
     with _page(browser) as page:
-        _plain(page, camera, (run / "report" / "index.html").as_uri())
+        _plain(page, camera, (run / "report" / "index.html").as_uri(), whole=True)
 
 
 def _arena(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
@@ -276,7 +276,7 @@ def _arena(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
     small = ("--criterion", "high_step", "--most", 12, "--episodes", 5)
     _gaitpref("arena", "--out", out, *named, *small)
     with _page(browser) as page:
-        _plain(page, camera, (out / "index.html").as_uri())
+        _plain(page, camera, (out / "index.html").as_uri(), whole=True)
 
 
 def _policies(run: Path) -> tuple[Path, Path]:
