@@ -51,6 +51,6 @@ def run(command: options.Policy) -> int:
     say(f"the policy is {file}")
     console.next(
         f"`gaitpref play --policy {file} --open` shows it, `gaitpref loop --run RUN "
-        f"--base {file}` makes it better"
+        f"--base {file}` makes it better (with --rater human --no-auth by your answers)"
     )
     return 0
