@@ -202,7 +202,7 @@ def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> None:
             ways=("ppo", "vtrace"),
             actors=(1,),
             seeds=1,
-            steps=12_288,
+            steps=6_144,
             every=6_144,
             episodes=8,
         )

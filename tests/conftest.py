@@ -11,7 +11,7 @@ import torch
 from hypothesis import settings
 
 from data.answers.address import Address
-from tests.helpers import postgres
+from tests.helpers import curves_of_reports, postgres
 
 # A busy machine is no failure: how long one example takes is not what is tested.
 settings.register_profile("gaitpref", deadline=None)
@@ -21,6 +21,13 @@ settings.load_profile("gaitpref")
 torch.set_num_threads(1)
 # Reports draw stick figures, but in the tests of films: pictures take seconds a loop.
 os.environ["MUJOCO_GL"] = "disable"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def blank_curves() -> Iterator[None]:
+    """Likewise the curves, but where a test asks for them to be drawn."""
+    with curves_of_reports.blank():
+        yield
 
 
 def pytest_xdist_auto_num_workers() -> int:

@@ -16,6 +16,7 @@ from gaitpref.arena.games import Answered, Player
 from gaitpref.arena.strengths import Match, Ranking
 from gaitpref.loop.run_report import write_report
 from tests.helpers.contrast import contrasts, too_pale
+from tests.helpers.curves_of_reports import drawn
 from tests.helpers.label_browser import launched
 from tests.helpers.older_run import older_run
 
@@ -35,7 +36,9 @@ def browser() -> Iterator[Browser]:
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The page of a finished run."""
-    return write_report(older_run(tmp_path_factory.mktemp("older") / "run"))
+    run = older_run(tmp_path_factory.mktemp("older") / "run")
+    with drawn():
+        return write_report(run)
 
 
 @pytest.fixture(scope="module")

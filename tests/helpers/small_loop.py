@@ -26,6 +26,7 @@ from gaitpref.loop.run_dir import Round
 from gaitpref.method.meanwhile import Meanwhile
 from policy.rollouts.record_cfg import RecordCfg
 from policy.training.ppo import PpoCfg
+from tests.helpers.curves_of_reports import blank
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +59,7 @@ def human_cfg() -> LoopCfg:
         cfg,
         rater="human",
         method=replace(cfg.method, meanwhile=Meanwhile()),
-        steps=replace(cfg.steps, round=120_000),
+        steps=replace(cfg.steps, round=60_000),
     )
 
 
@@ -94,5 +95,6 @@ def main(options: Options) -> None:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Options))
+    with blank():
+        main(tyro.cli(Options))
     os._exit(0)

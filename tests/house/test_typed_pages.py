@@ -24,6 +24,7 @@ from gaitpref.cli.main import main
 from gaitpref.cli.shared.off_policy import EXIT_NO_GAIN
 from gaitpref.film.camera import Camera, NoRenderer
 from policy.robots.shipped import WALK
+from tests.helpers.few_evaluated import evaluate_few
 from tests.helpers.local_host import free_port
 from tests.helpers.readers_world import ROOT, make_readers_world
 
@@ -125,6 +126,7 @@ def test_the_commands_of_a_page_run(
     shutil.copytree(world, here, symlinks=True)
     monkeypatch.chdir(here)
     monkeypatch.syspath_prepend(str(here))
+    evaluate_few(monkeypatch)
     monkeypatch.setenv("HASH", next(here.glob("runs/demo/dataset/rollouts/*/*")).stem)
     with Dataset.open(here / "runs/clips").answers_copy() as store:
         monkeypatch.setenv("PAIR", store.pairs()[0].pair_id)

@@ -23,6 +23,7 @@ from gaitpref.loop.run import run_loop
 from gaitpref.method.context import RoundContext
 from policy.env.env_cfg import getup_env
 from policy.training.checkpoint import load_policy
+from tests.helpers.curves_of_reports import drawn
 from tests.helpers.small_loop import small_cfg
 from tests.helpers.small_sweep import made_by
 
@@ -54,7 +55,8 @@ def _judgements(run: Path) -> list[tuple[str, str, str]]:
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small loop that nobody disturbed."""
     run = tmp_path_factory.mktemp("loop") / "run"
-    run_loop(run, small_cfg())
+    with drawn():
+        run_loop(run, small_cfg())
     return run
 
 
