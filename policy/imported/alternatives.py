@@ -20,7 +20,7 @@ from policy.robots.robot import Robot
 from .bring import Understood, embodied
 from .meaning.draft import BY_TYPE, LEFT_FIRST, RIGHT_FIRST, Draft
 from .meaning.joint_names import canonical_joints
-from .meaning.trainer_laws import POSES, half_hips
+from .meaning.trainer_laws import POSES, scaled_hips
 from .plain_robot import plainer
 from .readers.network_file import read_network
 from .trial import measure
@@ -141,10 +141,11 @@ def _other_poses(draft: Draft) -> Iterator[tuple[str, Draft]]:
         if (pose := pose_of(joints)) != draft.default_joint_pos_rad:
             yield f"pose {told}", replace(draft, default_joint_pos_rad=pose)
     if "action_scale_rad" in draft.guessed and scale is not None:
-        yield (
-            "hips at half their scale",
-            replace(draft, action_scale_rad=half_hips(joints, scale)),
-        )
+        # Where a trainer has halved them already, the other way is up.
+        halved = scale[joints.index("FL_hip")] < scale[joints.index("FL_thigh")]
+        told, factor = ("twice", 2.0) if halved else ("half", 0.5)
+        other = scaled_hips(joints, scale, factor)
+        yield f"hips at {told} their scale", replace(draft, action_scale_rad=other)
 
 
 def _absolute(terms: tuple[Term, ...]) -> tuple[Term, ...]:

@@ -25,7 +25,7 @@ from policy.training.training_dir import POLICY_NAME
 from .meaning.beside import activation_beside, meaning_of, policy_file
 from .meaning.draft import NEEDED, Draft, complete, spelled_by, with_guesses
 from .meaning.law_toml import read_law_toml
-from .meaning.trainer_laws import PRESETS, UNFOLLOWED, preset_law
+from .meaning.trainer_laws import PRESETS, preset_law
 from .readers.found import Found
 from .readers.network_file import read_network
 from .trial import measure
@@ -67,8 +67,6 @@ def understand(
     Raises:
         GaitprefError: the file or what lies beside it cannot be used.
     """
-    if preset in UNFOLLOWED:
-        raise LawError(f"the preset {preset} {UNFOLLOWED[preset]}")
     if preset is not None and preset not in PRESETS:
         raise LawError(
             f"there is no preset {preset!r}; there are: {', '.join(PRESETS)}"

@@ -20,6 +20,7 @@ from policy.networks.recipe import NetworkError, Recipe, RecipeNetwork
 from policy.training.checkpoint import Policy
 
 from .meaning.beside import activation_beside, policy_file
+from .readers.adapting import TWO_SCRIPTS, files_of
 from .readers.network_file import read_network
 
 _STDS = ("std", "distribution.std_param")
@@ -48,22 +49,31 @@ def export_like(policy: Policy, source: Path, out: Path) -> Path:
     tensors = network.tensors()
     names = {each.name for each in network.recipe.weights}
     new = {name: tensor for name, tensor in tensors.items() if name in names}
-    content = read_file(file, POLICY_BYTES)
-    if found.kind == "ONNX":
-        written = _onnx(content, new)
-    elif found.kind == "TorchScript":
-        written = _script(content, new)
-    else:
-        order = network.recipe.action_order
-        std = torch.empty(12)
-        std[list(order)] = policy.std
-        written = _checkpoint(content, new, std)
-    out.mkdir(parents=True, exist_ok=True)
     target = out / file.name
     if target.exists() and target.samefile(file):
         raise NetworkError(f"{target} is the source itself: give another --out")
-    write_atomically(target, written)
+    if found.kind == TWO_SCRIPTS:
+        parts = files_of(file).items()
+        written = {each.name: _part(part, each, new) for part, each in parts}
+    else:
+        content = read_file(file, POLICY_BYTES)
+        written = {file.name: _one(found.kind, content, new, policy)}
+    out.mkdir(parents=True, exist_ok=True)
+    for name, data in written.items():
+        write_atomically(out / name, data)
     return target
+
+
+def _one(kind: str, content: bytes, new: Mapping[str, Tensor], policy: Policy) -> bytes:
+    """A file with a whole network."""
+    if kind == "ONNX":
+        return _onnx(content, new)
+    if kind == "TorchScript":
+        return _script(content, new)
+    assert isinstance(policy.network, RecipeNetwork)
+    std = torch.empty(12)
+    std[list(policy.network.recipe.action_order)] = policy.std
+    return _checkpoint(content, new, std)
 
 
 def _shapes(recipe: Recipe) -> Any:
@@ -109,6 +119,13 @@ def _script(content: bytes, new: Mapping[str, Tensor]) -> bytes:
                 stored[name].copy_(tensor)
         torch.jit.save(module, stream)
     return stream.getvalue()
+
+
+def _part(part: str, file: Path, new: Mapping[str, Tensor]) -> bytes:
+    """One of two files; the tensors of both are told apart by how their names begin."""
+    begins = f"{part}."
+    own = {n.removeprefix(begins): t for n, t in new.items() if n.startswith(begins)}
+    return _script(read_file(file, POLICY_BYTES), own)
 
 
 def _checkpoint(content: bytes, new: Mapping[str, Tensor], std: Tensor) -> bytes:

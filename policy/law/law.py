@@ -8,12 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
 from data.errors import GaitprefError
 from data.features import JOINTS
+from data.files.plain import NONE_AS_BEFORE
+
+from .gait import Gait
 
 Vector = tuple[float, ...]
 """One number for each of the twelve joints."""
@@ -27,11 +31,14 @@ WIDTHS = {
     "joint_pos_abs": 12,
     "joint_vel": 12,
     "last_action": 12,
+    "action_before_last": 12,
+    "gait_command": 12,
+    "gait_clock": 4,
 }
 """Terms of an observation and their widths: velocities m/s and turning rates rad/s in
 the frame of the base, the direction of gravity there, the command (forward m/s, left
 m/s, yaw rad/s), angles less the default pose rad, or as they are, joint velocities
-rad/s, and the action before."""
+rad/s, the action before and that before it, the gait asked for and its clock."""
 MEANINGS = {
     "base_lin_vel": ("m/s", "velocity of the base in its own frame"),
     "base_ang_vel": ("rad/s", "turning rates of the base in its own frame, as a gyro"),
@@ -41,10 +48,23 @@ MEANINGS = {
     "joint_pos_abs": ("rad", "angles of the joints"),
     "joint_vel": ("rad/s", "angular velocities of the joints"),
     "last_action": ("1", "the action before, clipped to action_limit; 0 at first"),
+    "action_before_last": ("1", "the action before last_action; 0 at first"),
+    "gait_command": ("as named", "the numbers of law_record.gait in their order"),
+    "gait_clock": (
+        "1",
+        "sin(2 pi w(x)) of FL FR RL RR; x is the fraction of frequency_hz * t + phase "
+        "+ offset + bound, of the same with offset, bound and phase alone; w(x) is x / "
+        "(2 duration) below duration, else 0.5 + (x - duration) / (2 - 2 duration); t "
+        "is 0 s at first; numbers of law_record.gait",
+    ),
 }
 """Unit and meaning of every term, before it is clipped and scaled."""
-OF_JOINTS = frozenset({"joint_pos", "joint_pos_abs", "joint_vel", "last_action"})
+OF_JOINTS = frozenset(
+    {"joint_pos", "joint_pos_abs", "joint_vel", "last_action", "action_before_last"}
+)
 """Terms with a number for each joint."""
+OF_GAITS = frozenset({"gait_command", "gait_clock"})
+"""Terms that need a gait to be asked for."""
 MOST_FRAMES = 100
 
 
@@ -105,6 +125,10 @@ class Law:
     """Order of the frames of a history."""
     by_term: bool = True
     """All frames of a term together, or all terms of a frame."""
+    before: Literal["zeros"] | None = field(default=None, metadata=NONE_AS_BEFORE)
+    """What was seen before an episode; None is its first frame."""
+    gait: Gait | None = field(default=None, metadata=NONE_AS_BEFORE)
+    """What a policy with a clock is asked for beside its command."""
     obs_limit: float | None = None
     """Scaled observations are clipped to plus or minus this."""
     joints: tuple[str, ...]
@@ -142,6 +166,10 @@ class Law:
             raise LawError("an observation has terms, each of them once")
         if not self.by_term and len({term.frames for term in self.terms}) > 1:
             raise LawError("a history by frames shows as many frames of every term")
+        if self.gait is None and OF_GAITS & {term.name for term in self.terms}:
+            raise LawError("gait_command and gait_clock need a gait: [gait] in a TOML")
+        if self.gait is not None and self.gait.fault is not None:
+            raise LawError(f"the gait {self.gait.fault}")
         for name in ("default_joint_pos_rad", "action_scale_rad", "action_offset_rad"):
             _require_vector(name, getattr(self, name), -math.inf)
         _require_vector("kp_nm_per_rad", self.kp_nm_per_rad, 1e-6)

@@ -45,7 +45,10 @@ CONVENTIONS = {
         "every control_dt_s: read the sensors, fill obs, run the network, set the "
         "joint targets; a whole number of physics_dt_s"
     ),
-    "first_step": "the robot stands in home_joint_pos_rad, and last_action is 0",
+    "first_step": (
+        "the robot stands in home_joint_pos_rad, and last_action is 0; frames before "
+        "are the first one, or zeros where law_record.before says so"
+    ),
 }
 """What the numbers of policy.json mean."""
 _UNBOUNDED_RAD = 1e6

@@ -13,12 +13,11 @@ import torch
 import yaml
 from torch import Tensor, nn
 
-from gaitpref.cli.main import main
 from gaitpref.cli.options.policy_options import Preset
 from policy.imported.alternatives import against, others, tried
 from policy.imported.bring import embodied, understand
 from policy.imported.meaning.draft import BY_TYPE, LEFT_FIRST, RIGHT_FIRST
-from policy.imported.meaning.trainer_laws import PRESETS, UNFOLLOWED
+from policy.imported.meaning.trainer_laws import PRESETS
 from policy.imported.plain_robot import plainer
 from policy.imported.readers.onnx_file import read_onnx
 from policy.imported.readers.script_file import read_script
@@ -167,16 +166,9 @@ def test_angles_within_their_limits_are_refused(tmp_path: Path) -> None:
         understand(_run(tmp_path / "run", observations={"policy": told}))
 
 
-def test_walk_these_ways_is_refused_by_name(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Its 15 commands, clock and action before the last have no terms here."""
-    run = _run(tmp_path / "run")
-    with pytest.raises(LawError, match=r"walk-these-ways .* 15 commands, a clock"):
-        understand(run, preset="walk-these-ways")
-    assert main(["policy", "import", str(run), "--preset", "walk-these-ways"]) == 2
-    assert "15 commands, a clock" in " ".join(capsys.readouterr().err.split())
-    assert set(get_args(Preset)) == {*PRESETS, *UNFOLLOWED}
+def test_every_preset_can_be_typed() -> None:
+    """And no other."""
+    assert set(get_args(Preset)) == {*PRESETS}
 
 
 class _Layer(nn.Module):

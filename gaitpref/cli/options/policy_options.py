@@ -293,7 +293,8 @@ class Policy:
     """Bring a policy that others trained: it records, plays, is labeled and trained on
     like one of our own.
 
-    Reads checkpoints of rsl_rl 1 to 5, TorchScript and ONNX; nothing in them is run.
+    Reads checkpoints of rsl_rl 1 to 5, TorchScript (of Walk These Ways in two files)
+    and ONNX; nothing in them is run.
     What the numbers mean is taken from the first that is there: --preset, metadata in
     the ONNX, deploy.yaml, IO_descriptors.yaml, params/env.yaml with agent.yaml,
     config.yaml with base.yaml of rl_sar, policy.json of ours.
@@ -308,8 +309,7 @@ class Policy:
     out: Path | None = None
     """Directory that gets policy.pt."""
     preset: Preset | None = None
-    """The trainer it is from, where nothing beside the file says what it sees; of
-    walk-these-ways it is said why its policies are not taken."""
+    """The trainer it is from, where nothing beside the file says what it sees."""
     law: Path | None = None
     """TOML that says what the numbers mean, wholly or where it differs."""
     explain: bool = False

@@ -16,7 +16,14 @@ from .io_descriptors import read_descriptors
 from .own_words import of_metadata, read_own
 from .rl_sar import read_rl_sar
 
-_POLICIES = ("exported/policy.onnx", "policy.onnx", "exported/policy.pt", "policy.pt")
+_POLICIES = (
+    "exported/policy.onnx",
+    "policy.onnx",
+    "exported/policy.pt",
+    "policy.pt",
+    "checkpoints/body_latest.jit",
+    "body_latest.jit",
+)
 
 
 def policy_file(path: Path) -> Path:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
 
 from data.features import JOINTS
+from policy.law.gait import Gait
 from policy.law.law import Law, LawError, Term, Vector
 from policy.robots.robot import Robot
 
@@ -52,6 +53,8 @@ class Draft:
     terms: tuple[Term, ...] | None = None
     newest_first: bool | None = None
     by_term: bool | None = None
+    before: Literal["zeros"] | None = None
+    gait: Gait | None = None
     obs_limit: float | None = None
     default_joint_pos_rad: Vector | None = None
     action_scale_rad: Vector | None = None

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 from data.files.files import read_text
 from data.files.limits import TEXT_BYTES
+from data.files.plain import from_plain
+from policy.law.gait import Gait
 from policy.law.law import WIDTHS, LawError
 
 from .draft import NEEDED, Draft, twelve, whole_of
@@ -26,11 +28,14 @@ _VECTORS = (
 )
 _NUMBERS = ("obs_limit", "action_limit", "joint_friction_nm", "physics_dt_s")
 _SWITCHES = ("newest_first", "by_term")
-_KNOWN = ("joints", "terms", "substeps", "activation", *_VECTORS, *_NUMBERS, *_SWITCHES)
+_TABLES = ("gait", "terms")
+_NAMES = ("joints", "before", "substeps", "activation")
+_KNOWN = (*_NAMES, *_TABLES, *_VECTORS, *_NUMBERS, *_SWITCHES)
 _HELP = {
     "joints": "names, in the order of the policy",
     "newest_first": "order of the frames of a history",
     "by_term": "all frames of a term together (true), or all terms of a frame",
+    "before": '"zeros", where frames before the first are that, and not the first',
     "obs_limit": "scaled observations are clipped to plus or minus this",
     "default_joint_pos_rad": "what observed angles are measured from",
     "action_scale_rad": "a number, or one for each joint",
@@ -73,6 +78,11 @@ def read_law_toml(path: Path) -> Draft:
         if not isinstance(names, list) or not all(isinstance(n, str) for n in names):
             raise LawError(f"{path}: joints must be a list of names")
         values["joints"] = tuple(names)
+    if told.get("before", "zeros") != "zeros":
+        raise LawError(f'{path}: before must be "zeros", or left out')
+    values["before"] = told.get("before")
+    if "gait" in told:
+        values["gait"] = _gait(path, told["gait"])
     if "terms" in told:
         values["terms"] = _terms(path, told["terms"])
     return Draft(source=path.name, **values)
@@ -86,6 +96,16 @@ def _of(path: Path, told: Mapping[str, Any], name: str, kind: type) -> Any:
         words = {float: "a number", bool: "true or false", int: "a whole number"}
         raise LawError(f"{path}: {name} must be {words.get(kind, 'a text')}: {value!r}")
     return value
+
+
+def _gait(path: Path, told: Any) -> Gait:
+    try:
+        return from_plain(Gait, told)
+    except (ValueError, TypeError, AttributeError, OverflowError) as error:
+        names = ", ".join(each.name for each in fields(Gait))
+        raise LawError(
+            f"{path}: [gait] holds numbers by these names: {names} ({error})"
+        ) from None
 
 
 def _terms(path: Path, entries: Any) -> Any:
@@ -111,7 +131,7 @@ def law_toml(draft: Draft) -> str:
     lines = [f"# The law of a policy, by {draft.source}."]
     for each in fields(Draft):
         name = each.name
-        if name not in _KNOWN or name == "terms":
+        if name not in _KNOWN or name in _TABLES:
             continue
         value = getattr(draft, name)
         notes = [_HELP[name]] if name in _HELP else []
@@ -125,6 +145,11 @@ def law_toml(draft: Draft) -> str:
             note = f"  # {', '.join(notes)}" if notes else ""
             lines.append(f"{name} = {_spelled(value)}{note}")
     lines.append("")
+    if draft.gait is not None:
+        if note := draft.guessed.get("gait"):
+            lines.append(f"# GUESSED: {note}")
+        asked = asdict(draft.gait).items()
+        lines += ["[gait]", *(f"{name} = {value}" for name, value in asked), ""]
     if draft.terms is None:
         lines.append(f"# FILL IN [[terms]] in their order; names: {', '.join(WIDTHS)}")
         lines += [

@@ -7,6 +7,7 @@ from dataclasses import fields, replace
 from typing import Any
 
 from data.features import JOINTS
+from policy.law.gait import Gait
 from policy.law.law import Term
 
 from .draft import BY_TYPE, LEFT_FIRST, RIGHT_FIRST, Draft
@@ -46,10 +47,12 @@ POSES: dict[str, Callable[[tuple[str, ...]], tuple[float, ...]]] = {
 """Default poses that trainers have, rad, of joints by the names of `JOINTS`."""
 
 
-def half_hips(joints: tuple[str, ...], scale: tuple[float, ...]) -> tuple[float, ...]:
-    """`scale` with that of the hips halved, as some trainers have it."""
+def scaled_hips(
+    joints: tuple[str, ...], scale: tuple[float, ...], factor: float = 0.5
+) -> tuple[float, ...]:
+    """`scale` with that of the hips times `factor`: some trainers have halved it."""
     pairs = zip(joints, scale, strict=True)
-    return tuple(s / 2 if joint.endswith("hip") else s for joint, s in pairs)
+    return tuple(s * factor if joint.endswith("hip") else s for joint, s in pairs)
 
 
 def _of_part(joints: tuple[str, ...], leg: float, calf: float) -> tuple[float, ...]:
@@ -89,6 +92,52 @@ def _legged_gym(name: str) -> Draft:
         kd_nm_s_per_rad=(0.5,) * 12,
         physics_dt_s=0.005,
         substeps=4,
+    )
+
+
+_GAIT_SCALES = (2.0, *(1.0,) * 5, 0.15, 0.3, 0.3, *(1.0,) * 3)
+
+
+def _walk_these_ways() -> Draft:
+    """Frames are counted by the width of the network: 30 of 70 numbers."""
+    return Draft(
+        source="the preset walk-these-ways",
+        joints=LEFT_FIRST,
+        terms=_terms(
+            "projected_gravity",
+            "command",
+            "gait_command",
+            *_JOINTS,
+            "action_before_last",
+            "gait_clock",
+            command=(2.0, 2.0, 0.25),
+            gait_command=_GAIT_SCALES,
+            joint_vel=0.05,
+        ),
+        newest_first=False,
+        by_term=False,
+        before="zeros",
+        gait=Gait(),
+        obs_limit=100.0,
+        default_joint_pos_rad=_a1_pose(LEFT_FIRST),
+        action_scale_rad=scaled_hips(LEFT_FIRST, (0.25,) * 12),
+        action_limit=10.0,
+        kp_nm_per_rad=(20.0,) * 12,
+        kd_nm_s_per_rad=(0.5,) * 12,
+        physics_dt_s=0.005,
+        substeps=4,
+        guessed={
+            "gait": "a trot of 3 Hz, feet 0.08 m high, stance 0.25 by 0.4 m; it "
+            "follows others too, which [gait] of a TOML says (--explain prints it, "
+            "--law takes it)",
+            "gait_command": "scales of its numbers, as the trainer's settings have "
+            "them",
+            "gait_clock": "at the start of its cycle where an episode begins",
+            "before": "zeros before an episode, as its own player begins",
+            "action_limit": "10, as the trainer's settings have it",
+            "kp_nm_per_rad": "20 with kd 0.5: the training had a network in place of "
+            "motors, and a delay, which are not followed",
+        },
     )
 
 
@@ -139,17 +188,12 @@ PRESETS: dict[str, Draft] = {
         physics_dt_s=0.005,
         substeps=4,
     ),
+    "walk-these-ways": _walk_these_ways(),
 }
 """Sources: legged_gym a1_config.py and unitree_rl_gym go2_config.py; Isaac Lab
 velocity_env_cfg.py with unitree.py; unitree_rl_lab and unitree_rl_mjlab deploy.yaml of
-their Go2; metadata of mjlab 1.6's Go1, whose numbers have three digits."""
-
-UNFOLLOWED = {
-    "walk-these-ways": "is not followed here: its policies see 15 commands, a clock "
-    "and the action before the last, for which an observation here has no terms; give "
-    "a policy that sees a command of three numbers",
-}
-"""Trainers whose policies cannot be taken, and why."""
+their Go2; metadata of mjlab 1.6's Go1, whose numbers have three digits; walk-these-ways
+legged_robot.py with train.py and play.py."""
 
 
 def preset_law(name: str, joints: tuple[str, ...] | None = None) -> Draft:
@@ -163,7 +207,8 @@ def preset_law(name: str, joints: tuple[str, ...] | None = None) -> Draft:
     draft = PRESETS[name]
     assert draft.joints is not None
     why = "the trainer's own, which a training may have changed: no file says it"
-    guessed = dict.fromkeys(("default_joint_pos_rad", "action_scale_rad"), why)
+    changed = dict.fromkeys(("default_joint_pos_rad", "action_scale_rad"), why)
+    guessed = {**draft.guessed, **changed}
     order = draft.joints if joints is None else canonical_joints(joints, JOINTS)
     vectors: dict[str, Any] = {
         each.name: tuple(value[draft.joints.index(joint)] for joint in order)

@@ -9,6 +9,7 @@ from data.files.limits import POLICY_BYTES
 from policy.networks.recipe import NetworkError
 from policy.training.others import writer_of_bytes
 
+from .adapting import ACTS, GUESSES, chained, files_of
 from .found import Found, checked
 from .onnx_file import read_onnx
 from .rsl_checkpoint import read_checkpoint
@@ -16,12 +17,24 @@ from .script_file import read_script
 
 
 def read_network(path: Path, activation: str | None = None) -> Found:
-    """The network in `path`: a checkpoint of rsl_rl, TorchScript or ONNX.
+    """The network in `path`: a checkpoint of rsl_rl, TorchScript or ONNX; of two
+    TorchScript files where the other lies beside it.
 
     Raises:
         FileError: the path leads to no file.
         NetworkError: the file is something else, or a network that is not taken.
     """
+    if parts := files_of(path):
+        found = chained(*(_read(parts[part], None) for part in (GUESSES, ACTS)))
+    else:
+        found = _read(path, activation)
+    try:
+        return checked(found)
+    except NetworkError as error:
+        raise NetworkError(f"{path}: {error}") from None
+
+
+def _read(path: Path, activation: str | None) -> Found:
     try:
         content = read_file(path, POLICY_BYTES)
     except FileNotFoundError:
@@ -29,11 +42,11 @@ def read_network(path: Path, activation: str | None = None) -> Found:
     writer = writer_of_bytes(content)
     try:
         if "ONNX" in writer or path.suffix == ".onnx":
-            return checked(read_onnx(content))
+            return read_onnx(content)
         if "TorchScript" in writer:
-            return checked(read_script(content))
+            return read_script(content)
         if writer:
             raise NetworkError(f"it is {writer}")
-        return checked(read_checkpoint(content, activation))
+        return read_checkpoint(content, activation)
     except NetworkError as error:
         raise NetworkError(f"{path}: {error}") from None
