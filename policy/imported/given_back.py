@@ -22,6 +22,7 @@ from policy.training.checkpoint import Policy
 from .meaning.beside import activation_beside, policy_file
 from .readers.adapting import TWO_SCRIPTS, files_of
 from .readers.network_file import read_network
+from .readers.onnx_file import loaded
 
 _STDS = ("std", "distribution.std_param")
 _LOG_STDS = ("log_std", "distribution.log_std_param")
@@ -57,17 +58,19 @@ def export_like(policy: Policy, source: Path, out: Path) -> Path:
         written = {each.name: _part(part, each, new) for part, each in parts}
     else:
         content = read_file(file, POLICY_BYTES)
-        written = {file.name: _one(found.kind, content, new, policy)}
+        written = {file.name: _one(found.kind, content, file.parent, new, policy)}
     out.mkdir(parents=True, exist_ok=True)
     for name, data in written.items():
         write_atomically(out / name, data)
     return target
 
 
-def _one(kind: str, content: bytes, new: Mapping[str, Tensor], policy: Policy) -> bytes:
+def _one(
+    kind: str, content: bytes, folder: Path, new: Mapping[str, Tensor], policy: Policy
+) -> bytes:
     """A file with a whole network."""
     if kind == "ONNX":
-        return _onnx(content, new)
+        return _onnx(content, folder, new)
     if kind == "TorchScript":
         return _script(content, new)
     assert isinstance(policy.network, RecipeNetwork)
@@ -78,8 +81,7 @@ def _one(kind: str, content: bytes, new: Mapping[str, Tensor], policy: Policy) -
 
 def _shapes(recipe: Recipe) -> Any:
     """What must be equal for weights to fit; the order of joints may differ."""
-    stored = (*recipe.weights, *recipe.constants)
-    return {each.name: each.shape for each in stored}, recipe.obs_dim
+    return {each.name: each.shape for each in recipe.weights}, recipe.obs_dim
 
 
 def _name_of(policy: Policy) -> str:
@@ -87,10 +89,9 @@ def _name_of(policy: Policy) -> str:
     return "" if origin is None else f", {origin.file}"
 
 
-def _onnx(content: bytes, new: Mapping[str, Tensor]) -> bytes:
-    import onnx
-
-    model = onnx.load_model_from_string(content)
+def _onnx(content: bytes, folder: Path, new: Mapping[str, Tensor]) -> bytes:
+    """In one file, also where weights lay beside it."""
+    onnx, model = loaded(content, folder)
     for each in model.graph.initializer:
         if each.name in new:
             array = new[each.name].numpy().reshape(tuple(each.dims))

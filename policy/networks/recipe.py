@@ -129,13 +129,17 @@ class RecipeNetwork(nn.Module):
 
     def forward(self, obs: Tensor) -> Tensor:
         """See the class."""
+        return self.followed(obs)[self.recipe.output].index_select(1, self.order)
+
+    def followed(self, obs: Tensor) -> dict[str, Any]:
+        """All that is stored and computed, by its name."""
         values: dict[str, Any] = {INPUT: obs, "": None}
         for name, key in self._names.items():
             values[name] = getattr(self, key)
         for node in self.recipe.nodes:
             given = [values[name] for name in node.inputs]
             values[node.output] = _OPS[node.op](node.attributes, *given)
-        return values[self.recipe.output].index_select(1, self.order)
+        return values
 
 
 def require_known(op: str) -> None:
@@ -189,6 +193,7 @@ def _slice(
     end = _ints(at["ends"] if ends is None else ends)
     axes = at.get("axes") if axes is None else axes
     along = list(range(len(begin))) if axes is None else _ints(axes)
+    steps = at.get("steps") if steps is None else steps
     stride = [1] * len(begin) if steps is None else _ints(steps)
     cut: list[slice] = [slice(None)] * x.ndim
     for axis, first, last, step in zip(along, begin, end, stride, strict=True):
@@ -198,11 +203,13 @@ def _slice(
     return x[tuple(cut)]
 
 
-def _gather(at: dict[str, Any], x: Tensor, idx: Tensor) -> Tensor:
+def _gather(at: dict[str, Any], x: Tensor, idx: Tensor | None = None) -> Tensor:
     axis = at.get("axis", 0)
+    if idx is None:
+        return x.select(axis, int(at["index"]))
     if idx.ndim == 0:
         return x.select(axis, int(idx))
-    return x.index_select(axis, idx.flatten())
+    return x.index_select(axis, idx if idx.ndim == 1 else idx.flatten())
 
 
 def _reshape(at: dict[str, Any], x: Tensor, shape: Any = None) -> Tensor:
@@ -247,7 +254,9 @@ def _clip(at: dict[str, Any], x: Tensor, low: Any = None, high: Any = None) -> T
     return x if low is None and high is None else x.clamp(low, high)
 
 
-def _expand(at: dict[str, Any], x: Tensor, size: Any) -> Tensor:
+def _expand(at: dict[str, Any], x: Tensor, size: Any = None) -> Tensor:
+    if size is None:
+        return x.expand(_ints(at["shape"]))
     return x.expand(torch.broadcast_shapes(x.shape, _ints(size)))
 
 
@@ -309,7 +318,7 @@ _OPS: dict[str, Callable[..., Any]] = {
     "ReduceSum": _reduced("sum"),
     "ReduceMean": _reduced("mean"),
     "ReduceL2": _reduced("norm"),
-    "Shape": lambda at, x: torch.tensor(x.shape),
+    "Shape": lambda at, x: torch.tensor(x.shape[at.get("start", 0) : at.get("end")]),
     "NonZero": _of_one(lambda x: x.nonzero().t()),
     "Cast": lambda at, x: x.to(_DTYPES[int(at["to"])]),
     "LayerNormalization": lambda at, x, w, b=None: _F.layer_norm(

@@ -5,11 +5,14 @@ Shapes: N observations at once.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import logging
 import math
+import re
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +25,13 @@ from data.files.plain import to_plain
 from policy.env.feature_row import OBSERVATION, obs_column
 from policy.law.law import MEANINGS, Law
 from policy.law.own_law import own_law
+from policy.networks.recipe import RecipeNetwork
+from policy.networks.settled import settled
 from policy.robots.motor_class import unusual_motors
 from policy.robots.robot import Robot
 
 from .checkpoint import Policy, PolicyInfo
+from .policy_error import PolicyError
 
 FORMAT_VERSION = 4
 """Version of policy.json. In 1, `kd_nm_s_per_rad` lacked the damping of the joints; in
@@ -63,7 +69,11 @@ class _Deployed(nn.Module):
 
     def __init__(self, policy: Policy, law: Law) -> None:
         super().__init__()
-        self.network = policy.network
+        network = policy.network
+        if isinstance(network, RecipeNetwork):
+            # One that was brought in by an earlier version may compute its shapes.
+            network = settled(network)
+        self.network = network
         self.action_limit = law.action_limit
         self.order: Tensor
         self.scale_rad: Tensor
@@ -96,14 +106,15 @@ def export(policy: Policy, out: Path) -> list[Path]:
     law = law_of(policy.info, robot)
     # Also says of what no file can hold that it cannot, before anything is written.
     deployed = _Deployed(policy, law).eval()
-    out.mkdir(parents=True, exist_ok=True)
     described = json.dumps(describe(policy.info, robot, policy.sha256), indent=1)
+    obs_dim = law.obs_dim
     contents = {
-        ONNX_NAME: _onnx(deployed, law.obs_dim, described),
-        SCRIPT_NAME: _torchscript(deployed, law.obs_dim),
+        ONNX_NAME: _by_torch("ONNX", lambda: _onnx(deployed, obs_dim, described)),
+        SCRIPT_NAME: _by_torch("TorchScript", lambda: _torchscript(deployed, obs_dim)),
         JSON_NAME: described.encode() + b"\n",
         MJCF_NAME: robot.mjcf.encode(),
     }
+    out.mkdir(parents=True, exist_ok=True)
     for name, content in contents.items():
         write_atomically(out / name, content)
     return [out / name for name in contents]
@@ -217,6 +228,26 @@ def _observation(law: Law | None) -> list[dict[str, Any]]:
     return parts
 
 
+def _by_torch(kind: str, write: Callable[[], bytes]) -> bytes:
+    """What `write` gives.
+
+    Raises:
+        PolicyError: torch cannot, whatever it says of its own inside.
+    """
+    try:
+        # It prints what it was at when it fails.
+        with contextlib.redirect_stderr(io.StringIO()):
+            return write()
+    except Exception as error:
+        cause = error.__cause__ or error
+        told = " ".join(re.sub(r"\x1b\[\d*m", "", str(cause)).split())[:160]
+        raise PolicyError(
+            f"torch cannot write this policy as {kind} ({type(cause).__name__}: {told})"
+            ": an imported policy goes out as it came in with --like SOURCE; of one "
+            "trained here, try the versions of constraints.txt"
+        ) from None
+
+
 def _onnx(deployed: nn.Module, obs_dim: int, described: str) -> bytes:
     # It would tell of every package it could export for and does not find.
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
@@ -251,6 +282,13 @@ def _torchscript(deployed: nn.Module, obs_dim: int) -> bytes:
         with torch.no_grad():
             traced = torch.jit.trace(deployed, torch.zeros(2, obs_dim))
         torch.jit.save(traced, stream)
+    # A trace keeps what hung on the example for what always is.
+    for rows in (1, 3):
+        obs = torch.linspace(-1, 1, rows * obs_dim).view(rows, obs_dim)
+        with torch.no_grad():
+            same = torch.allclose(traced(obs)[0], deployed(obs)[0], atol=1e-5)
+        if not same:
+            raise ValueError("its operations hang on how many observations there are")
     return stream.getvalue()
 
 

@@ -34,6 +34,32 @@ def write_onnx(path: Path, *nodes: Any, **metadata: str) -> None:
     path.write_bytes(model.SerializeToString())
 
 
+def _apart(
+    location: str = "policy.onnx.data",
+    size: int = 2160,
+    link: bool = False,
+    **told: int,
+) -> Callable[[Path], None]:
+    """A policy whose weights, 2160 bytes, lie at `location`, as it says."""
+
+    def make(path: Path) -> None:
+        write_onnx(path)
+        model = onnx.load_model(path)
+        (tensor,) = model.graph.initializer
+        tensor.ClearField("raw_data")
+        tensor.data_location = onnx.TensorProto.EXTERNAL
+        for key, value in {"location": location, **told}.items():
+            tensor.external_data.add(key=key, value=str(value))
+        path.write_bytes(model.SerializeToString())
+        data = path.with_name("policy.onnx.data")
+        if link:
+            data.symlink_to(path.parent.parent / "elsewhere.data")
+        with data.open("wb") as file:
+            file.truncate(size)
+
+    return make
+
+
 def _node(op: str, inputs: list[str], outputs: list[str], **attributes: Any) -> Any:
     return onnx.helper.make_node(op, inputs, outputs, **attributes)
 
@@ -147,6 +173,15 @@ ALONE: dict[str, tuple[Callable[[Path], None], str]] = {
         lambda path: write_onnx(path, _node("Constant", [], [], value_float=1.0)),
         "output",
     ),
+    "weights above": (_apart("../run/policy.onnx.data"), "no plain name"),
+    "weights anywhere": (_apart("/etc/hostname"), "no plain name"),
+    "weights that are not there": (_apart("w.data"), "copy both files"),
+    "a link to weights": (_apart(link=True), "a link that leads elsewhere"),
+    "weights from beyond": (_apart(offset=2161), "copy both files together again"),
+    "weights to beyond": (_apart(length=2161), "which has 2,160"),
+    "weights before": (_apart(offset=-8), "must be a whole number"),
+    "fewer weights": (_apart(length=2000), "damaged"),
+    "gigabytes of weights": (_apart(size=2**30), "is read up to"),
     "softmax of nothing": (
         lambda path: write_onnx(path, _node("Softmax", [""], ["actions"])),
         "operations do not fit",

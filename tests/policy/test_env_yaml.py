@@ -11,6 +11,7 @@ from data.features import JOINTS, LEGS
 from policy.imported.bring import Understood, understand
 from policy.imported.meaning.draft import RIGHT_FIRST, complete
 from policy.imported.meaning.env_yaml import read_env
+from policy.imported.whose_robot import robot_of
 from policy.law.law import LawError
 from policy.robots.robot import load_robot
 
@@ -113,6 +114,13 @@ def test_mjlabs_env_yaml_is_read(tmp_path: Path) -> None:
     assert law.action_limit == 10.0
     assert (law.physics_dt_s, law.substeps) == (0.004, 4)
     assert known.draft.activation == "tanh"
+    assert robot_of(known, None).xml is None
+    other = _law(_run(tmp_path / "go2", MJLAB.replace("go1_", "go2_")))
+    with pytest.raises(
+        LawError, match=r"env.yaml names the robot go2, .* ships is a Go1"
+    ):
+        robot_of(other, None)
+    assert "names the robot go2" in robot_of(other, Path("go1")).because
     assert known.draft.guessed.keys() == {"joints", "delay"}
     assert "2 time steps late" in known.draft.guessed["delay"]
     assert not Path("harmed").exists()

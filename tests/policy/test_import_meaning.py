@@ -13,6 +13,7 @@ import torch
 import yaml
 from torch import Tensor, nn
 
+from gaitpref.cli.main import main
 from gaitpref.cli.options.policy_options import Preset
 from policy.imported.alternatives import against, others, tried
 from policy.imported.bring import embodied, understand
@@ -29,6 +30,7 @@ from tests.helpers.foreign_layouts import deploy_yaml, law_in
 
 POSE = {".*L_hip_joint": 0.1, ".*R_hip_joint": -0.1, ".*thigh_joint": 0.8}
 POSE[".*calf_joint"] = -1.5
+GAINS = {"joint_names_expr": [".*"], "stiffness": 25.0, "damping": 0.5}
 
 
 def _run(folder: Path, **changes: Any) -> Path:
@@ -43,14 +45,13 @@ def _run(folder: Path, **changes: Any) -> Path:
     torch.save({"model_state_dict": states, "iter": 1}, folder / "model_1.pt")
     terms = ("base_lin_vel", "base_ang_vel", "projected_gravity", "generated_commands")
     terms += ("joint_pos_rel", "joint_vel_rel", "last_action")
-    gains = {"joint_names_expr": [".*"], "stiffness": 25.0, "damping": 0.5}
     tree: dict[str, Any] = {
         "sim": {"dt": 0.005},
         "decimation": 4,
         "scene": {
             "robot": {
                 "init_state": {"joint_pos": POSE},
-                "actuators": {"legs": gains},
+                "actuators": {"legs": GAINS},
             }
         },
         "actions": {"joint_pos": {"scale": 0.25}},
@@ -169,6 +170,33 @@ def test_angles_within_their_limits_are_refused(tmp_path: Path) -> None:
 def test_every_preset_can_be_typed() -> None:
     """And no other."""
     assert set(get_args(Preset)) == {*PRESETS}
+
+
+@pytest.mark.parametrize(
+    ("said", "told"),
+    [
+        ([], "nothing says which robot"),
+        (["--preset", "legged-gym-a1"], "legged-gym-a1 names the robot a1"),
+        (
+            ["spawn"],
+            "params/env.yaml names the robot go2, and the robot that ships is a Go1",
+        ),
+    ],
+)
+def test_a_policy_is_tried_on_no_robot_that_nothing_names(
+    said: list[str], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Least of all on the one that ships; the line says how to give another."""
+    robot = {"init_state": {"joint_pos": POSE}, "actuators": {"legs": GAINS}}
+    if said == ["spawn"]:
+        robot["spawn"], said = {"usd_path": "omni://Robots/Unitree/Go2/go2.usd"}, []
+    run = _run(tmp_path / "run", scene={"robot": robot})
+    command = ["policy", "import", str(run), "--out", str(tmp_path / "out"), *said]
+    assert main(command) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert told in line
+    assert "--robot SCENE.xml, or --robot go1" in line
+    assert not (tmp_path / "out").exists()
 
 
 class _Layer(nn.Module):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -17,13 +19,15 @@ from policy.env.env import QuadrupedEnv
 from policy.imported.bring import bring, understand
 from policy.imported.meaning.draft import complete
 from policy.imported.meaning.term_names import term_name
+from policy.imported.readers.onnx_file import read_onnx
 from policy.imported.readers.script_file import read_script
+from policy.imported.whose_robot import robot_of
 from policy.law.law import LawError
-from policy.networks.recipe import NetworkError
+from policy.networks.recipe import NetworkError, Node, Stored
 from policy.robots.shipped import WALK
-from policy.training.checkpoint import Policy, load_policy
+from policy.training.checkpoint import Policy, load_policy, payload_bytes
 from policy.training.export_policy import law_of
-from tests.helpers.others import GO2, HIMLOCO, needs_others
+from tests.helpers.others import CPP_DEPLOY, GO2, HIMLOCO, needs_others
 from tests.helpers.plain_walk import Frames, walked
 from tests.helpers.short_program import values_of
 
@@ -33,17 +37,40 @@ onnxruntime = pytest.importorskip(
 pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
 
 
-class _Normalised(nn.Module):
-    """A network that divides, as those with a normaliser do."""
+class _Estimating(nn.Module):
+    """A network that divides, as those with a normaliser do, and whose actor sees part
+    of the observation, an estimate and a unit vector, as himloco's."""
 
     def __init__(self) -> None:
         super().__init__()
         generator = torch.Generator().manual_seed(2)
         self.std = nn.Parameter(1 + torch.rand(1, 48, generator=generator))
-        self.layer = nn.Linear(48, 12)
+        self.encoder = nn.Linear(48, 11)
+        self.layer = nn.Linear(36 + 3 + 8, 12)
 
     def forward(self, x: Tensor) -> Tensor:
-        return self.layer(x / self.std)
+        x = x / self.std
+        seen = self.encoder(x)
+        unit = nn.functional.normalize(seen[..., 3:], dim=-1)
+        return self.layer(torch.cat((x[:, :36], seen[..., :3], unit), dim=-1))
+
+
+def _saved(module: nn.Module, folder: Path) -> tuple[Path, Path]:
+    """As TorchScript, and as the ONNX that torch's older exporter writes."""
+    torch.jit.save(torch.jit.script(module), folder / "theirs.pt")
+    with warnings.catch_warnings():
+        # The exporter warns of its own end.
+        warnings.simplefilter("ignore")
+        torch.onnx.export(
+            module.eval(),
+            (torch.zeros(1, 48),),
+            folder / "theirs.onnx",
+            opset_version=17,
+            dynamo=False,
+            input_names=["obs"],
+            output_names=["actions"],
+        )
+    return folder / "theirs.pt", folder / "theirs.onnx"
 
 
 def _exported(policy: Path, out: Path) -> Path:
@@ -69,27 +96,76 @@ def _comes_back(policy: Policy, out: Path) -> None:
         assert acted == pytest.approx(wanted, abs=1e-5), name
 
 
-def test_an_imported_policy_that_is_exported_comes_back(tmp_path: Path) -> None:
-    """Its network was a list of operations, which the trace writes otherwise."""
-    source = tmp_path / "theirs.pt"
-    torch.jit.save(torch.jit.script(_Normalised()), source)
-    policy = bring(understand(source, preset="legged-gym-a1"), None, tmp_path / "in")
+def test_an_imported_policy_that_is_exported_comes_back(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its network was a list of operations, which the trace writes otherwise; as it was
+    saved before whole numbers were settled, it goes out too. What torch cannot write is
+    one line, and no directory."""
+    script, file = _saved(_Estimating(), tmp_path)
+    known = understand(file, preset="legged-gym-a1")
+    assert not any(each.dtype == "int64" for each in known.found.recipe.constants)
+    before = replace(known, found=read_onnx(file.read_bytes()))
+    assert any(each.dtype == "int64" for each in before.found.recipe.constants)
+    policy = bring(before, None, tmp_path / "in")
+    obs = torch.randn(8, 48, generator=torch.Generator().manual_seed(3))
+    for each in (known, understand(script, preset="legged-gym-a1"), before):
+        network = each.found.network()
+        assert policy.network(obs).detach().numpy() == pytest.approx(
+            network(obs)[:, policy.network.order].detach().numpy(), abs=1e-5
+        )
     out = _exported(tmp_path / "in" / "policy.pt", tmp_path / "out")
     _comes_back(policy, out)
+    bad = _growing(policy, tmp_path / "bad.pt")
+    capsys.readouterr()
+    arguments = ["export", "--policy", str(bad), "--out", str(tmp_path / "none")]
+    assert main(arguments) == 2
+    told = capsys.readouterr().err.strip()
+    assert "torch cannot write this policy as" in told
+    assert "--like SOURCE" in told
+    assert "\n" not in told
+    assert not (tmp_path / "none").exists()
+
+
+def _growing(policy: Policy, file: Path) -> Path:
+    """`policy` with a row that is made as many as there are observations."""
+    recipe = policy.info.ppo.recipe
+    assert recipe is not None
+    nodes = (
+        Node(op="Shape", inputs=(recipe.output,), output="n"),
+        Node(op="Expand", inputs=("row", "n"), output="grown"),
+        Node(op="Add", inputs=(recipe.output, "grown"), output="more"),
+    )
+    row = Stored(name="row", shape=(1, 12))
+    constants = (*recipe.constants, row)
+    recipe = replace(
+        recipe, nodes=(*recipe.nodes, *nodes), output="more", constants=constants
+    )
+    info = replace(policy.info, ppo=replace(policy.info.ppo, recipe=recipe))
+    states = policy._actor.state_dict()
+    states[f"mlp.c{len(constants) - 1}"] = torch.zeros(1, 12)
+    file.write_bytes(payload_bytes({"actor_state_dict": states}, info))
+    return file
 
 
 @needs_others
-def test_himloco_goes_out_and_comes_back_and_walks_by_its_json(tmp_path: Path) -> None:
-    """Six frames; on plain motors it walks as it did when it was imported."""
-    policy = bring(understand(HIMLOCO), GO2, tmp_path / "in")
+@pytest.mark.parametrize("source", [HIMLOCO, CPP_DEPLOY], ids=["himloco", "cpp_deploy"])
+def test_those_of_others_go_out_and_come_back_and_walk_by_their_json(
+    source: Path, tmp_path: Path
+) -> None:
+    """Six frames, and five of an ONNX that slices; on plain motors they walk as they
+    did when they were imported, within 0.1 m/s of what was measured of them."""
+    policy = bring(understand(source), GO2, tmp_path / "in")
+    assert policy.info.origin is not None
+    assert policy.info.origin.accepted
+    taken = policy.info.origin.acceptance[1].forward_m_s
+    assert taken == pytest.approx(0.45, abs=0.1)
     out = _exported(tmp_path / "in" / "policy.pt", tmp_path / "out")
     _comes_back(policy, out)
     told = json.loads((out / "policy.json").read_text())
     spec = mujoco.MjSpec.from_file(str(out / "robot.xml"))
     moved = walked(spec, told, _act(out), (0.5, 0.0, 0.0), 500)
     assert len(moved) == 500
-    assert policy.info.origin is not None
-    taken = policy.info.origin.acceptance[1].forward_m_s
     assert moved[100:, 0].mean() == pytest.approx(taken, abs=0.05)
 
 
@@ -142,11 +218,20 @@ def test_a_network_that_rounds_where_it_divides_is_refused() -> None:
 def test_a_policy_json_beside_a_network_says_what_its_numbers_mean(
     tmp_path: Path,
 ) -> None:
-    """Where the network is TorchScript, which says nothing of itself."""
+    """Where the network is TorchScript, which says nothing of itself; and whose robot
+    it is, which lies there too."""
     out = _exported(WALK, tmp_path / "out")
     (out / "policy.onnx").unlink()
     known = understand(out / "policy.pt")
     assert known.draft.source == str(out / "policy.json")
+    assert robot_of(known, None).xml == out / "robot.xml"
+    (out / "robot.xml").unlink()
+    assert robot_of(known, None).xml is None
+    other = replace(known, draft=replace(known.draft, robot="unitree_go2"))
+    with pytest.raises(
+        LawError, match=r"names the robot unitree_go2, .* ships is a Go1: give"
+    ):
+        robot_of(other, None)
     policy = load_policy(WALK)
     law = complete(known.draft, policy.robot(), known.found.recipe.obs_dim)
     assert law == law_of(policy.info, policy.robot())

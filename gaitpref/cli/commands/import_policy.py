@@ -9,6 +9,7 @@ from policy.env.env_cfg import EnvCfg
 from policy.imported.alternatives import tried
 from policy.imported.bring import bring, understand
 from policy.imported.meaning.law_toml import law_toml
+from policy.imported.whose_robot import given, robot_of
 from policy.law.law import LawError
 from policy.law.origin import table
 from policy.robots.robot import load_robot
@@ -17,12 +18,13 @@ from policy.training.training_dir import POLICY_NAME
 
 def run(command: options.Policy) -> int:
     """Import the policy; gives the exit code."""
+    xml = given(command.robot)
     known = understand(
         command.file,
         law=command.law,
         preset=command.preset,
         explain=command.explain,
-        robot=load_robot(command.robot, physics_dt_s=EnvCfg().physics_dt_s),
+        robot=load_robot(xml, physics_dt_s=EnvCfg().physics_dt_s),
     )
     if command.explain:
         say(law_toml(known.draft))
@@ -31,15 +33,17 @@ def run(command: options.Policy) -> int:
         raise LawError("give --out DIR, which gets policy.pt; or --explain to look")
     if (command.out / POLICY_NAME).exists():
         raise LawError(f"{command.out} holds a policy already: give another --out")
+    robot = robot_of(known, command.robot)
     with working("trying the policy on the robot"):
-        policy = bring(known, command.robot, command.out)
+        policy = bring(known, robot.xml, command.out)
     origin = policy.info.origin
     assert origin is not None
-    say(f"{known.file.name} is {origin.kind}; what it means says {origin.meaning}\n")
+    say(f"{known.file.name} is {origin.kind}; what it means says {origin.meaning}")
+    say(f"the robot is {robot.because}\n")
     say(table(origin.acceptance))
     for name, why in origin.guessed.items():
         say(f"guessed    {name}: {why}")
-    for line in tried(known, command.robot):
+    for line in tried(known, robot.xml):
         say(f"tried      {line}")
     if not origin.accepted:
         say(

@@ -305,7 +305,8 @@ class Policy:
     file: tyro.conf.Positional[Path]
     """File of the policy, or the directory of its training run."""
     robot: Path | None = None
-    """MJCF of its robot; the Go1 that ships by default."""
+    """MJCF of its robot, or go1 for the one that ships; asked for where the policy does
+    not name that one and is none of ours with its robot.xml beside it."""
     out: Path | None = None
     """Directory that gets policy.pt."""
     preset: Preset | None = None

@@ -48,6 +48,10 @@ class Draft:
 
     source: str
     """Who says so, in words."""
+    robot: str | None = None
+    """What the source calls its robot."""
+    carried: bool = False
+    """Whether the robot's model is written beside the policy, as of ours."""
     joints: tuple[str, ...] | None = None
     """Their names as the source spells them."""
     terms: tuple[Term, ...] | None = None
@@ -85,6 +89,7 @@ class Draft:
         return replace(
             self,
             **taken,
+            carried=self.carried or other.carried,
             source=f"{self.source}, over {other.source}",
             guessed={**guessed, **self.guessed},
         )
@@ -233,6 +238,13 @@ def whole_of(value: Any, name: str) -> int | None:
             f"{name} must be a whole number from 1 to 1000, got {str(value)[:40]}"
         )
     return int(value)
+
+
+def robot_name(value: Any) -> str | None:
+    """What a source calls its robot, in one line; None of what is no name."""
+    if not isinstance(value, str):
+        return None
+    return "".join(filter(str.isprintable, value[:60])).strip() or None
 
 
 def number_of(value: Any) -> float | None:

@@ -14,7 +14,7 @@ from typing import Any
 from data.features import JOINTS
 from policy.law.law import LawError, Term, Vector
 
-from .draft import BY_TYPE, INSTEAD, LEFT_FIRST, Draft, number_of, whole_of
+from .draft import BY_TYPE, INSTEAD, LEFT_FIRST, Draft, number_of, robot_name, whole_of
 from .joint_names import canonical_joints
 from .mjlab import as_isaac_lab
 from .named_joints import NamedJoints
@@ -67,6 +67,7 @@ def read_env(
     motors = list((at(robot, "actuators") or {}).values())
     return Draft(
         source=f"{path.parent.name}/{path.name}",
+        robot=_name_of(robot),
         joints=joints,
         terms=tuple(term for group in groups for term in _terms(path, group)),
         newest_first=False,
@@ -89,6 +90,17 @@ def read_env(
         activation=activation_of(agent),
         guessed=guessed,
     )
+
+
+def _name_of(robot: Any) -> str | None:
+    """What the model of the robot is called: a file, or mjlab's module of it."""
+    for key in ("usd_path", "asset_path"):
+        if isinstance(file := at(robot, "spawn", key), str):
+            return robot_name(re.split(r"[/\\]", file)[-1].partition(".")[0])
+    if isinstance(function := at(robot, "spawn", "spec_fn"), str):
+        module = re.split(r"[.:]", function)[-2:][0]
+        return robot_name(module.removesuffix("_constants"))
+    return None
 
 
 def _action(path: Path, actions: Any) -> dict[str, Any]:

@@ -129,6 +129,7 @@ def _terms(path: Path, entries: Any) -> Any:
 def law_toml(draft: Draft) -> str:
     """`draft` as a TOML that a person fills in; what is open or guessed says so."""
     lines = [f"# The law of a policy, by {draft.source}."]
+    lines.append(f"# Its robot: {draft.robot or 'no file says which'} (--robot).")
     for each in fields(Draft):
         name = each.name
         if name not in _KNOWN or name in _TABLES:

@@ -27,6 +27,9 @@ def as_isaac_lab(told: Mapping[str, Any]) -> dict[str, Any] | None:
         "scene": {
             "robot": {
                 "init_state": at(robot, "init_state"),
+                "spawn": {"spec_fn": robot.get("spec_fn")}
+                if isinstance(robot, dict)
+                else None,
                 "actuators": {
                     str(place): {_RENAMED.get(k, k): v for k, v in group.items()}
                     for place, group in enumerate(list(motors or []))

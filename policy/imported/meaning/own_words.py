@@ -13,7 +13,7 @@ from data.files.limits import TEXT_BYTES
 from data.files.plain import from_plain
 from policy.law.law import Law, LawError
 
-from .draft import Draft, twelve
+from .draft import Draft, robot_name, twelve
 from .term_names import term_of
 
 OWN_KEY = "policy.json"
@@ -90,15 +90,16 @@ def of_own(text: str, source: str) -> Draft:
         LawError: it is none, or one from before it named the law as a record.
     """
     try:
-        told = json.loads(text)["law_record"]
-        law = from_plain(Law, told)
+        told = json.loads(text)
+        law = from_plain(Law, told["law_record"])
     except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
         raise LawError(
             f"{source}: it names no law ({type(error).__name__}: {str(error)[:80]}); "
             "export the policy again"
         ) from None
     values = {name: getattr(law, name) for name in Law.__dataclass_fields__}
-    return Draft(source=source, **values)
+    name = robot_name(told.get("robot"))
+    return Draft(source=source, robot=name, carried=True, **values)
 
 
 def _split(text: str) -> list[str]:

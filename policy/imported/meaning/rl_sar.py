@@ -12,7 +12,7 @@ from typing import Any
 
 from policy.law.law import LawError
 
-from .draft import Draft, number_of, order_of, twelve, whole_of
+from .draft import Draft, number_of, order_of, robot_name, twelve, whole_of
 from .plain_yaml import read_plain_yaml
 from .term_names import term_name, term_of
 
@@ -31,8 +31,8 @@ def read_rl_sar(config: Path, base: Path) -> Draft:
     Raises:
         LawError: a file is none of the pair.
     """
-    told = _one_section(config)
-    robot = _one_section(base)
+    _, told = _one_section(config)
+    name, robot = _one_section(base)
     both = {**robot, **told}
     names = robot.get("joint_names")
     if not isinstance(names, list) or len(names) != 12:
@@ -49,6 +49,7 @@ def read_rl_sar(config: Path, base: Path) -> Draft:
     upper = both.get("clip_actions_upper")
     return Draft(
         source=f"{config.name} with {base.name}",
+        robot=robot_name(name),
         joints=tuple(str(names[joint]) for joint in mapping),
         terms=terms,
         newest_first=newest_first,
@@ -67,9 +68,10 @@ def read_rl_sar(config: Path, base: Path) -> Draft:
     )
 
 
-def _one_section(path: Path) -> dict[str, Any]:
-    """What stands under the one name at the top of the file."""
-    sections = [v for v in read_plain_yaml(path).values() if isinstance(v, dict)]
+def _one_section(path: Path) -> tuple[str, dict[str, Any]]:
+    """The one name at the top of the file, and what stands under it."""
+    told = read_plain_yaml(path)
+    sections = [(str(name), v) for name, v in told.items() if isinstance(v, dict)]
     if len(sections) != 1:
         raise LawError(f"{path}: it must have one section, as rl_sar's files do")
     return sections[0]

@@ -74,6 +74,7 @@ _JOINTS = ("joint_pos", "joint_vel", "last_action")
 def _legged_gym(name: str) -> Draft:
     return Draft(
         source=f"the preset {name}",
+        robot=name.rpartition("-")[2],
         joints=LEFT_FIRST,
         terms=_terms(
             *_BODY,
@@ -102,6 +103,7 @@ def _walk_these_ways() -> Draft:
     """Frames are counted by the width of the network: 30 of 70 numbers."""
     return Draft(
         source="the preset walk-these-ways",
+        robot="go1",
         joints=LEFT_FIRST,
         terms=_terms(
             "projected_gravity",
@@ -146,6 +148,7 @@ PRESETS: dict[str, Draft] = {
     "legged-gym-go2": _legged_gym("legged-gym-go2"),
     "isaac-lab-go2-flat": Draft(
         source="the preset isaac-lab-go2-flat",
+        robot="go2",
         joints=BY_TYPE,
         terms=_terms(*_BODY, "command", *_JOINTS),
         default_joint_pos_rad=_a1_pose(BY_TYPE),
@@ -157,6 +160,7 @@ PRESETS: dict[str, Draft] = {
     ),
     "unitree-rl-lab-go2": Draft(
         source="the preset unitree-rl-lab-go2",
+        robot="go2",
         joints=BY_TYPE,
         terms=_terms(*_BODY[1:], "command", *_JOINTS, base_ang_vel=0.2, joint_vel=0.05),
         default_joint_pos_rad=_a1_pose(BY_TYPE),
@@ -168,6 +172,7 @@ PRESETS: dict[str, Draft] = {
     ),
     "unitree-rl-mjlab-go2": Draft(
         source="the preset unitree-rl-mjlab-go2",
+        robot="go2",
         joints=LEFT_FIRST,
         terms=_terms(*_BODY[1:], "command", *_JOINTS),
         default_joint_pos_rad=_go1_pose(LEFT_FIRST),
@@ -179,6 +184,7 @@ PRESETS: dict[str, Draft] = {
     ),
     "mjlab-go1-flat": Draft(
         source="the preset mjlab-go1-flat",
+        robot="go1",
         joints=RIGHT_FIRST,
         terms=_terms(*_BODY, *_JOINTS, "command"),
         default_joint_pos_rad=_go1_pose(RIGHT_FIRST),

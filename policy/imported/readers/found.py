@@ -17,6 +17,7 @@ from policy.networks.recipe import (
     RecipeNetwork,
     Stored,
 )
+from policy.networks.settled import settled
 from policy.networks.tried import tried
 
 UNORDERED = tuple(range(12))
@@ -100,7 +101,7 @@ def recipe_of(
 
 
 def checked(found: Found) -> Found:
-    """`found`, which was tried on observations of zeros.
+    """`found`, which was tried on observations of zeros, its whole numbers settled.
 
     Raises:
         NetworkError: it gives no 12 finite actions.
@@ -117,4 +118,5 @@ def checked(found: Found) -> Found:
                 f"it gives {tuple(actions.shape)} actions for {count} observations "
                 f"where a quadruped has 12 joints, or no finite ones"
             )
-    return found
+    network = settled(network)
+    return replace(found, recipe=network.recipe, tensors=network.tensors())

@@ -42,7 +42,7 @@ def _read(path: Path, activation: str | None) -> Found:
     writer = writer_of_bytes(content)
     try:
         if "ONNX" in writer or path.suffix == ".onnx":
-            return read_onnx(content)
+            return read_onnx(content, path.parent)
         if "TorchScript" in writer:
             return read_script(content)
         if writer:

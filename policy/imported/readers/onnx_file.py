@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,19 +18,24 @@ from policy.networks.recipe import (
 )
 
 from .found import Found, plain_tensor, recipe_of
+from .onnx_weights import put_inside
 
 _FLOAT_ATTRIBUTES, _INT_ATTRIBUTES, _TEXT = {1, 6}, {2, 7}, {3}
 _FLOATS = (1, 10, 11, 16)
 """Types of ONNX that are numbers with a fraction."""
 
 
-def read_onnx(content: bytes) -> Found:
+def read_onnx(content: bytes, folder: Path | None = None) -> Found:
     """The network of an ONNX file.
+
+    Args:
+        content: What is in the file.
+        folder: Where it lies, with weights in a file beside it.
 
     Raises:
         NetworkError: it cannot be followed; what it is is named first.
     """
-    onnx, model = _loaded(content)
+    onnx, model = loaded(content, folder)
     graph = model.graph
     if len(graph.node) > MOST_NODES:
         raise NetworkError(f"a network of {len(graph.node)} operations is too long")
@@ -63,8 +69,12 @@ def read_onnx(content: bytes) -> Found:
     return Found(kind="ONNX", recipe=recipe, tensors=tensors, metadata=metadata)
 
 
-def _loaded(content: bytes) -> tuple[Any, Any]:
-    """The package and the model in `content`."""
+def loaded(content: bytes, folder: Path | None = None) -> tuple[Any, Any]:
+    """The package and the model in `content`, with all weights inside.
+
+    Raises:
+        NetworkError: it is none, or its weights are not where they may be.
+    """
     try:
         import onnx
     except ModuleNotFoundError:
@@ -76,15 +86,11 @@ def _loaded(content: bytes) -> tuple[Any, Any]:
         model = onnx.load_model_from_string(content)
     except Exception as error:
         raise NetworkError(f"it is no ONNX model ({type(error).__name__})") from None
+    put_inside(model, onnx, folder)
     return onnx, model
 
 
 def _tensor(name: str, proto: Any, onnx: Any) -> Tensor:
-    if proto.data_location == onnx.TensorProto.EXTERNAL or proto.external_data:
-        raise NetworkError(
-            f"its weights {name[:60]} lie in another file: save it with the weights "
-            "inside"
-        )
     try:
         array = np.array(onnx.numpy_helper.to_array(proto))
     except Exception as error:

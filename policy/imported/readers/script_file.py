@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from policy.networks.recipe import INPUT, NetworkError, Node
+from policy.networks.recipe import INPUT, MOST_NUMBERS, NetworkError, Node
 
 from .found import Found, plain_tensor, recipe_of
 from .script_operations import operation_of
@@ -146,8 +146,9 @@ class _Translation:
         return Found(kind="TorchScript", recipe=recipe, tensors=self._tensors)
 
     def _obs_dim(self) -> int:
-        """Width of the observations: what the first layer behind them takes."""
-        same = {INPUT}
+        """Width of the observations: what the first layer behind them takes, else where
+        the last of the slices ends that they are cut into."""
+        same, last = {INPUT}, 0
         shapes = {name: tuple(each.shape) for name, each in self._tensors.items()}
         for node in self._nodes:
             if node.op == "Transpose" and node.inputs[0] in shapes:
@@ -161,6 +162,11 @@ class _Translation:
                 if other is not None and other.ndim and other.shape[-1] > 1:
                     return int(other.shape[-1])
                 same.add(node.output)
+            along = node.attributes.get("axes")
+            if node.op == "Slice" and along in ([1], [-1]) and node.inputs[0] in same:
+                last = max(last, *node.attributes["ends"])
+        if 0 < last <= MOST_NUMBERS:
+            return last
         raise NetworkError("it does not say how many numbers an observation has")
 
     def _walk(self, block: Any) -> None:

@@ -130,6 +130,10 @@ def _shaped(kind: str, given: list[Any]) -> Operation | None:
             return "Transpose", [x], {"perm": [1, 0]}
         case (("aten::view" | "aten::reshape"), [x, list(sizes)]):
             return "Reshape", [x], {"shape": sizes}
+        case "aten::expand", [x, list(sizes), *_]:
+            return "Expand", [x], {"shape": sizes}
+        case "aten::permute", [x, list(axes)]:
+            return "Transpose", [x], {"perm": axes}
         case "aten::unsqueeze", [x, int(axis)]:
             return "Unsqueeze", [x], {"axes": [axis]}
         case "aten::squeeze", [x, int(axis)]:
