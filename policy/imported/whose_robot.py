@@ -28,7 +28,9 @@ class Taken:
 
 def given(robot: Path | None) -> Path | None:
     """The model that was asked for; None where it is the one that ships, or open."""
-    return None if robot == Path(SHIPPED) and not robot.exists() else robot
+    if robot is None or (robot == Path(SHIPPED) and not robot.exists()):
+        return None
+    return robot
 
 
 def robot_of(known: Understood, robot: Path | None) -> Taken:

@@ -280,7 +280,7 @@ def _torchscript(deployed: nn.Module, obs_dim: int) -> bytes:
         warnings.simplefilter("ignore")
         # Traced, since a network of others is no code that could be scripted.
         with torch.no_grad():
-            traced = torch.jit.trace(deployed, torch.zeros(2, obs_dim))
+            traced: Any = torch.jit.trace(deployed, torch.zeros(2, obs_dim))
         torch.jit.save(traced, stream)
     # A trace keeps what hung on the example for what always is.
     for rows in (1, 3):
