@@ -25,11 +25,12 @@ from .plain_robot import plainer
 from .readers.network_file import read_network
 from .trial import measure
 
-_ASKED = ((0.0, 0.0, 0.0), (0.5, 0.0, 0.0))
+_ASKED = ((0.0, 0.0, 0.0), (0.5, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+"""Of one simulation. Turning is what a wrong scale of gyro or command is seen by."""
 _WALK_S = 5.0
 _CLOSER = ", closer than what was taken"
-_APART_M_S = 0.05
-"""How far figures must differ to be told apart."""
+_APART = 0.05
+"""m/s and rad/s: how far figures must differ to be told apart."""
 _ORDERS = {
     "FL FR RL RR, leg by leg": LEFT_FIRST,
     "FR FL RR RL, leg by leg": RIGHT_FIRST,
@@ -41,7 +42,7 @@ _ACTIVATIONS = ("elu", "relu", "tanh")
 
 def tried(known: Understood, robot_xml: Path | None) -> Iterator[str]:
     """What a policy does with each other value of what was guessed, and on a robot
-    that is more as trainers have it where it walks too fast or slow, a line each."""
+    that is more as trainers have it where it is too fast or slow, a line each."""
     law, robot, cfg = embodied(known, robot_xml)
     taken = _measured(known, law, robot, cfg)
     limits = robot.torque_limit[law.from_canonical]
@@ -52,7 +53,9 @@ def tried(known: Understood, robot_xml: Path | None) -> Iterator[str]:
             yield f"{told}: {error}"
             continue
         yield f"{told}: {_in_words(rows)}{against(rows, taken)}"
-    if _fell(taken) or _off(taken) < _APART_M_S:
+    fallen = _falls(taken)
+    exact = not fallen and max(_off(row) for row in taken[1:]) < _APART
+    if exact or fallen & set(_ASKED[:2]):
         return
     for told, plain in plainer(robot):
         rows = _measured(known, law, plain, cfg)
@@ -165,29 +168,51 @@ def _measured(
 
 
 def _in_words(rows: tuple[Measured, ...]) -> str:
-    stands, walks = rows
-    if stands.fell_at_s is not None:
-        return f"falls at {stands.fell_at_s:.1f} s standing"
-    if walks.fell_at_s is not None:
-        return f"falls at {walks.fell_at_s:.1f} s at 0.5 m/s"
-    return f"walks {walks.forward_m_s:.2f} of 0.5 m/s"
+    fallen = [row for row in rows if row.fell_at_s is not None]
+    if fallen and not any(fallen[0].command):
+        return f"falls at {fallen[0].fell_at_s:.1f} s standing"
+    told = [_walk_in_words(row) for row in rows if any(row.command)]
+    return ", ".join(told)
+
+
+def _walk_in_words(row: Measured) -> str:
+    asked = row.command[2] or row.command[0]
+    verb, unit = ("turns", "rad/s") if row.command[2] else ("walks", "m/s")
+    if row.fell_at_s is not None:
+        return f"falls at {row.fell_at_s:.1f} s at {asked:.1f} {unit}"
+    return f"{verb} {_asked_of(row):.2f} of {asked:.1f} {unit}"
 
 
 def against(rows: tuple[Measured, ...], taken: tuple[Measured, ...]) -> str:
-    """How what was tried compares with what was taken, where both walk or one does."""
-    if _fell(rows):
+    """How what was tried compares with what was taken, by all commands that neither
+    falls at; who falls at fewer is told so."""
+    if _falls(rows) - _falls(taken):
         return ""
-    if _fell(taken):
+    if _falls(taken) - _falls(rows):
         return ", and what was taken falls"
-    if abs(rows[1].forward_m_s - taken[1].forward_m_s) < _APART_M_S:
+    pairs = [
+        (mine, its)
+        for mine, its in zip(rows, taken, strict=True)
+        if any(mine.command) and mine.fell_at_s is None
+    ]
+    if not pairs:
+        return ""
+    if all(abs(_asked_of(mine) - _asked_of(its)) < _APART for mine, its in pairs):
         return ", as what was taken does: these figures do not tell them apart"
-    return _CLOSER if _off(rows) < _off(taken) else ""
+    closer = sum(_off(its) - _off(mine) for mine, its in pairs)
+    return _CLOSER if closer >= _APART else ""
 
 
-def _fell(rows: tuple[Measured, ...]) -> bool:
-    return any(row.fell_at_s is not None for row in rows)
+def _falls(rows: tuple[Measured, ...]) -> set[tuple[float, float, float]]:
+    """The commands it falls at."""
+    return {row.command for row in rows if row.fell_at_s is not None}
 
 
-def _off(rows: tuple[Measured, ...]) -> float:
-    """How far a walk is from the speed that was asked for, m/s."""
-    return abs(rows[1].forward_m_s - rows[1].command[0])
+def _asked_of(row: Measured) -> float:
+    """The speed that was asked for, as it was done: m/s forward, or rad/s."""
+    return row.yaw_rad_s if row.command[2] else row.forward_m_s
+
+
+def _off(row: Measured) -> float:
+    """How far that is from what was asked for."""
+    return abs(_asked_of(row) - (row.command[2] or row.command[0]))

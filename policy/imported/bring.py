@@ -16,7 +16,7 @@ from policy.env.env_cfg import EnvCfg
 from policy.env.velocity_commands import env_for
 from policy.law.driven import driven_by
 from policy.law.law import Law, LawError
-from policy.law.origin import Origin
+from policy.law.origin import Origin, verdict
 from policy.robots.robot import Robot, load_robot
 from policy.training.checkpoint import Policy, PolicyInfo, load_policy, payload_bytes
 from policy.training.ppo import PpoCfg
@@ -175,6 +175,7 @@ def bring(known: Understood, robot_xml: Path | None, out: Path) -> Policy:
             meaning=known.draft.source,
             guessed=dict(known.draft.guessed),
             acceptance=rows,
+            verdict=verdict(rows),
         ),
     )
     state = {f"mlp.{key}": value for key, value in network.state_dict().items()}

@@ -188,6 +188,7 @@ def test_the_json_tells_gains_home_and_rates(exported: tuple[Path, Policy]) -> N
     folder, policy = exported
     told = json.loads((folder / "policy.json").read_text())
     robot = policy.robot()
+    assert told["robot"] == robot.name
     assert told["control_dt_s"] == pytest.approx(0.02)
     assert told["action_scale_rad"] == policy.info.env.action_scale_rad
     assert told["home_joint_pos_rad"] == robot.home_joint_pos.tolist()

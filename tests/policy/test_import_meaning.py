@@ -24,7 +24,7 @@ from policy.imported.readers.onnx_file import read_onnx
 from policy.imported.readers.script_file import read_script
 from policy.law.encoder import Encoder
 from policy.law.law import LawError
-from policy.law.origin import Measured
+from policy.law.origin import Measured, verdict
 from policy.robots.robot import load_robot, load_robot_xml
 from tests.helpers.foreign_layouts import deploy_yaml, law_in
 
@@ -321,21 +321,56 @@ def test_guessed_limits_of_torque_are_tried_smaller_and_larger(tmp_path: Path) -
 
 
 def test_figures_say_where_they_tell_guesses_apart() -> None:
-    """A guess that walks as well stays one."""
+    """A guess that walks as well stays one, unless turning tells them apart."""
 
-    def walk(forward_m_s: float) -> tuple[Measured, Measured]:
-        one = Measured(
-            command=(0.5, 0.0, 0.0),
-            seconds=2.0,
-            forward_m_s=forward_m_s,
-            left_m_s=0.0,
-            yaw_rad_s=0.0,
-        )
-        return one, one
+    def walk(
+        forward_m_s: float, turns: float = 1.0, fell_at_s: float | None = None
+    ) -> tuple[Measured, Measured]:
+        one = _done(0.5, 0.0, forward_m_s, 0.0)
+        return one, _done(0.0, 1.0, 0.0, turns, fell_at_s)
 
     assert "do not tell them apart" in against(walk(0.52), walk(0.48))
     assert against(walk(0.3), walk(0.48)) == ""
     assert "closer" in against(walk(0.49), walk(0.3))
+    assert "closer" in against(walk(0.5, turns=0.9), walk(0.5, turns=0.4))
+    assert against(walk(0.5, turns=0.4), walk(0.5, turns=0.9)) == ""
+    falls = walk(0.5, fell_at_s=3.0)
+    assert against(falls, walk(0.5)) == ""
+    assert against(walk(0.5), falls) == ", and what was taken falls"
+    assert "closer" in against(falls, walk(0.3, fell_at_s=2.0))
+
+
+def _done(
+    forward: float,
+    yaw: float,
+    forward_m_s: float,
+    yaw_rad_s: float,
+    fell_at_s: float | None = None,
+) -> Measured:
+    """What came of a command."""
+    return Measured(
+        command=(forward, 0.0, yaw),
+        seconds=2.0,
+        forward_m_s=forward_m_s,
+        left_m_s=0.0,
+        yaw_rad_s=yaw_rad_s,
+        fell_at_s=fell_at_s,
+    )
+
+
+def test_the_verdict_speaks_of_all_that_was_asked() -> None:
+    """Who walks and does not turn is told so; who does not walk is not accepted."""
+    stands, walks = _done(0.0, 0.0, 0.0, 0.0), _done(0.5, 0.0, 0.42, 0.0)
+    fast, turns = _done(1.0, 0.0, 0.9, 0.0), _done(0.0, 0.5, 0.0, 0.4)
+    assert verdict((stands, walks, fast, turns)) == "accepted"
+    still, slow = _done(0.0, 0.5, 0.0, 0.007), _done(1.0, 0.0, 0.8, 0.1)
+    told = verdict((stands, walks, slow, still))
+    assert told == "accepted but for: 1.0 m/s (0.80), turning 0.5 rad/s (0.01)"
+    drifts, falls = _done(0.0, 0.0, 0.0, 0.3), _done(0.5, 0.0, 0.1, 0.0, 1.2)
+    told = verdict((drifts, falls, fast, turns))
+    assert told == (
+        "not accepted, for: standing (turning 0.30 rad/s), 0.5 m/s (fell at 1.2 s)"
+    )
 
 
 def test_a_robot_is_tried_as_trainers_have_it() -> None:

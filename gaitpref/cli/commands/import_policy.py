@@ -41,15 +41,15 @@ def run(command: options.Policy) -> int:
     say(f"{known.file.name} is {origin.kind}; what it means says {origin.meaning}")
     say(f"the robot is {robot.because}\n")
     say(table(origin.acceptance))
+    say(f"it is {origin.verdict}\n")
     for name, why in origin.guessed.items():
         say(f"guessed    {name}: {why}")
     for line in tried(known, robot.xml):
         say(f"tried      {line}")
     if not origin.accepted:
         say(
-            "It does not both stand and walk at 0.5 m/s as asked: it cannot, or "
-            "something of its law is wrong. --explain prints the law as a TOML to "
-            "correct, which --law takes"
+            "What it does not do as asked it cannot, or something of its law is wrong: "
+            "--explain prints the law as a TOML to correct, which --law takes"
         )
     file = command.out / POLICY_NAME
     say(f"the policy is {file}")
