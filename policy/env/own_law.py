@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from data.features import JOINTS
@@ -24,22 +26,9 @@ _FARTHEST_RAD = 100.0
 """Bound of a target where the model sets none."""
 
 
-def own_law(
-    robot: Robot,
-    env: EnvCfg,
-    *,
-    terms: tuple[Term, ...] = tuple(Term(name=name) for name in OWN_TERMS),
-    joints: tuple[str, ...] = JOINTS,
-    newest_first: bool = False,
-    by_term: bool = True,
-    obs_limit: float | None = None,
-) -> Law:
+def own_law(robot: Robot, env: EnvCfg, *, joints: tuple[str, ...] = JOINTS) -> Law:
     """The law of a policy for `robot` in `env` that begins at home and keeps to its
-    joints' ranges, with the gains of its servos; how it sees can be chosen.
-
-    Raises:
-        LawError: it cannot see so.
-    """
+    joints' ranges, with the gains of its servos."""
     order = [JOINTS.index(joint) for joint in joints]
 
     def vector(values: np.ndarray) -> Vector:
@@ -49,10 +38,7 @@ def own_law(
     limits = robot.torque_limit
     bounds = robot.joint_range.clip(-_FARTHEST_RAD, _FARTHEST_RAD)[order]
     return Law(
-        terms=terms,
-        newest_first=newest_first,
-        by_term=by_term,
-        obs_limit=obs_limit,
+        terms=tuple(Term(name=name) for name in OWN_TERMS),
         joints=joints,
         default_joint_pos_rad=home,
         action_scale_rad=(env.action_scale_rad,) * 12,
@@ -72,4 +58,4 @@ def imu_law(robot: Robot, env: EnvCfg, *, frames: int) -> Law:
     base, of `frames` control steps."""
     seen = (name for name in OWN_TERMS if name != "base_lin_vel")
     terms = tuple(Term(name=name, frames=frames) for name in seen)
-    return own_law(robot, env, terms=terms)
+    return replace(own_law(robot, env), terms=terms)

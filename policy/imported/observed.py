@@ -6,9 +6,10 @@ actions, gains and time steps are those of the robot and the environment.
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
+from data.features import JOINTS
 from policy.env.env_cfg import EnvCfg
 from policy.env.own_law import own_law
 from policy.law.law import Law, LawError
@@ -20,7 +21,8 @@ from .meaning.joint_names import canonical_joints
 from .meaning.law_toml import read_law_toml
 from .meaning.own_words import draft_of, read_own
 
-_OF_THE_EYES = ("joints", "terms", "newest_first", "by_term", "obs_limit")
+_FRAMES = ("newest_first", "by_term", "before", "gait", "obs_limit")
+_SEEN = ("terms", "joints", *_FRAMES)
 """Fields of a law that say what is seen; the joints' order is that of actions too."""
 
 
@@ -44,15 +46,16 @@ def observed_as(file: Path, robot: Robot, env: EnvCfg) -> tuple[Law, list[str]]:
             f"{file} says no terms: name them as [[terms]], in their order, each with "
             "name, scale, clip and frames"
         )
-    seen = {name: getattr(draft, name) for name in _OF_THE_EYES}
+    joints = JOINTS
     if draft.joints is not None:
-        seen["joints"] = canonical_joints(draft.joints, names_of(robot))
+        joints = canonical_joints(draft.joints, names_of(robot))
+    seen = {name: getattr(draft, name) for name in ("terms", *_FRAMES)}
     said = {name: value for name, value in seen.items() if value is not None}
-    law = own_law(robot, env, **said)
+    law = replace(own_law(robot, env, joints=joints), **said)
     left = [
         each.name
         for each in fields(Law)
-        if each.name not in _OF_THE_EYES
+        if each.name not in _SEEN
         and getattr(draft, each.name) not in (None, getattr(law, each.name))
     ]
     return law, left

@@ -174,6 +174,19 @@ def test_a_history_is_rebuilt_from_the_json_alone(
     assert "other settings (env.law.terms.2.scale.0 2.0 -> 1.5)" in refused
 
 
+def test_a_gait_is_seen_as_the_file_says_it(tmp_path: Path) -> None:
+    """With the terms that need it."""
+    (tmp_path / "seen.toml").write_text(
+        'before = "zeros"\n[[terms]]\nname = "gait_clock"\nframes = 2\n'
+        "[gait]\nfrequency_hz = 2.0\n"
+    )
+    robot = load_policy(WALK).robot()
+    law, left = observed_as(tmp_path / "seen.toml", robot, EnvCfg())
+    assert law.gait is not None
+    assert (law.gait.frequency_hz, law.before, law.obs_dim) == (2.0, "zeros", 8)
+    assert left == []
+
+
 @pytest.mark.parametrize(
     ("name", "text", "told"),
     [
