@@ -14,8 +14,9 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -48,8 +49,8 @@ class Options:
     """Environment steps between two policies that are looked at."""
     episodes: int = 64
     """Episodes of 10 s each of them is judged by."""
-    more: tuple[str, ...] = ()
-    """Further options of `gaitpref train`."""
+    more: str = ""
+    """Further options of `gaitpref train`, as one text: --more="--observe imu"."""
     quick: bool = False
     """A small version that shows that everything runs; its figures mean nothing."""
     json: Path | None = None
@@ -79,7 +80,7 @@ def trained(options: Options, seed: int) -> Outcome:
     command += ["--steps", str(options.steps)]
     command += ["--checkpoints", str(options.steps // options.every - 1)]
     start_s = time.time()
-    run = gaitpref(*command, *options.more)
+    run = gaitpref(*command, *shlex.split(options.more))
     outcome = _first_walk(options, out, start_s, run.wall_s)
     write_atomically(done, json.dumps(asdict(outcome)).encode())
     return outcome
@@ -118,14 +119,7 @@ def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> None:
     """Train every seed and publish the figures."""
     torch.set_num_threads(1)
     if options.quick:
-        options = Options(
-            work=options.work,
-            seeds=1,
-            steps=12_288,
-            every=6_144,
-            episodes=8,
-            json=options.json,
-        )
+        options = replace(options, seeds=1, steps=12_288, every=6_144, episodes=8)
     outcomes = [trained(options, seed) for seed in range(options.seeds)]
     publish("walk", figures_of(outcomes), GOALS, options.json)
 

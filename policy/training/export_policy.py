@@ -23,8 +23,8 @@ from torch import Tensor, nn
 from data.files.files import write_atomically
 from data.files.plain import to_plain
 from policy.env.feature_row import OBSERVATION, obs_column
+from policy.env.own_law import own_law
 from policy.law.law import MEANINGS, Law
-from policy.law.own_law import own_law
 from policy.networks.recipe import RecipeNetwork
 from policy.networks.settled import settled
 from policy.robots.motor_class import unusual_motors
@@ -186,14 +186,7 @@ def describe(info: PolicyInfo, robot: Robot, sha256: str) -> dict[str, Any]:
 
 def law_of(info: PolicyInfo, robot: Robot) -> Law:
     """The law a policy was trained under: its own, or this project's."""
-    env = info.env
-    return env.law or own_law(
-        robot,
-        action_scale_rad=env.action_scale_rad,
-        action_limit=env.action_limit,
-        physics_dt_s=env.physics_dt_s,
-        substeps=env.substeps,
-    )
+    return info.env.law or own_law(robot, info.env)
 
 
 def _observation(law: Law | None) -> list[dict[str, Any]]:

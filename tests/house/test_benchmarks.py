@@ -389,6 +389,7 @@ def test_the_time_to_a_walk(tmp_path: Path) -> None:
     """A robot that has hardly learned does not walk, and a finished seed is kept."""
     figures, work = tmp_path / "walk.json", tmp_path / "work"
     command = [sys.executable, "-m", "benchmarks.walk", "--quick", "--work", str(work)]
+    command += ["--more=--observe imu --history 2"]
     subprocess.run([*command, "--json", str(figures)], check=True)
     result = json.loads(figures.read_text())
     assert result["walked"] == 0
@@ -396,6 +397,9 @@ def test_the_time_to_a_walk(tmp_path: Path) -> None:
     assert result["steps_0"] == 12_288
     assert result["tracking_error_m_s_0"] > TRACKING_ERROR_M_S
     assert len(list((work / "seed-0" / "checkpoints").glob("*.pt"))) == 1
+    law = load_policy(work / "seed-0" / "policy.pt").info.env.law
+    assert law is not None
+    assert law.obs_dim == 2 * 45
     finished = (work / "seed-0" / "policy.pt").stat().st_mtime_ns
     subprocess.run(command, check=True)
     assert (work / "seed-0" / "policy.pt").stat().st_mtime_ns == finished

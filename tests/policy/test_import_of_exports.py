@@ -16,9 +16,11 @@ from torch import Tensor, nn
 
 from gaitpref.cli.main import main
 from policy.env.env import QuadrupedEnv
+from policy.env.env_cfg import EnvCfg
 from policy.imported.bring import bring, understand
-from policy.imported.meaning.draft import complete
+from policy.imported.meaning.draft import BY_TYPE, complete
 from policy.imported.meaning.term_names import term_name
+from policy.imported.observed import observed_as
 from policy.imported.readers.onnx_file import read_onnx
 from policy.imported.readers.script_file import read_script
 from policy.imported.whose_robot import robot_of
@@ -27,6 +29,7 @@ from policy.networks.recipe import NetworkError, Node, Stored
 from policy.robots.shipped import WALK
 from policy.training.checkpoint import Policy, load_policy, payload_bytes
 from policy.training.export_policy import law_of
+from policy.training.setup import setting_of
 from tests.helpers.others import CPP_DEPLOY, GO2, HIMLOCO, needs_others
 from tests.helpers.plain_walk import Frames, walked
 from tests.helpers.short_program import values_of
@@ -176,30 +179,112 @@ def _act(out: Path):
     return lambda obs: session.run(None, {"obs": obs})[0][0]
 
 
-def test_a_history_is_rebuilt_from_the_json_alone(tmp_path: Path) -> None:
+SEEN = f"""
+joints = {json.dumps([f"{name}_joint" for name in BY_TYPE])}
+newest_first = true
+obs_limit = 1.5
+kp_nm_per_rad = 20.0
+terms = [
+  {{ name = "gyro", scale = 0.25, frames = 3 }},
+  {{ name = "dof_vel", scale = 0.05, clip = [-2.0, 0.2], frames = 2 }},
+  {{ name = "projected_gravity", scale = 2.0, clip = [-0.9, 0.5], frames = 3 }},
+  {{ name = "commands", scale = [2.0, 2.0, 0.25] }},
+  {{ name = "joint_pos", frames = 3 }},
+  {{ name = "last_action" }},
+]
+"""
+"""What a new policy is to see, in another order of joints than ours."""
+
+
+def test_a_history_is_rebuilt_from_the_json_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """A few lines that read policy.json see what the environment of the training saw,
-    three frames of every term, and ask for the same actions."""
+    frames, scales and clips of its own terms, and ask for the same actions."""
+    (tmp_path / "seen.toml").write_text(SEEN)
     arguments = ["train", "--out", str(tmp_path / "run"), "--reward", "task"]
-    arguments += ["--steps", "96", "--envs", "4", "--observe", "imu", "--history", "3"]
+    arguments += ["--steps", "96", "--envs", "4"]
+    arguments += ["--observe", str(tmp_path / "seen.toml")]
     assert main(arguments) == 0
+    left = " ".join(capsys.readouterr().err.split())
+    assert "acts as ours do, so this is not taken over: kp_nm_per_rad" in left
     out = _exported(tmp_path / "run" / "policy.pt", tmp_path / "out")
     told = json.loads((out / "policy.json").read_text())
     policy = load_policy(tmp_path / "run" / "policy.pt")
+    _comes_back(policy, out)
     robot, command, act = policy.robot(), (0.5, 0.0, 0.1), _act(out)
+    law = policy.info.env.law
+    assert law is not None
+    assert law.joints == BY_TYPE
+    assert law.newest_first
+    # As a loop with it as --base does.
+    assert setting_of(tmp_path / "run" / "policy.pt", None).env.law == law
+    for file in (out / "policy.json", tmp_path / "run" / "policy.pt"):
+        assert observed_as(file, robot, EnvCfg()) == (law, [])
+    order, back = law.from_canonical, law.to_canonical
     env = QuadrupedEnv(robot, policy.info.env, 1, seed=4)
     env.fix_commands(torch.tensor([command]))
     mj_data, frames, last = mujoco.MjData(robot.mj_model), Frames(told), np.zeros(12)
-    seen = np.zeros((1, 0))
+    addresses = robot.qpos_adr[order], robot.qvel_adr[order]
+    seen, parts = np.zeros((1, 0)), {}
     for _ in range(10):
         mj_data.qpos[:], mj_data.qvel[:] = (rows[0] for rows in env.sim.raw_state())
-        parts = values_of(told, mj_data, robot.qpos_adr, robot.qvel_adr, last, command)
+        parts = values_of(told, mj_data, *addresses, last, command)
         seen = frames.row(parts)
         obs = env.get_observations()["policy"]
         assert seen == pytest.approx(obs.numpy(), abs=1e-4)
         last = act(seen)
-        assert last == pytest.approx(policy(obs)[0].numpy(), abs=1e-4)
-        env.step(torch.from_numpy(last)[None])
+        assert last == pytest.approx(policy(obs)[0, order].numpy(), abs=1e-4)
+        env.step(torch.from_numpy(last[back])[None])
     assert not np.allclose(seen[0, :3], seen[0, 3:6])
+    # Of velocities of more than 0.2 rad/s, 0.05 times that is left.
+    assert parts["joint_vel"].max() > 0.2
+    assert seen[0, 9:33].max() == pytest.approx(0.01)
+    assert seen[0, 35] == -1.5
+    assert seen[0, 42:45] == pytest.approx([1.0, 0.0, 0.025])
+    (tmp_path / "seen.toml").write_text(SEEN.replace("scale = 2.0", "scale = 1.5"))
+    assert main([*arguments, "--resume", "--history", "2"]) == 2
+    assert "a file says the frames" in " ".join(capsys.readouterr().err.split())
+    assert main([*arguments, "--resume"]) == 2
+    refused = " ".join(capsys.readouterr().err.split())
+    assert "other settings (env.law.terms.2.scale.0 2.0 -> 1.5)" in refused
+
+
+def test_a_gait_is_seen_as_the_file_says_it(tmp_path: Path) -> None:
+    """With the terms that need it."""
+    (tmp_path / "seen.toml").write_text(
+        'before = "zeros"\n[[terms]]\nname = "gait_clock"\nframes = 2\n'
+        "[gait]\nfrequency_hz = 2.0\n"
+    )
+    robot = load_policy(WALK).robot()
+    law, left = observed_as(tmp_path / "seen.toml", robot, EnvCfg())
+    assert law.gait is not None
+    assert (law.gait.frequency_hz, law.before, law.obs_dim) == (2.0, "zeros", 8)
+    assert left == []
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "told"),
+    [
+        ("imuu", None, "give all, imu, or a file that is there"),
+        ("seen.yaml", "", "is said by a TOML"),
+        ("seen.toml", "obs_limit = 5.0", "says no terms"),
+        ("seen.toml", 'terms = [{ name = "height_scan" }]', "a scan of heights"),
+        ("seen.toml", 'terms = [{ name = "gyro", scal = 2 }]', "has no 'scal'"),
+        ("seen.json", "{}", "names no law"),
+        ("policy.pt", WALK, "sees all there is: leave --observe out"),
+    ],
+)
+def test_what_cannot_be_seen_is_told(
+    name: str, text: str | Path | None, told: str, tmp_path: Path
+) -> None:
+    """Before anything is trained."""
+    if isinstance(text, Path):
+        (tmp_path / name).write_bytes(text.read_bytes())
+    elif text is not None:
+        (tmp_path / name).write_text(text)
+    with pytest.raises(LawError, match=told):
+        observed_as(tmp_path / name, load_policy(WALK).robot(), EnvCfg())
 
 
 class _Rounding(nn.Module):

@@ -25,6 +25,7 @@ from data.features import column
 from gaitpref.cli.main import main
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg
+from policy.env.own_law import OWN_TERMS
 from policy.imported.bring import Understood, bring, understand
 from policy.imported.given_back import export_like
 from policy.imported.meaning.draft import BY_TYPE, LEFT_FIRST, RIGHT_FIRST, complete
@@ -33,7 +34,6 @@ from policy.imported.readers.onnx_file import read_onnx
 from policy.law.encoder import Encoder
 from policy.law.law import WIDTHS, Law, LawError, Term
 from policy.law.origin import verdict
-from policy.law.own_law import OWN_TERMS
 from policy.networks.recipe import NetworkError
 from policy.robots.robot import load_robot
 from policy.training.checkpoint import Policy, PolicyError, load_policy

@@ -33,10 +33,10 @@ from policy.engines.with_actors import WithActors
 from policy.env.curriculum import CurriculumCfg
 from policy.env.env_cfg import RANDOMISE, EnvCfg, getup_env
 from policy.env.known_terms import KnownTermsCfg
+from policy.env.own_law import imu_law
 from policy.extensions.bonus import ExplorationBonusCfg
 from policy.extensions.kl_penalty import KlPenaltyCfg
-from policy.law.law import Term
-from policy.law.own_law import OWN_TERMS, own_law
+from policy.imported.observed import observed_as
 from policy.offpolicy.off_policy_runner import OffPolicy
 from policy.parallel.ranks import Ranks
 from policy.rollouts.walking import from_rest
@@ -196,29 +196,29 @@ def _observed(command: options.Train, setting: Setting, env: EnvCfg) -> EnvCfg:
     Raises:
         GaitprefError: that cannot be chosen here.
     """
-    if command.observe == "all":
-        if command.history > 1:
-            raise GaitprefError("--history shows more than one step with --observe imu")
+    what = command.observe
+    if command.history > 1 and what != "imu":
+        raise GaitprefError(
+            "--history shows more than one step with --observe imu; a file says the "
+            "frames of each of its terms"
+        )
+    if what == "all":
         return env
     if command.init is not None:
         raise GaitprefError(
-            "--observe imu with --init: a policy goes on seeing what it was trained "
-            "with; leave one of the two out"
+            f"--observe {what} with --init: a policy goes on seeing what it was "
+            "trained with; leave one of the two out"
         )
     if command.mirror:
-        raise GaitprefError("--observe imu learns in no mirror: leave --mirror out")
-    law = own_law(
-        setting.robot,
-        action_scale_rad=env.action_scale_rad,
-        action_limit=env.action_limit,
-        physics_dt_s=env.physics_dt_s,
-        substeps=env.substeps,
-        terms=tuple(
-            Term(name=name, frames=command.history)
-            for name in OWN_TERMS
-            if name != "base_lin_vel"
-        ),
-    )
+        raise GaitprefError(f"--observe {what} learns in no mirror: leave --mirror out")
+    if what == "imu":
+        return env.under(imu_law(setting.robot, env, frames=command.history))
+    law, left = observed_as(Path(what), setting.robot, env)
+    if left:
+        console.print(
+            f"{what} says what the policy sees; it acts as ours do, so this is not "
+            f"taken over: {', '.join(left)}"
+        )
     return env.under(law)
 
 

@@ -73,9 +73,11 @@ class Train:
     curriculum: bool = False
     """Ask for slow walks first, and for more as commands are followed better, in the
     end for half as much again."""
-    observe: Literal["all", "imu"] = "all"
+    observe: str = "all"
     """What a new policy sees: `imu` leaves out the velocity of the base, which robots
-    do not measure; the critic sees it still."""
+    do not measure; the critic sees it still. Or a file that says its terms in their
+    order, each with scale, clip and frames: a TOML as `gaitpref policy import FILE
+    --explain` prints, a policy.json, or a policy.pt."""
     history: Count = 1
     """With --observe imu: control steps that are shown, the present one included."""
     getup: bool = False

@@ -80,7 +80,11 @@ def read_own(path: Path) -> Draft:
     Raises:
         LawError: it is none.
     """
-    return of_own(read_text(path, TEXT_BYTES), str(path))
+    try:
+        text = read_text(path, TEXT_BYTES)
+    except UnicodeDecodeError:
+        raise LawError(f"{path}: it is no text") from None
+    return of_own(text, str(path))
 
 
 def of_own(text: str, source: str) -> Draft:
@@ -97,6 +101,11 @@ def of_own(text: str, source: str) -> Draft:
             f"{source}: it names no law ({type(error).__name__}: {str(error)[:80]}); "
             "export the policy again"
         ) from None
+    return draft_of(law, source)
+
+
+def draft_of(law: Law, source: str) -> Draft:
+    """A whole law as a draft that leaves nothing open."""
     values = {name: getattr(law, name) for name in Law.__dataclass_fields__}
     name = robot_name(told.get("robot"))
     return Draft(source=source, robot=name, carried=True, **values)
