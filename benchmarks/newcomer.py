@@ -124,15 +124,14 @@ def brought(options: Options, work: Path) -> Brought:
 
 
 def of_policy(has: Brought, sizes: Sizes, out: Path) -> list[Line]:
-    """docs/how-to/own-policy.md: in, measured, taught a style, out as it came in."""
+    """docs/how-to/own-policy.md: in, which measures it, taught a style, out again."""
     law: Line = () if has.law is None else ("--law", has.law)
     mine, style = out / "mine", out / "style"
-    imported = mine / "policy.pt"
+    base = mine / "policy.pt"
     taught = style / "rounds" / f"{sizes.rounds:02d}" / "policy" / "policy.pt"
     return [
         ("policy", "import", has.policy, *law, "--robot", has.robot, "--out", mine),
-        ("evaluate", "--policy", imported, *sizes.evaluate),
-        ("loop", "--run", style, "--base", imported, *sizes.loop),
+        ("loop", "--run", style, "--base", base, *sizes.loop),
         ("export", "--policy", taught, "--out", out / "out", "--like", has.policy),
     ]
 
