@@ -153,7 +153,11 @@ def test_a_newcomer_types_what_the_pages_say() -> None:
     fit to them, its page has it."""
     paths = dict.fromkeys(("policy", "law", "robot", "log", "map"), Path("file"))
     has = newcomer.Brought(**paths)
-    pages = {"policy": "own-policy", "robot": "own-robot", "log": "robot-log"}
+    pages: dict[newcomer.Way, str] = {
+        "policy": "own-policy",
+        "robot": "own-robot",
+        "log": "robot-log",
+    }
     for quick in (True, False):
         sizes = newcomer.sizes_of(newcomer.Options(quick=quick))
         for way, page in pages.items():
