@@ -1,4 +1,5 @@
-"""What data cost: logging, writing, reading, pairs to tensors, fitting, verifying.
+"""What data cost: logging, writing, reading, pairs to tensors, fitting, verifying, and
+models of robots.
 
 All figures but the memory are ratios or times taken in one run, one after the other and
 alternating, in seconds of the processor: they mean the same beside other work.
@@ -15,7 +16,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import torch
@@ -40,8 +41,10 @@ from policy.training.train import train
 from policy.training.train_cfg import TrainCfg
 from rewardmodel.answers.answered_pairs import load_pairs
 
+from .data_models import models_figures
 from .harness import Figure, gaitpref, median, publish
 
+Measured = Callable[[], dict[str, Figure]]
 GOALS = {
     "logging_share": "at most 0.05",
     "write_over_npsave": "at least 0.15",
@@ -51,6 +54,8 @@ GOALS = {
     "fit_peak_gb": "at most 2",
     "verify_over_sha256": "at least 0.80",
 }
+Part = Literal["logging", "write", "window", "pairs", "fit", "models"]
+PARTS: tuple[Part, ...] = ("logging", "write", "window", "pairs", "fit", "models")
 STEPS = 500
 """Control steps of an episode: 10 s at 50 Hz."""
 LOOP_STEPS = 60
@@ -75,6 +80,8 @@ META = EpisodeMeta(
 class Options:
     """Measure logging, writing, reading, pairs to tensors, fitting and verifying."""
 
+    parts: tuple[Part, ...] = PARTS
+    """Only these; fit also verifies what it was fitted to."""
     quick: bool = False
     """A small version that shows that everything runs; its figures mean little."""
     work: Path | None = None
@@ -182,6 +189,7 @@ def window_figures(root: Path, episodes: int) -> dict[str, Figure]:
         start_s = time.process_time()
         Dataset.open(dataset.root).clip_features(Clip(str(sha256), 40, LONG_STEPS))
         times_s.append(time.process_time() - start_s)
+    shutil.rmtree(dataset.root)
     return {"window_ms": 1000 * median(times_s), "window_episodes": episodes}
 
 
@@ -257,16 +265,16 @@ def verify_figures(root: Path, repeats: int) -> dict[str, Figure]:
     return {"verify_over_sha256": plain_s / verify_s}
 
 
-def measure(root: Path, quick: bool) -> Iterator[dict[str, Figure]]:
-    """All figures, group by group."""
+def measure(root: Path, quick: bool) -> Iterator[tuple[Part, Measured]]:
+    """All parts, each of which is measured when it is called."""
     repeats = 5 if quick else 30
-    yield logging_figures(root, quick)
-    yield write_figures(root, 10 * repeats)
-    yield window_figures(root, 200 if quick else 10_000)
-    shutil.rmtree(root / "large")
-    yield pairs_figures(root, 200 if quick else 2000, repeats)
-    yield fit_figures(root, 200 if quick else 5000, 200 if quick else 10_000)
-    yield verify_figures(root / "fit", 3)
+    yield "logging", lambda: logging_figures(root, quick)
+    yield "write", lambda: write_figures(root, 10 * repeats)
+    yield "window", lambda: window_figures(root, 200 if quick else 10_000)
+    yield "pairs", lambda: pairs_figures(root, 200 if quick else 2000, repeats)
+    fitted = (200, 200) if quick else (5000, 10_000)
+    yield "fit", lambda: fit_figures(root, *fitted) | verify_figures(root / "fit", 3)
+    yield "models", lambda: models_figures(root)
 
 
 def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> None:
@@ -276,8 +284,9 @@ def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> None:
     if options.work is not None:
         options.work.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=options.work) as root:
-        for group in measure(Path(root), options.quick):
-            figures |= group
+        for part, measured in measure(Path(root), options.quick):
+            if part in options.parts:
+                figures |= measured()
     publish("data", figures, GOALS, options.json)
 
 

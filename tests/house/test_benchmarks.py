@@ -14,7 +14,9 @@ import torch
 from benchmarks import (
     ablations,
     actors,
+    data_models,
     hour,
+    newcomer,
     options,
     preference_fresh,
     robots,
@@ -27,6 +29,8 @@ from benchmarks.preference_table import EARLIER, MARK, between, publish_rows, to
 from benchmarks.wishes import carried_right_foot, nose_up_when_slow
 from data.errors import GaitprefError
 from data.features import FEATURE_DIM, column
+from gaitpref.cli.main import parse
+from gaitpref.loop.presets import loop_cfg
 from gaitpref.loop.run import run_loop
 from gaitpref.raters.criteria import load_criterion
 from gaitpref.raters.criterion_scores import criterion_context
@@ -40,6 +44,8 @@ from policy.training.train_cfg import TrainCfg
 from rewardmodel.descriptors.table import describe
 from tests.helpers.foreign_robots import Drawing, mjcf
 from tests.helpers.small_loop import small_cfg
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_actors(tmp_path: Path) -> None:
@@ -126,6 +132,42 @@ def test_robots_of_others(tmp_path: Path) -> None:
     assert result["spot_tracking_error_m_s"] > 0.1
     # A robot of half a metre is asked for more than one of 0.29 m.
     assert result["spot_fastest_m_s"] > 1.1
+
+
+def test_a_model_apart_is_stored_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The rest of two data sets weighs the same."""
+    monkeypatch.setattr(data_models, "EPISODES", 4)
+    monkeypatch.setattr(data_models, "STEPS", 10)
+    xml = tmp_path / "other.xml"
+    xml.write_text(mjcf(Drawing()))
+    found = data_models.models_figures(tmp_path, xml)
+    names = ("models_in_each_mb", "models_once_mb", "model_mb")
+    each, once, model = (float(found[name] or 0.0) for name in names)
+    assert each - once == pytest.approx(3 * model, rel=0.1)
+
+
+def test_a_newcomer_types_what_the_pages_say() -> None:
+    """Every line is a command with such options; but for a person's answers and the
+    fit to them, its page has it."""
+    paths = dict.fromkeys(("policy", "law", "robot", "log", "map"), Path("file"))
+    has = newcomer.Brought(**paths)
+    pages: dict[newcomer.Way, str] = {
+        "policy": "own-policy",
+        "robot": "own-robot",
+        "log": "robot-log",
+    }
+    for quick in (True, False):
+        sizes = newcomer.sizes_of(newcomer.Options(quick=quick))
+        for way, page in pages.items():
+            text = (ROOT / "docs" / "how-to" / f"{page}.md").read_text()
+            for line in newcomer.LINES[way](has, sizes, Path("out")):
+                assert parse([str(word) for word in line])
+                name = newcomer.name_of(line).replace("_", " ")
+                assert name in ("answer", "fit") or f"gaitpref {name} " in text
+    rounds = loop_cfg(quick=True).rounds
+    assert rounds == newcomer.sizes_of(newcomer.Options()).rounds
 
 
 def test_options(tmp_path: Path) -> None:

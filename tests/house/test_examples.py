@@ -15,6 +15,7 @@ import gaitpref
 import labeling_ui
 import policy
 import rewardmodel
+from benchmarks import other_trainers
 from data import Dataset
 from data.errors import GaitprefError
 from gaitpref import (
@@ -143,10 +144,11 @@ def test_what_a_package_says_it_has_is_there_and_told(package: ModuleType) -> No
 
 
 def test_ppo_in_one_file_trains_and_keeps_its_networks(tmp_path: Path) -> None:
-    """A few updates change the policy, and what is kept is it."""
+    """A few updates change the policy, and what is kept is it; the benchmark looks at
+    it as it acts in the Gymnasium environment."""
     module = example("ppo_in_one_file")
     cfg = module.ExampleCfg(
-        steps=192, envs=4, steps_per_env=16, out=tmp_path / "ppo.pt"
+        steps=192, envs=4, steps_per_env=16, out=tmp_path / "one_file" / "ppo.pt"
     )
     agent = module.train(cfg)
     kept = torch.load(cfg.out, weights_only=True)
@@ -154,4 +156,13 @@ def test_ppo_in_one_file_trains_and_keeps_its_networks(tmp_path: Path) -> None:
     assert not torch.equal(kept["log_std"], fresh.log_std)
     obs = torch.ones(1, 48)
     fresh.load_state_dict(kept)
-    assert torch.equal(fresh.eval().policy(obs).mean, agent.eval().policy(obs).mean)
+    mean = agent.eval().policy(obs).mean
+    assert torch.equal(fresh.eval().policy(obs).mean, mean)
+    # Nothing is trained again, or it would have other weights.
+    looked = other_trainers.Options(work=tmp_path, quick=True, seed=1)
+    actor, steps = other_trainers.one_file(looked)
+    assert steps == cfg.steps
+    limit = EnvCfg().action_limit
+    assert torch.equal(actor(obs), mean.detach() * limit)
+    wild = other_trainers.Acting(lambda seen: torch.full((len(seen), 12), -9.0))
+    assert (wild(obs) == -limit).all()

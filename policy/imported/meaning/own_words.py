@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -101,14 +102,13 @@ def of_own(text: str, source: str) -> Draft:
             f"{source}: it names no law ({type(error).__name__}: {str(error)[:80]}); "
             "export the policy again"
         ) from None
-    return draft_of(law, source)
+    return replace(draft_of(law, source), robot=robot_name(told.get("robot")))
 
 
 def draft_of(law: Law, source: str) -> Draft:
     """A whole law as a draft that leaves nothing open."""
     values = {name: getattr(law, name) for name in Law.__dataclass_fields__}
-    name = robot_name(told.get("robot"))
-    return Draft(source=source, robot=name, carried=True, **values)
+    return Draft(source=source, carried=True, **values)
 
 
 def _split(text: str) -> list[str]:
