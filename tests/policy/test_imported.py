@@ -22,6 +22,7 @@ from torch import Tensor, nn
 from data.errors import GaitprefError
 from data.features import column
 from gaitpref.cli.main import main
+from gaitpref.console import progress
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg
 from policy.imported.bring import Understood, bring, understand
@@ -412,7 +413,10 @@ def _like(folder: Path, ours: Policy) -> Path:
 
 
 def test_our_own_export_comes_back_and_walks_as_before(
-    ours: Policy, tmp_path: Path
+    ours: Policy,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """One ONNX file is enough: the law is in it, and drives the robot as ours did."""
     pytest.importorskip("onnxscript", reason="the extra onnx is not installed")
@@ -430,7 +434,10 @@ def test_our_own_export_comes_back_and_walks_as_before(
         "--out",
         str(tmp_path / "in"),
     ]
+    monkeypatch.setattr(progress, "_QUIET_S", 0.0)
     assert main(arguments) == 0
+    said = capsys.readouterr().err
+    assert "trying the policy on the robot, steps: 1 of 500, " in said
     policy = load_policy(tmp_path / "in" / "policy.pt")
     _same_actions(ours, policy)
     paths = []

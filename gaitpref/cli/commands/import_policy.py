@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gaitpref.cli.options import options
-from gaitpref.console.progress import console, working
+from gaitpref.console.progress import console, counted
 from gaitpref.console.terminal import say
 from policy.env.env_cfg import EnvCfg
 from policy.imported.alternatives import tried
@@ -31,15 +31,17 @@ def run(command: options.Policy) -> int:
         raise LawError("give --out DIR, which gets policy.pt; or --explain to look")
     if (command.out / POLICY_NAME).exists():
         raise LawError(f"{command.out} holds a policy already: give another --out")
-    with working("trying the policy on the robot"):
-        policy = bring(known, command.robot, command.out)
+    with counted("trying the policy on the robot, steps") as tell:
+        policy = bring(known, command.robot, command.out, tell)
     origin = policy.info.origin
     assert origin is not None
     say(f"{known.file.name} is {origin.kind}; what it means says {origin.meaning}\n")
     say(table(origin.acceptance))
     for name, why in origin.guessed.items():
         say(f"guessed    {name}: {why}")
-    for line in tried(known, command.robot):
+    with counted("trying it otherwise") as tell:
+        others = list(tried(known, command.robot, tell))
+    for line in others:
         say(f"tried      {line}")
     if not origin.accepted:
         say(
