@@ -1,8 +1,12 @@
-"""A reward in pictures: a clip as a strip, and the curve of each habit it looks at."""
+"""A reward in pictures: a clip as a strip, and the curve of each habit it looks at.
+
+Shapes: T steps, F features.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,6 +14,8 @@ from matplotlib.figure import Figure
 
 from data.datasets.dataset import EpisodeEntry
 from data.episodes.clips import Clip
+from data.episodes.stances import stance_phases
+from data.features import LEGS, column
 from rewardmodel.explain.attribution import Explanation
 from rewardmodel.explain.four_ways import FourWays, Run, four_ways
 from rewardmodel.explain.learned_curves import Curve
@@ -20,6 +26,52 @@ ROBOTS = (BLUE, RED, GREY)
 """Of what is told apart within one clip."""
 _STRIPS = Margins(left=0.9, right=0.75, between_rows=0.25)
 _CURVES = Margins(between_rows=0.75)
+_CONTACT, _FALLEN = column("foot_contact"), column("fallen")
+_BAR = 0.7
+"""Of the room of a leg."""
+
+
+@dataclass(frozen=True, eq=False)
+class Footfalls:
+    """The feet of one robot in one clip."""
+
+    contact: np.ndarray
+    """[T, 4] bool: which foot is on the ground."""
+    fell: bool
+
+    @classmethod
+    def of(cls, rows: np.ndarray) -> Footfalls | None:
+        """The feet in rows [T, F] of a clip; None where nobody measured them."""
+        contact = rows[:, _CONTACT]
+        if np.isnan(contact).any():
+            return None
+        return cls(contact > 0.5, bool((rows[:, _FALLEN] > 0.5).any()))
+
+    @property
+    def words(self) -> str:
+        """The same for who does not see it."""
+        down = self.contact.mean(axis=0)
+        told = ", ".join(
+            f"{leg} {share:.0%}" for leg, share in zip(LEGS, down, strict=True)
+        )
+        return f"feet on the ground: {told} of the time" + "; it falls" * self.fell
+
+    def draw(self, axes: Axes, start_s: float, dt_s: float) -> None:
+        """A bar for each stance, in a row for each leg; red where the robot falls."""
+        plain_axes(axes, "")
+        axes.grid(False)
+        for leg in range(len(LEGS)):
+            stances = [
+                (start_s + first * dt_s, (stop - first) * dt_s)
+                for first, stop in stance_phases(self.contact[:, leg])
+            ]
+            axes.broken_barh(stances, (leg - _BAR / 2, _BAR), facecolor=BLUE)
+        if self.fell:
+            end_s = start_s + len(self.contact) * dt_s
+            axes.axvspan(end_s - dt_s, end_s, color=RED, linewidth=0)
+        axes.set_yticks(range(len(LEGS)), LEGS)
+        axes.set_ylim(len(LEGS) - 0.5, -0.5)
+        axes.set_ylabel("feet down", fontsize=9)
 
 
 def clip_picture(
@@ -28,15 +80,18 @@ def clip_picture(
     clip: Clip,
     reward: float,
     runs: Sequence[Run] = (),
+    feet: Footfalls | None = None,
 ) -> Figure:
-    """A clip in up to four rows over time: its reward with the ensemble's spread, the
-    shares of habits, of what was chosen, and of each robot, as far as there are any."""
+    """A clip in up to five rows over time: its reward with the ensemble's spread, the
+    shares of habits, which foot stands, and the shares of what was chosen and of each
+    robot, as far as there are any."""
     heights = [1.0, 1.1 + 0.06 * max(0, len(shown.groups) - 6)]
+    heights += [0.55] * (feet is not None)
     heights += [0.35] * bool(runs) + [0.8] * (shown.robots is not None)
     heights = [1.5 * height for height in heights]
     axes = panels((5.0,), heights, _STRIPS, sharex=True)
-    rows = axes[:, 0]
-    above, below = rows[:2]
+    above, below, *others = axes[:, 0]
+    rows = iter(others)
     figure = above.figure
     dt_s = entry.meta.control_dt_s
     time_s = (clip.start + np.arange(clip.steps)) * dt_s
@@ -66,11 +121,13 @@ def clip_picture(
     below.set_yticks(range(len(shown.groups)), shown.groups)
     below.grid(False)
     parts = four_ways(shown, control_dt_s=dt_s, runs=runs)
+    if feet is not None:
+        feet.draw(next(rows), time_s[0], dt_s)
     if runs:
-        _choices_row(rows[2], runs, parts, time_s[0], dt_s)
+        _choices_row(next(rows), runs, parts, time_s[0], dt_s)
     if shown.robots is not None:
-        _robots_row(rows[-1], shown.robots, parts, time_s)
-    rows[-1].set_xlabel("time in the episode, s", fontsize=9)
+        _robots_row(next(rows), shown.robots, parts, time_s)
+    axes[-1, 0].set_xlabel("time in the episode, s", fontsize=9)
     bar = figure.colorbar(image, cax=below.inset_axes((1.01, 0.0, 0.03, 1.0)))
     bar.set_label("liked", fontsize=8)
     bar.ax.tick_params(labelsize=7)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from .film_section import film_of_clip
 from .findings import NO_ALARM, findings_of_run
 from .pictures import svg_of
 from .ranked_clips import extremes
-from .reward_strips import clip_picture, curves_picture
+from .reward_strips import Footfalls, clip_picture, curves_picture
 from .verdict import Verdict
 
 COUNT = 2
@@ -122,10 +123,14 @@ def _meaning(curve: Curve) -> str:
 
 
 def clips_section(
-    run: Path, rounds: list[dict[str, Any]], *, films: bool = False
+    run: Path,
+    rounds: list[dict[str, Any]],
+    *,
+    films: bool = False,
+    drawn: Callable[[], None] = lambda: None,
 ) -> str:
     """The newest reward's best and worst clips of the round it was fitted in, with
-    `films` as pictures that move."""
+    `films` as pictures that move; `drawn` is called after each."""
     numbers = [r["round"] for r in rounds if r.get("fit")]
     if not numbers:
         return ""
@@ -141,17 +146,22 @@ def clips_section(
     figures = []
     for name, shown in found:
         seen = read_clips([shown.clip], dataset.clip_features)
+        feet = Footfalls.of(seen.features[0].numpy())
         picture = clip_picture(
             explain(model, seen, method="auto"),
             dataset.entry(shown.clip.rollout),
             shown.clip,
             shown.reward,
+            feet=feet,
         )
         title = name.replace("-", " ")
+        told = f"{title}: reward {shown.reward:+.2f}"
+        alt = told if feet is None else f"{told}; {feet.words}"
         figures.append(
             f"<figure>{film_of_clip(dataset, shown.clip) if films else ''}"
-            f"{svg_of(picture.axes[0])}<figcaption>{title}</figcaption></figure>"
+            f"{svg_of(picture.axes[0], alt)}<figcaption>{title}</figcaption></figure>"
         )
+        drawn()
     learned = ""
     if curves := learned_curves(model, control_dt_s=dt_s):
         learned = (
@@ -164,6 +174,6 @@ def clips_section(
         f"<h2>What the reward of round {newest} likes</h2>{learned}"
         f"<p>Reward of each step with the spread of the ensemble, and what each group "
         f"of habits adds to the reward of an average step; the dotted line is that "
-        f"average.</p>"
+        f"average. Below, a bar is a foot that stands.</p>"
         f'<div class="curves">{"".join(figures)}</div>'
     )

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from data.answers.answer_records import Answer, now_utc
 from data.datasets.dataset import Dataset
 from gaitpref.arena.games import Answered
 from gaitpref.arena.parts import of_command, of_rater, parts_of
@@ -20,6 +22,7 @@ from gaitpref.arena.strengths import (
     strengths_of,
 )
 from gaitpref.cli.main import main
+from gaitpref.console import progress
 from policy.robots.shipped import WALK
 from tests.helpers.older_run import older_run
 
@@ -170,11 +173,21 @@ def policies(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 
 
 def test_an_arena_goes_on_until_the_order_is_sure(
-    policies: list[str], tmp_path: Path
+    policies: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
+    monkeypatch.setattr(progress, "_QUIET_S", 0.0)
     out = tmp_path / "arena"
     line = ["arena", "--out", str(out), *policies, "--episodes", "5"]
     assert main([*line, "--criterion", "task"]) == 0
+    said = capsys.readouterr().err
+    steps = re.findall(r"recording, steps: ([\d,]+) of 600, .* left", said)
+    # Both policies: what tells of the second goes on behind the first.
+    assert steps[0] == "1"
+    assert steps[300] == "301"
+    assert "next: `gaitpref play --policy" in said
     found = json.loads((out / "ranking.json").read_text())
     assert found["sure"]
     assert [player["name"] for player in found["players"]] == ["walk", "weak"]
@@ -241,5 +254,19 @@ def test_what_is_no_arena_is_said(
         assert said in capsys.readouterr().err
     line = ["arena", *out, *policies, "--most", "1", "--episodes", "5"]
     assert main(line) == 0
+    with Dataset.open(tmp_path / "arena/dataset").answers() as store:
+        (pair,) = store.unanswered()
+        store.add_rater("ann", "human")
+        equal = Answer(
+            answer_id="first",
+            pair_id=pair.pair_id,
+            rater_id="ann",
+            choice="equal",
+            shown_left="a",
+            created_utc=now_utc(),
+        )
+        store.add_answer(equal)
+    assert main(line) == 0
+    assert "the same command with `--most 2` asks on" in capsys.readouterr().err
     assert main([*line[:-1], "10"]) == 2
     assert "another --out" in capsys.readouterr().err

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import threading
 from collections.abc import Iterator
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,9 @@ from PIL import Image
 from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from gaitpref import __version__
+from gaitpref.cli.commands.looking import film as film_command
 from gaitpref.cli.main import main
+from gaitpref.console import progress
 from gaitpref.film import camera, reel
 from gaitpref.film.camera import CameraCfg, NoRenderer, frames_of
 from gaitpref.film.reel import FilmCfg, film, frame_count, webp_of, write_film
@@ -26,6 +29,7 @@ from gaitpref.report.film_section import pace_of_clip
 from gaitpref.report.journal import JOURNAL_NAME, note_round, note_start
 from policy.rollouts.record_cfg import recorded_commands
 from policy.training.checkpoint import load_policy
+from tests.helpers import curves_of_reports
 from tests.helpers.older_run import older_run
 
 SMALL = FilmCfg(camera=CameraCfg(width_px=96, height_px=72), fps=10)
@@ -147,13 +151,28 @@ def test_an_interrupted_film_leaves_nothing(
 
 
 def test_a_policy_is_filmed_from_the_command_line(
-    run: Path, tmp_path: Path, drawn: list[np.ndarray]
+    run: Path,
+    tmp_path: Path,
+    drawn: list[np.ndarray],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
+    """It says how far it is with the recording, and that it encodes."""
+    told: list[str] = []
+
+    def working(title: str) -> AbstractContextManager[None]:
+        told.append(title)
+        return nullcontext()
+
+    monkeypatch.setattr(progress, "_QUIET_S", 0.0)
+    monkeypatch.setattr(film_command, "working", working)
     policy, out = run / "rounds" / "00" / "policy" / "policy.pt", tmp_path / "walk.webp"
     small = ["--duration-s", "1", "--width-px", "64", "--height-px", "48", "--fps", "5"]
     assert main(["film", "--policy", str(policy), "--out", str(out), *small]) == 0
     with Image.open(out) as picture:
         assert picture.size == (64, 48)
+    assert told == ["encoding 5 frames"]
+    assert "recording, steps: 1 of 50, " in capsys.readouterr().err
 
 
 def test_what_cannot_be_filmed_is_said(
@@ -175,11 +194,21 @@ def test_what_cannot_be_filmed_is_said(
 def test_the_page_of_a_run_shows_before_and_after(
     run: Path, drawn: list[np.ndarray]
 ) -> None:
-    text = write_report(run).read_text()
+    heard: list[tuple[int, int]] = []
+    with curves_of_reports.drawn():
+        text = write_report(run, lambda *done_of: heard.append(done_of)).read_text()
+    assert heard == [(done, 7) for done in range(1, 8)]
     assert "No film is shown" not in text
     pictures = re.findall(r'src="data:image/webp;base64,([^"]+)"', text)
     assert pictures
     assert len(text) < 5_000_000
+    # The clips the reward likes and dislikes, as film and as footfalls.
+    likes = text[text.index("likes</h2>") :].split("</figure>")
+    clips = [figure for figure in likes if "<figcaption>best 1" in figure]
+    assert len(clips) == 1
+    assert "data:image/webp" in clips[0]
+    assert re.search(r'aria-label="best 1: .* on the ground: FR \d+%, FL', clips[0])
+    assert "feet down</text>" in clips[0]
 
 
 def test_a_manoeuvre_of_20_s_takes_no_more_room_on_the_page_than_its_pictures(

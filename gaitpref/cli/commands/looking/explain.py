@@ -30,7 +30,7 @@ from gaitpref.report.crediting import (
 )
 from gaitpref.report.pictures import save_picture
 from gaitpref.report.ranked_clips import Ranked, extremes, ranked
-from gaitpref.report.reward_strips import clip_picture, curves_picture
+from gaitpref.report.reward_strips import Footfalls, clip_picture, curves_picture
 from rewardmodel.answers.clip_batch import read_clips
 from rewardmodel.explain.attribution import explain
 from rewardmodel.explain.learned_curves import learned_curves
@@ -96,7 +96,9 @@ def _explained(
     seen = read_clips([found.clip], dataset.clip_features)
     shown = explain(model, seen, method=command.method)
     picture, runs = command.out / f"{name}.svg", runs_of(dataset, found.clip)
-    save_picture(clip_picture(shown, entry, found.clip, found.reward, runs), picture)
+    feet = Footfalls.of(seen.features[0].numpy())
+    drawn = clip_picture(shown, entry, found.clip, found.reward, runs, feet)
+    save_picture(drawn, picture)
     here_s = moments_of(answered, found.clip)
     there = decided_there(shown, entry.meta.control_dt_s, here_s)
     marks = marked_words(here_s, there)
