@@ -265,7 +265,9 @@ def _arena(browser: Browser, camera: Camera, run: Path, folder: Path) -> None:
 
 def _explain(browser: Browser, camera: Camera, run: Path, folder: Path) -> None:
     out, rewards = folder / "explained", sorted(run.glob("rounds/*/reward"))
-    on = ("--reward", rewards[-1], "--dataset", run / "dataset")
+    # The page names the directory as it was given.
+    reward = os.path.relpath(rewards[-1])
+    on = ("--reward", reward, "--dataset", run / "dataset")
     _gaitpref("explain", *on, "--out", out, "--count", 1)
     with page_of(browser) as page:
         _plain(page, camera, (out / "index.html").as_uri(), whole=True)
