@@ -1,12 +1,12 @@
 """Pictures of every page: `python -m benchmarks.screenshots --run runs/demo`.
 
 They show the pages as people see them, in a real Chromium, at three sizes and in both
-themes; `labeling.png` and `play.png`, which the pages show, are two of them.
+themes, and at one size what people meet besides; `labeling.png` and `play.png`, which
+the pages show, are two of them.
 """
 
 from __future__ import annotations
 
-import io
 import os
 import shutil
 import subprocess
@@ -16,34 +16,51 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import tyro
-from PIL import Image
 
 from data.answers.answer_records import Answer
 from data.datasets.dataset import Dataset
 from labeling_ui.label_server import LabelCfg, LabelServer
 from labeling_ui.web.tokens import TokenStore
 
+from .camera import (
+    SETTLE_MS,
+    SIZE,
+    THEMES,
+    Camera,
+    Size,
+    log_in,
+    opened,
+    page_of,
+)
+from .screenshot_states import take_states
+
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
-Theme = Literal["light", "dark"]
-Size = tuple[int, int]
-THEMES: tuple[Theme, ...] = ("light", "dark")
-DESKTOP: tuple[Size, ...] = ((1280, 720), (1440, 900), (1024, 768))
+DESKTOP: tuple[Size, ...] = (SIZE, (1440, 900), (1024, 768))
 PHONE: tuple[Size, ...] = ((390, 844), (844, 390), (768, 1024))
-COLOURS = 200
-"""A picture has as many at most: about a third of the bytes."""
-WAIT_MS, SETTLE_MS = 180_000, 6_000
-"""For a page to come, and for its scene to be drawn without a graphics card."""
 FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 _LAID_OUT = """() => [...document.querySelectorAll("[data-dock-region=right]")]
   .every((panel) => panel.getBoundingClientRect().right <= innerWidth + 1
     && panel.getBoundingClientRect().right >= innerWidth - 1)"""
 """Whether the page has followed a new size of its window."""
+_PLAN = """
+criterion: [high_step, crouch]
+seed: [0, 1]
+loop:
+  rounds: 1
+  labels: 12
+  steps: {round: 3072, last: 3072}
+  evaluation_episodes: 8
+  ppo: {num_envs: 32}
+  record: {episodes: 40, episode_s: 2.0}
+"""
+"""Loops of a few seconds."""
 ANSWERED = 24
 RATER = "ann"
 
@@ -69,7 +86,7 @@ def main(options: Options) -> None:
         found = shutil.which("chromium") or shutil.which("google-chrome")
         browser = driver.chromium.launch(executable_path=found, args=FLAGS)
         for name, take in chosen.items():
-            camera = _Camera(options.out / name)
+            camera = Camera(options.out / name)
             take(browser, camera, options.run.resolve(), Path(folder))
             print(f"{name}: {camera.count} pictures, {camera.bytes / 1000:.0f} kB")
         browser.close()
@@ -79,30 +96,8 @@ def main(options: Options) -> None:
             shutil.copy(options.out / name / first, options.out / shown)
 
 
-class _Camera:
-    """Keeps pictures of one page."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self.count = self.bytes = 0
-
-    def take(
-        self, page: Page, size: Size, theme: Theme, *, whole: bool = False
-    ) -> None:
-        """One picture of the window, or of the whole page, as few bytes as it takes."""
-        self._folder.mkdir(parents=True, exist_ok=True)
-        picture = Image.open(io.BytesIO(page.screenshot(full_page=whole))).convert(
-            "RGB"
-        )
-        few = picture.quantize(COLOURS, dither=Image.Dither.NONE)
-        path = self._folder / f"{size[0]}x{size[1]}-{theme}.png"
-        few.save(path, optimize=True)
-        self.count += 1
-        self.bytes += path.stat().st_size
-
-
 def _plain(
-    page: Page, camera: _Camera, url: str, *, whole: bool = False, drawn: str = "body"
+    page: Page, camera: Camera, url: str, *, whole: bool = False, drawn: str = "body"
 ) -> None:
     """A page of text, at every size and in both themes, once `drawn` is there."""
     for theme in THEMES:
@@ -114,7 +109,7 @@ def _plain(
             camera.take(page, (width, height), theme, whole=whole)
 
 
-def _scene(page: Page, camera: _Camera, sizes: tuple[Size, ...]) -> None:
+def _scene(page: Page, camera: Camera, sizes: tuple[Size, ...]) -> None:
     """A page with robots, at each of `sizes` and in both themes."""
     for theme in THEMES:
         if theme == "dark":
@@ -166,84 +161,73 @@ def _answer(dataset: Dataset) -> None:
             store.add_answer(answer)
 
 
-def _logged_in(page: Page, url: str, token: str) -> None:
-    page.request.post(f"{url}/login", form={"token": token}, headers={"Origin": url})
-
-
-def _label(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
+def _label(browser: Browser, camera: Camera, run: Path, folder: Path) -> None:
     del run
-    with _label_server(folder) as (server, token), _page(browser) as page:
-        _logged_in(page, server.url, token)
-        _opened(page, server.url)
+    with _label_server(folder) as (server, token), page_of(browser) as page:
+        log_in(page, server.url, token)
+        opened(page, server.url)
         _scene(page, camera, DESKTOP)
 
 
-def _phone(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
+def _phone(browser: Browser, camera: Camera, run: Path, folder: Path) -> None:
     del run
     with (
         _label_server(folder) as (server, token),
-        _page(browser, size=PHONE[0], touch=True) as page,
+        page_of(browser, size=PHONE[0], touch=True) as page,
     ):
-        _logged_in(page, server.url, token)
-        _opened(page, server.url)
+        log_in(page, server.url, token)
+        opened(page, server.url)
         _scene(page, camera, PHONE)
 
 
-def _opened(page: Page, url: str) -> None:
-    page.goto(f"{url}/?fixedDpr=1")
-    page.locator("[data-gp-ready]").wait_for(state="attached")
-    page.wait_for_timeout(SETTLE_MS)
-    page.keyboard.press("Escape")
-
-
-def _login(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
+def _login(browser: Browser, camera: Camera, run: Path, folder: Path) -> None:
     del run
-    with _label_server(folder) as (server, _), _page(browser) as page:
+    with _label_server(folder) as (server, _), page_of(browser) as page:
         _plain(page, camera, f"{server.url}/login")
 
 
-def _full(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
+def _full(browser: Browser, camera: Camera, run: Path, folder: Path) -> None:
     """What a rater reads while another one has the only place."""
     del run
     with (
         _label_server(folder, places=1) as (server, token),
-        _page(browser) as inside,
-        _page(browser) as page,
+        page_of(browser) as inside,
+        page_of(browser) as page,
     ):
-        _logged_in(inside, server.url, token)
-        _opened(inside, server.url)
+        log_in(inside, server.url, token)
+        opened(inside, server.url)
         other = TokenStore(folder / "clips").add("bob")
-        _logged_in(page, server.url, other)
+        log_in(page, server.url, other)
         _plain(page, camera, server.url)
 
 
-def _text_page(name: str) -> Callable[[Browser, _Camera, Path, Path], None]:
-    def take(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
+def _text_page(name: str) -> Callable[[Browser, Camera, Path, Path], None]:
+    def take(browser: Browser, camera: Camera, run: Path, folder: Path) -> None:
         del run
-        with _label_server(folder) as (server, token), _page(browser) as page:
-            _logged_in(page, server.url, token)
+        with _label_server(folder) as (server, token), page_of(browser) as page:
+            log_in(page, server.url, token)
             _plain(page, camera, f"{server.url}/{name}", whole=True)
 
     return take
 
 
-def _play(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
+def _play(browser: Browser, camera: Camera, run: Path, folder: Path) -> None:
     del folder
     last, first = _policies(run)
     command = ("play", "--port", 0, "--policy", last, "--against", first)
-    with _served(*command) as url, _page(browser) as page:
+    with _served(*command) as url, page_of(browser) as page:
         page.goto(f"{url}/?fixedDpr=1")
         page.locator("#root canvas[data-engine]").wait_for(state="attached")
         page.wait_for_timeout(3 * SETTLE_MS)
         _scene(page, camera, DESKTOP)
 
 
-def _watch(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
+def _watch(browser: Browser, camera: Camera, run: Path, folder: Path) -> None:
     del folder
     # The page names the directory as it was given.
     with (
         _served("watch", os.path.relpath(run), "--port", 0) as url,
-        _page(browser) as page,
+        page_of(browser) as page,
     ):
         _plain(page, camera, url, drawn="svg path, svg polyline")
 
@@ -263,20 +247,44 @@ def _served(*words: object) -> Iterator[str]:
             server.terminate()
 
 
-def _report(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
+def _report(browser: Browser, camera: Camera, run: Path, folder: Path) -> None:
     del folder
-    with _page(browser) as page:
+    with page_of(browser) as page:
         _plain(page, camera, (run / "report" / "index.html").as_uri(), whole=True)
 
 
-def _arena(browser: Browser, camera: _Camera, run: Path, folder: Path) -> None:
+def _arena(browser: Browser, camera: Camera, run: Path, folder: Path) -> None:
     last, first = _policies(run)
     out, players = folder / "arena", (f"before={first}", f"after={last}")
     named = [word for player in players for word in ("--policy", player)]
     small = ("--criterion", "high_step", "--most", 12, "--episodes", 5)
     _gaitpref("arena", "--out", out, *named, *small)
-    with _page(browser) as page:
+    with page_of(browser) as page:
         _plain(page, camera, (out / "index.html").as_uri(), whole=True)
+
+
+def _explain(browser: Browser, camera: Camera, run: Path, folder: Path) -> None:
+    out, rewards = folder / "explained", sorted(run.glob("rounds/*/reward"))
+    # The page names the directory as it was given.
+    reward = os.path.relpath(rewards[-1])
+    on = ("--reward", reward, "--dataset", run / "dataset")
+    _gaitpref("explain", *on, "--out", out, "--count", 1)
+    with page_of(browser) as page:
+        _plain(page, camera, (out / "index.html").as_uri(), whole=True)
+
+
+def _sweep(browser: Browser, camera: Camera, run: Path, folder: Path) -> None:
+    del run
+    out, plan = folder / "sweep", folder / "plan.yaml"
+    plan.write_text(_PLAN)
+    _gaitpref("sweep", "--out", out, "--plan", plan, "--jobs", 2)
+    with page_of(browser) as page:
+        _plain(page, camera, (out / "index.html").as_uri(), whole=True)
+
+
+def _states(browser: Browser, camera: Camera, run: Path, folder: Path) -> None:
+    del run
+    take_states(browser, camera, partial(_label_server, folder), folder)
 
 
 def _policies(run: Path) -> tuple[Path, Path]:
@@ -290,19 +298,7 @@ def _gaitpref(*words: object) -> None:
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
 
 
-@contextmanager
-def _page(
-    browser: Browser, *, size: Size = DESKTOP[0], touch: bool = False
-) -> Iterator[Page]:
-    context = browser.new_context(
-        viewport={"width": size[0], "height": size[1]}, has_touch=touch, is_mobile=touch
-    )
-    context.set_default_timeout(WAIT_MS)
-    yield context.new_page()
-    context.close()
-
-
-_PAGES: dict[str, Callable[[Browser, _Camera, Path, Path], None]] = {
+_PAGES: dict[str, Callable[[Browser, Camera, Path, Path], None]] = {
     "login": _login,
     "guidelines": _text_page("guidelines"),
     "figures": _text_page("figures"),
@@ -313,6 +309,9 @@ _PAGES: dict[str, Callable[[Browser, _Camera, Path, Path], None]] = {
     "watch": _watch,
     "phone": _phone,
     "play": _play,
+    "explain": _explain,
+    "sweep": _sweep,
+    "states": _states,
 }
 
 

@@ -17,6 +17,8 @@ from data.features import FEATURE_DIM, column
 ROBOT_XML = Path(__file__).parents[1] / "policy" / "robots" / "go1.xml"
 DT_S = 0.02
 HOME_JOINTS = np.tile((0.0, 0.9, -1.8), 4)
+AHEAD = (0.5, 0.0, 0.0)
+"""Forward m/s, left m/s, yaw rad/s."""
 PHASES = (0.0, 0.5, 0.5, 0.0)
 """Phases of the legs FR FL RR RL: a trot."""
 
@@ -29,8 +31,10 @@ def walk(
     lift: float = 0.35,
     fell: bool = False,
     task: str = "walk",
+    command: tuple[float, float, float] = AHEAD,
 ) -> Episode:
-    """A trot at 0.5 m/s; with `fell`, the base sinks in the last half second."""
+    """A trot at 0.5 m/s, whatever the command; with `fell`, the base sinks in the last
+    half second."""
     time_s = np.arange(steps + 1) * DT_S
     qpos = np.zeros((steps + 1, 19))
     qpos[:, 0] = 0.5 * time_s
@@ -63,7 +67,7 @@ def walk(
             task=task,
             seed=seed,
             env_index=0,
-            command=(0.5, 0.0, 0.0),
+            command=command,
             policy_sha256="0" * 64,
             policy_step=0,
             stochastic=False,
@@ -84,6 +88,7 @@ def walking_dataset(
     episodes: int = 12,
     steps: int = 300,
     task: str = "walk",
+    command: tuple[float, float, float] = AHEAD,
 ) -> Dataset:
     """A data set of trots of different pace, with `pairs` open pairs.
 
@@ -98,6 +103,7 @@ def walking_dataset(
             lift=0.2 + 0.03 * index,
             fell=_falls(index, steps),
             task=task,
+            command=command,
         )
         for index in range(episodes)
     )

@@ -14,6 +14,7 @@ from labeling_ui.limits import page_limits as limits
 from labeling_ui.page.loop_status import StatusSource, no_status
 from labeling_ui.page.page_access import Desk, Picture
 from labeling_ui.page.rater_page import Page
+from labeling_ui.page.remarks import marks_of
 from labeling_ui.page.shared import Shared
 from labeling_ui.page.view_habits import habits_of
 from labeling_ui.questions.key_repeat import GuardCfg
@@ -156,4 +157,5 @@ class LabelServer:
             rng=np.random.default_rng(),
         )
         desk = Desk(session, self._motions, may_act=visit.may_act)
-        return Page(client, desk, self._shared, habits_of(visit.habits))
+        habits, marks = habits_of(visit.habits), marks_of(visit.marks)
+        return Page(client, desk, self._shared, habits, marks)

@@ -23,7 +23,7 @@ from .parts import of_command, of_rater, parts_json, parts_of
 from .strengths import Ranking, least_sure, ranking_of, wins_of
 
 SETTINGS_NAME, RANKING_NAME = "arena.json", "ranking.json"
-_MEET = 3
+MEET = 3
 """Neighbours meet so often before their order can be sure."""
 
 
@@ -154,7 +154,7 @@ def _next(
 ) -> list[Pair]:
     """Questions to add now: about those whose order is most open."""
     matches = [each.match for each in standing.answers]
-    about = least_sure(standing.ranking, matches, at_least=_MEET)
+    about = least_sure(standing.ranking, matches, at_least=MEET)
     with dataset.answers() as store:
         known = store.pairs()
     count = min(most_open - standing.open_questions, cfg.most - len(known))

@@ -19,7 +19,8 @@ th:first-child, td:first-child { text-align: left; }
 .curves figure { margin: 0; background: #fff; border: 1px solid var(--line);
                  border-radius: 8px; padding: .4rem; }
 .curves svg { width: 100%; height: auto; display: block; }
-.curves figcaption { color: #333; font-size: .9rem; text-align: center; }
+.curves figcaption { color: #333; font-size: .9rem; text-align: center;
+                     overflow-wrap: anywhere; }
 .film img, .film svg { max-width: 100%; border-radius: 8px; } .film { margin: 1rem 0; }
 dl.about { display: grid; grid-template-columns: max-content 1fr; gap: .2rem 1rem; }
 dl.about dt { color: var(--soft); } dl.about dd { margin: 0; overflow-wrap: anywhere; }

@@ -2,7 +2,8 @@
 
 The script in the browser finds its way by the attributes: `data-gp-ready` says that the
 page is there, `data-gp-question` which question it shows, `data-gp-why` what decides,
-`data-gp-spoken` what to read aloud, `data-gp-habits` how the rater likes to look.
+`data-gp-here` which moments are marked, `data-gp-spoken` what to read aloud,
+`data-gp-habits` how the rater likes to look.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from labeling_ui.questions.judgement import Past
 from labeling_ui.scene.clip_motion import Command
 
 from .page_access import Showing
-from .remarks import Remarks
+from .remarks import Marks, Remarks
 from .shortcuts import WORDS
 
 _HEAD_PX = 128
@@ -56,13 +57,14 @@ def head(rater_id: str, showing: Showing, said: Remarks) -> str:
         lines.append(f"{_said_words(said)}: now answer.")
     if showing.notice:
         lines.append(warning(showing.notice))
+    marks = Marks(question_id=showing.question_id, here_s=said.here_s)
     top = (
         '<div style="display:flex;justify-content:space-between;opacity:.75;'
         f'font-size:12px"><span>{html.escape(rater_id)}</span><span>{count}</span></div>'
     )
     return (
         f'<div data-gp-ready data-gp-question="{showing.question_id or ""}" '
-        f'data-gp-why="{why or ""}" '
+        f'data-gp-why="{why or ""}" data-gp-here="{marks.text}" '
         f'data-gp-spoken="{html.escape(spoken(showing, said))}" '
         f'style="height:{_HEAD_PX}px;overflow:auto">'
         + boxed(top + "".join(f"<div>{line}</div>" for line in lines))

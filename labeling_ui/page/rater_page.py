@@ -33,7 +33,7 @@ from .dialogs import Dialog, differed_dialog, guidelines_dialog, objection_dialo
 from .loop_status import LoopStatus
 from .page_access import Desk, Showing
 from .playback import Playback
-from .remarks import Remarks, remarks_of
+from .remarks import Marks, Remarks, remarks_of
 from .shared import Shared
 from .shortcuts import ASPECT_OF_LABEL, CONFIDENCE_OF, CONFIDENCES, Name
 from .theme import set_theme
@@ -63,9 +63,10 @@ class Page:
         desk: Desk,
         shared: Shared,
         habits: Habits,
+        marks: Marks,
     ) -> None:
-        """Build the page as `habits` say; a first look at the desk is under way when
-        this returns."""
+        """Build the page as `habits` say, with the marks that its browser kept; a first
+        look at the desk is under way when this returns."""
         self.client = client
         self._desk, self._shared = desk, shared
         self._events: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
@@ -78,7 +79,7 @@ class Page:
         self._drawn_at: float | None = None
         self._shown_at = time.monotonic()
         self._note_at = -NOTE_RECENT_S
-        self._remarks = Remarks()
+        self._remarks, self._marks = Remarks(), marks
         self._late: tuple[float, Verdict] | None = None
         self._status: LoopStatus | None = None
         self._habits = habits
@@ -207,8 +208,9 @@ class Page:
         elif name == "here":
             if self._showing is not None and self._showing.question is not None:
                 self._remark(self._remarks.marked(self._clock.time_s))
-                marks = self._showing.question_id, self._remarks.here_s
-                self._shared.marks[self._desk.rater_id] = marks
+                self._marks = Marks(
+                    question_id=self._showing.question_id, here_s=self._remarks.here_s
+                )
         elif name == "bad":
             if self._showing is not None and self._showing.question is not None:
                 self._modal = objection_dialog(self.client, self.post)
@@ -304,8 +306,8 @@ class Page:
                 self._show_pair(showing)
                 question = showing.question
                 self._remarks = remarks_of(question and question.remarked)
-                marked, here_s = self._shared.marks.get(self._desk.rater_id, ("", ()))
-                if marked == showing.question_id:
+                if self._marks.question_id == showing.question_id:
+                    here_s = self._marks.here_s
                     self._remarks = replace(self._remarks, here_s=here_s)
                 self._controls.fill_remarks(self._remarks)
         self.client.flush()

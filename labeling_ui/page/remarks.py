@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,6 +12,7 @@ from .shortcuts import CONFIDENCES
 
 _SAME_MOMENT_S = 0.1
 """A mark so near to another is meant to take it back."""
+_MARK = re.compile(r"\d{1,2}\.\d\d", re.ASCII)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +44,27 @@ class Remarks:
     def client(self) -> dict[str, Any]:
         """What of it is stored with how the clips were shown."""
         return {HERE: list(self.here_s)} if self.here_s else {}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Marks:
+    """Moments that were marked of the clips of a question that is open."""
+
+    question_id: str | None = None
+    here_s: tuple[float, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """What `marks_of` reads; letters that may stand in a cookie. "" of none."""
+        words = [f"{moment:.2f}" for moment in self.here_s]
+        return "_".join([self.question_id or "", *words]) if words else ""
+
+
+def marks_of(text: str) -> Marks:
+    """The marks in a text that a browser sent; what is none of them is passed over."""
+    question_id, *words = text.split("_")
+    here_s = sorted({float(word) for word in words if _MARK.fullmatch(word)})
+    return Marks(question_id=question_id, here_s=tuple(here_s[:MOST_HERE]))
 
 
 def remarks_of(answer: Answer | None) -> Remarks:

@@ -28,9 +28,6 @@ class Shared:
     """Tells what moved a reward about the last answer, where there is one."""
     has_names: bool = True
     """Whether raters log in; without, the name of who is there tells nobody a thing."""
-    marks: dict[str, tuple[str | None, tuple[float, ...]]] = field(default_factory=dict)
-    """Of each rater the question whose clips were marked last, and the moments; notes
-    and what decides are kept by the browser."""
     since_utc: datetime = field(default_factory=utc_now)
     """When the server started."""
     welcomed: set[str] = field(default_factory=set)

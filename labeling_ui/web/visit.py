@@ -20,8 +20,8 @@ logger = logging.getLogger(__name__)
 
 CLOSE_LOGGED_OUT = 4003
 _LONGEST_REASON = 100
-_HABITS_COOKIE = "gp-habits"
-_LONGEST_HABITS = 100
+_HABITS_COOKIE, _MARKS_COOKIE = "gp-habits", "gp-here"
+_LONGEST_KEPT = 100
 
 
 class Visit:
@@ -46,7 +46,16 @@ class Visit:
     @property
     def habits(self) -> str:
         """How the rater likes to look, as the browser kept it; anybody may write it."""
-        return self._request.cookies.get(_HABITS_COOKIE, "")[:_LONGEST_HABITS]
+        return self._kept(_HABITS_COOKIE)
+
+    @property
+    def marks(self) -> str:
+        """Moments that the rater marked of an open question, as the browser kept them;
+        anybody may write them."""
+        return self._kept(_MARKS_COOKIE)
+
+    def _kept(self, name: str) -> str:
+        return self._request.cookies.get(name, "")[:_LONGEST_KEPT]
 
     def seat(self, gui: viser.GuiApi) -> None:
         """From now on, check messages against the elements of this page."""

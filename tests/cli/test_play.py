@@ -135,24 +135,30 @@ def test_one_robot_is_liked_more_than_none(policies: list[Path]) -> None:
 def test_two_policies_are_driven_and_judged_on_one_page(
     policies: list[Path], tmp_path: Path
 ) -> None:
-    """Both robots move in the same command; the page tells their speeds."""
+    """Both robots move in the same command; the page tells their speeds. The command is
+    ended while it is open, and says nothing of a fault."""
     command = [sys.executable, "-m", "gaitpref", "play", "--port", "0"]
     arguments = ["--policy", policies[0], "--against", policies[1]]
     arguments += ["--dataset", tmp_path / "set"]
     with subprocess.Popen(
-        [*command, *arguments], stdout=subprocess.PIPE, text=True
+        [*command, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     ) as server:
         try:
             assert server.stdout is not None
             url = server.stdout.readline().split()[-1]
-            asyncio.run(_driven(url))
-            server.terminate()
-            assert server.wait(LIMIT_S) == 0
+            asyncio.run(_driven(url, server.terminate))
+            said, complained = server.communicate(timeout=LIMIT_S)
         finally:
             server.kill()
+    assert server.returncode == 0
+    assert "Traceback" not in said + complained
+    assert "Error" not in complained
 
 
-async def _driven(url: str) -> None:
+async def _driven(url: str, end: Callable[[], None]) -> None:
     async with asyncio.timeout(LIMIT_S):
         visitor = Visitor(url, None)
         page = asyncio.create_task(visitor.run())
@@ -169,8 +175,9 @@ async def _driven(url: str) -> None:
             await visitor.press("Push")
             last = visitor.moved["robot_A"] + 150
             await _until(page, partial(_pushed, visitor, before + 0.2, last))
-        await visitor.press("Pause or go on")
-        page.cancel()
+        end()
+        await page
+        assert visitor.close_code == 1001
 
 
 async def _until(page: asyncio.Task[None], condition: Callable[[], bool]) -> None:

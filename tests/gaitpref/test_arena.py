@@ -24,6 +24,7 @@ from gaitpref.arena.strengths import (
 from gaitpref.cli.main import main
 from gaitpref.console import progress
 from policy.robots.shipped import WALK
+from studies.arena_coverage import Options, coverage
 from tests.helpers.older_run import older_run
 
 TRUE = np.array([0.8, 0.0, -0.8])
@@ -83,6 +84,14 @@ def test_intervals_hold_what_is_true() -> None:
         found = ranking_of(drawn(rng, 30), 3, rng, resamples=300)
         held += (found.low <= TRUE) & (found.high >= TRUE)
     assert ((held / 200 >= 0.90) & (held / 200 <= 0.99)).all(), held
+
+
+def test_intervals_hold_where_the_arena_chooses_and_stops() -> None:
+    """A few draws of what `docs/benchmarks.md` tells of 200."""
+    found = coverage(Options(draws=12, most=24, resamples=100))
+    assert min(found.held) >= 0.75
+    assert 0.0 < found.sure < 1.0
+    assert 3 * 2 <= found.asked < 24
 
 
 def test_the_next_question_is_about_whom_the_order_is_most_open() -> None:

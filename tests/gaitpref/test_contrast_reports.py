@@ -14,7 +14,11 @@ from gaitpref.arena.arena import Standing
 from gaitpref.arena.arena_page import write_arena_page
 from gaitpref.arena.games import Answered, Player
 from gaitpref.arena.strengths import Match, Ranking
+from gaitpref.cli.main import main
 from gaitpref.loop.run_report import write_report
+from gaitpref.sweep.run_sweep import SweepResult
+from gaitpref.sweep.sweep_cell import SweepRow
+from gaitpref.sweep.sweep_report import write_sweep
 from tests.helpers.contrast import contrasts, too_pale
 from tests.helpers.curves_of_reports import drawn
 from tests.helpers.label_browser import launched
@@ -34,11 +38,47 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.fixture(scope="module")
-def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The page of a finished run."""
-    run = older_run(tmp_path_factory.mktemp("older") / "run")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished run."""
+    return older_run(tmp_path_factory.mktemp("older") / "run")
+
+
+@pytest.fixture(scope="module")
+def report(run: Path) -> Path:
+    """Its page."""
     with drawn():
         return write_report(run)
+
+
+@pytest.fixture(scope="module")
+def explained(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page of what its reward likes."""
+    out = tmp_path_factory.mktemp("explained")
+    reward = run / "rounds" / "00" / "reward"
+    line = ["explain", "--reward", str(reward), "--dataset", str(run / "dataset")]
+    assert main([*line, "--out", str(out), "--count", "1"]) == 0
+    return out / "index.html"
+
+
+@pytest.fixture(scope="module")
+def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page of loops under two criteria, one of which failed."""
+    rows = tuple(
+        SweepRow(
+            name=f"{criterion}-seed{seed}",
+            settings={"criterion": criterion, "steps.round": 1000, "seed": seed},
+            start_return=1.0,
+            final_return=2.0 + seed,
+            tracking_error_m_s=0.1,
+            falls_per_minute=0.0,
+            verdict="better",
+            answers=40,
+        )
+        for criterion in ("high_step", "crouch")
+        for seed in range(3)
+    )
+    result = SweepResult(rows=rows, failures={"crouch-seed3": "no space is left"})
+    return write_sweep(tmp_path_factory.mktemp("sweep"), result)
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +106,7 @@ def arena(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
-@pytest.mark.parametrize("name", ["report", "arena"])
+@pytest.mark.parametrize("name", ["report", "arena", "explained", "sweep"])
 def test_what_is_written_can_be_read(
     browser: Browser,
     request: pytest.FixtureRequest,

@@ -9,7 +9,8 @@ if TYPE_CHECKING:
 
 _AA = 4.5
 """Least contrast of text, WCAG 2.2, 1.4.3 (AA)."""
-_CONTRASTS = """() => {
+_THEME = "data-mantine-color-scheme"
+_CONTRASTS = """(within) => {
   const parse = (text) => {
     const found = text.match(/[\\d.]+/g).map(Number);
     const scale = text.startsWith("color(") ? 255 : 1;
@@ -29,7 +30,8 @@ _CONTRASTS = """() => {
   const canvas = parse(getComputedStyle(probe).backgroundColor).slice(0, 3);
   probe.remove();
   const found = [];
-  const walk = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  const walk = document.createTreeWalker(
+    document.querySelector(within), NodeFilter.SHOW_TEXT);
   for (let text = walk.nextNode(); text; text = walk.nextNode()) {
     const own = text.parentElement;
     const box = own.getBoundingClientRect();
@@ -55,9 +57,21 @@ _CONTRASTS = """() => {
 }"""
 
 
-def contrasts(page: Page) -> list[tuple[str, float]]:
+def contrasts(page: Page, within: str = "body") -> list[tuple[str, float]]:
     """Every piece of text that is seen, and its contrast to what lies below it."""
-    return [(text, ratio) for text, ratio in page.evaluate(_CONTRASTS)]
+    return [(text, ratio) for text, ratio in page.evaluate(_CONTRASTS, within)]
+
+
+def require_readable_cover(page: Page, *, least: int = 2) -> None:
+    """Of what lies over the page, light and dark."""
+    for theme in ("light", "dark", page.locator("html").get_attribute(_THEME)):
+        page.evaluate(
+            "([name, theme]) => document.documentElement.setAttribute(name, theme)",
+            [_THEME, theme or "light"],
+        )
+        found = contrasts(page, "#gp-cover")
+        assert len(found) >= least
+        assert too_pale(found) == {}
 
 
 def too_pale(found: list[tuple[str, float]]) -> dict[str, float]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from benchmarks.walks import walking_dataset
+from benchmarks.walks import AHEAD, walking_dataset
 from data.answers.answer_records import Answer
 from data.datasets.dataset import Dataset
 from labeling_ui.label_server import LabelCfg, LabelServer
@@ -89,8 +89,15 @@ def label_cfg(*, guard: GuardCfg = GUARD, **cfg: Any) -> LabelCfg:
 class Site:
     """A running page, the tokens of two raters, and what was stored."""
 
-    def __init__(self, root: Path, pairs: int, **cfg: Any) -> None:
-        self.dataset: Dataset = walking_dataset(root, pairs=pairs)
+    def __init__(
+        self,
+        root: Path,
+        pairs: int,
+        *,
+        command: tuple[float, float, float] = AHEAD,
+        **cfg: Any,
+    ) -> None:
+        self.dataset: Dataset = walking_dataset(root, pairs=pairs, command=command)
         tokens = TokenStore(root)
         self.tokens = {name: tokens.add(name) for name in ("ann", "bob")}
         self.server = LabelServer(self.dataset, label_cfg(**cfg))
@@ -139,6 +146,13 @@ def dismiss_guidelines(page: "Page") -> None:
     page.bring_to_front()
     page.get_by_role("button", name="Got it [escape]").click()
     page.get_by_role("dialog").wait_for(state="detached")
+
+
+def nothing_of_viser(page: "Page") -> None:
+    """No server's address, no settings of the scene: what only its makers need."""
+    for word in ("Server", "Save Canvas", "Orbit Origin Tool", "Reset View"):
+        assert not page.get_by_text(word, exact=True).first.is_visible(), word
+    assert not page.locator(".tabler-icon-adjustments").first.is_visible()
 
 
 def counted(page: "Page", answered: int) -> None:

@@ -18,6 +18,8 @@ class Wire:
         self._to = port
         self._threads: list[threading.Thread] = []
         self.port = 0
+        self.holds_sockets = False
+        """Whether no new WebSocket comes through, as on a line that is slow."""
         self.join()
 
     @property
@@ -30,7 +32,9 @@ class Wire:
         listening = socket.create_server(("127.0.0.1", self.port))
         self.port = listening.getsockname()[1]
         self._whole, self._dead = threading.Event(), threading.Event()
+        self._held = threading.Event()
         self._whole.set()
+        self._held.set()
         self._start(self._accept, listening, self._whole)
 
     def cut(self) -> None:
@@ -70,5 +74,8 @@ class Wire:
                         data = end.recv(2**16)
                         if not data:
                             return
+                        asks = b"upgrade: websocket" in data.lower()
+                        if asks and self.holds_sockets:
+                            dead = self._held
                         if not dead.is_set():
                             others[end].sendall(data)

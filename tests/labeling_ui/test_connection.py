@@ -9,14 +9,16 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from labeling_ui.label_server import LabelServer
 from labeling_ui.limits import page_limits
+from labeling_ui.page.remarks import Marks, marks_of
 from labeling_ui.page.view_habits import Habits, habits_of
 from labeling_ui.questions.key_repeat import GuardCfg
+from tests.helpers.contrast import contrasts, require_readable_cover, too_pale
 from tests.helpers.label_browser import (
     SMALL,
     WAIT_MS,
@@ -25,6 +27,7 @@ from tests.helpers.label_browser import (
     dismiss_guidelines,
     label_cfg,
     launched,
+    nothing_of_viser,
     opened,
     playwright,
 )
@@ -39,6 +42,15 @@ pytestmark = pytest.mark.browser
 
 NOTE = "B drags a foot"
 SAID = re.compile("^Because of feet(, marked .*)?: now answer")
+COVERED = """() => {
+  const cover = document.getElementById("gp-cover");
+  const shares = [0.02, 0.25, 0.5, 0.75, 0.98];
+  return getComputedStyle(cover).opacity === "1"
+    && /^rgb\\(/.test(getComputedStyle(cover).backgroundColor)
+    && shares.every((x) => shares.every((y) => cover.contains(
+      document.elementFromPoint(x * innerWidth, y * innerHeight))));
+}"""
+"""Whether what is behind the cover shows nowhere."""
 BACK_S = 5.0
 """What the page promises, once the server is there again."""
 SLOWER = 4.0
@@ -54,7 +66,7 @@ def browser() -> Iterator["Browser"]:
 
 @contextmanager
 def at_work(
-    browser: "Browser", root: Path, **cfg: int
+    browser: "Browser", root: Path, **cfg: Any
 ) -> Iterator[tuple[Site, Wire, "Page"]]:
     """A rater's page, whose guidelines were read, behind a line."""
     any_time = GuardCfg(min_shown_s=0.0, repeat_gap_s=0.0, same_verdict_s=0.0)
@@ -98,6 +110,8 @@ def test_after_an_outage_it_goes_on_where_it_was(
         wire.cut()
         state(page, "lost")
         page.get_by_role("heading", name="Connection lost").wait_for()
+        nothing_of_viser(page)
+        require_readable_cover(page)
         running = page.locator(".gp .head").evaluate(
             "head => getComputedStyle(head).animationPlayState"
         )
@@ -145,7 +159,9 @@ def test_a_server_that_was_restarted(browser: "Browser", tmp_path: Path) -> None
     """As when a loop goes on: another process, the same answers; and what was written
     is there, with the cursor in it. No guidelines a second time."""
     with at_work(browser, tmp_path) as (site, _, page):
+        page.keyboard.press("x")
         remark(page)
+        page.wait_for_function("document.cookie.includes('gp-here')")
         port = int(site.server.url.rpartition(":")[2])
         site.server.stop()
         state(page, "lost")
@@ -155,6 +171,9 @@ def test_a_server_that_was_restarted(browser: "Browser", tmp_path: Path) -> None
         expect(page.locator("textarea:focus")).to_have_value(NOTE, timeout=WAIT_MS)
         page.keyboard.type("!")
         expect(page.locator("textarea:focus")).to_have_value(NOTE + "!")
+        page.get_by_text(
+            re.compile("^Because of feet, marked .*: now answer")
+        ).wait_for()
         assert page.get_by_role("dialog").count() == 0
 
 
@@ -193,6 +212,10 @@ def test_a_browser_may_send_any_habits() -> None:
     assert habits_of("") == habits_of("-3x-DARK-<b>;\0-nan-1e9x") == Habits()
     chosen = Habits(dark=True, view="lanes", speed=0.25, ghost=True, curves=True)
     assert habits_of(chosen.text) == chosen
+    assert marks_of("").here_s == marks_of("q_nan_-1.00_<b>_1e9_123.45_1").here_s == ()
+    marked = Marks(question_id="q", here_s=(0.3, 1.25))
+    assert marks_of(marked.text) == marked
+    assert len(marks_of("_".join(["q", *(f"{n}.00" for n in range(20))])).here_s) == 8
 
 
 def test_who_finds_no_place_is_told_and_let_in(
@@ -206,19 +229,36 @@ def test_who_finds_no_place_is_told_and_let_in(
         other = opened(browser, site, "bob", size=SMALL)
         wire.join()
         page.get_by_role("heading", name="The only place is taken").wait_for()
+        for theme in ("light", "dark"):
+            page.emulate_media(color_scheme=theme)
+            # The page asks again and again.
+            page.get_by_role("heading", name="The only place is taken").wait_for()
+            found = contrasts(page)
+            assert len(found) >= 3
+            assert too_pale(found) == {}
         other.context.close()
         page.get_by_role("button", name="A much better [1]").wait_for()
         state(page, "")
 
 
 def test_only_the_newest_window_answers(browser: "Browser", tmp_path: Path) -> None:
-    """The other says so, and takes the place back when it is told to."""
-    with at_work(browser, tmp_path) as (_, _, page):
+    """The other says so, and takes the place back when it is told to. While one loads,
+    it shows this alone."""
+    with at_work(browser, tmp_path) as (_, wire, page):
+        wire.holds_sockets = True
         newer = page.context.new_page()
         newer.goto(page.url)
+        state(newer, "loading")
+        newer.get_by_text("The page is loading. On a slow line").wait_for()
+        newer.locator("#root > *").first.wait_for(state="attached")
+        assert newer.evaluate(COVERED)
+        require_readable_cover(newer)
+        wire.holds_sockets = False
         state(newer, "")
+        nothing_of_viser(newer)
         page.bring_to_front()
         state(page, "away")
+        require_readable_cover(page, least=3)
         page.get_by_role("button", name="Go on here").click()
         state(page, "")
         newer.bring_to_front()

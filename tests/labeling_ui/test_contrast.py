@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -14,13 +15,14 @@ from labeling_ui.play_server import PlayPage, play_site
 from labeling_ui.scene.geometry import robot_geometry
 from labeling_ui.scene.live_robot import Drive, LivePolicy, LiveState, StepFn
 from labeling_ui.web.tokens import TokenStore
-from tests.helpers.contrast import contrasts, too_pale
+from tests.helpers.contrast import contrasts, require_readable_cover, too_pale
 from tests.helpers.label_browser import (
     SMALL,
     WAIT_MS,
     Site,
     keep_picture,
     launched,
+    nothing_of_viser,
     playwright,
 )
 
@@ -59,12 +61,13 @@ def replayed(name: str) -> LivePolicy:
 
 
 def test_the_page_of_play(browser: Browser, tmp_path: Path) -> None:
-    """With its buttons for what is liked, light and dark."""
+    """With its buttons for what is liked, light and dark; and once its server ended."""
     policies = (replayed("one"), replayed("other"))
     site = play_site(0, TokenStore(tmp_path), likes=True)
     site.start(lambda client, visit: PlayPage(client, policies, lambda *_: "kept"))
     found = {}
-    try:
+    with ExitStack() as running:
+        running.callback(site.stop)
         page = browser.new_page(viewport=SMALL)
         page.set_default_timeout(WAIT_MS)
         page.goto(site.url + "/?fixedDpr=0.1")
@@ -80,9 +83,12 @@ def test_the_page_of_play(browser: Browser, tmp_path: Path) -> None:
             keep_picture(page, f"play-page-{theme}.png")
             found[theme] = contrasts(page)
             page.get_by_role("button", name="Light or dark [M]").click()
+        nothing_of_viser(page)
+        running.close()
+        page.get_by_role("heading", name="Connection lost").wait_for()
+        nothing_of_viser(page)
+        require_readable_cover(page)
         page.close()
-    finally:
-        site.stop()
     for of_theme in found.values():
         assert len(of_theme) > 20
         assert too_pale(of_theme) == {}

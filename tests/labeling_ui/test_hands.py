@@ -15,6 +15,7 @@ from tests.helpers.label_browser import (
     counted,
     keep_picture,
     launched,
+    nothing_of_viser,
     opened,
     playwright,
 )
@@ -26,6 +27,10 @@ else:
 
 pytestmark = pytest.mark.browser
 
+IN_A_CURVE = (0.5, 0.25, 0.5)
+"""What was asked for takes two lines."""
+LINE_PX = 14
+"""Less than a line of text takes."""
 NAMELESS = """() => [...document.querySelectorAll(
   "#root button, #root input:not([type=hidden]), #root textarea, "
   + "#root canvas[data-engine], #root [role=slider], "
@@ -40,7 +45,8 @@ NAMELESS = """() => [...document.querySelectorAll(
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     """A page with many open pairs, which may be answered as fast as keys come."""
     any_time = GuardCfg(min_shown_s=0.0, repeat_gap_s=0.0, same_verdict_s=0.0)
-    site = Site(tmp_path_factory.mktemp("hands") / "set", pairs=30, guard=any_time)
+    root = tmp_path_factory.mktemp("hands") / "set"
+    site = Site(root, pairs=30, guard=any_time, command=IN_A_CURVE)
     with site.server:
         yield site
 
@@ -96,9 +102,7 @@ def test_the_tab_is_found_and_nothing_of_viser_is_seen(page: "Page") -> None:
     icons = page.locator("link[rel=icon]")
     assert icons.count() == 1
     assert "1c5cbe" in (icons.get_attribute("href") or "")
-    for word in ("Save Canvas", "Orbit Origin Tool", "Reset View"):
-        assert not page.get_by_text(word).first.is_visible()
-    assert not page.locator(".tabler-icon-adjustments").first.is_visible()
+    nothing_of_viser(page)
 
 
 def test_the_keyboard_alone_presses_everything(page: "Page", site: Site) -> None:
@@ -296,17 +300,29 @@ def test_a_moment_is_marked_and_taken_back(page: "Page", site: Site) -> None:
     assert site.answers()[0].here_s == (moment,)
 
 
-def test_answers_stand_still(page: "Page") -> None:
-    """Whatever is said above them."""
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (1280, 720)])
+def test_answers_stand_still(
+    page: "Page", device: "CDPSession", width: int, height: int
+) -> None:
+    """Whatever is said above them, which a phone shows all the same."""
+    resize(device, width, height)
+    said = page.locator("[data-gp-ready]")
+    side = "clientWidth" if height > width else "clientHeight"
+    scene = page.locator("#root canvas[data-engine]")
+    expect(scene).to_have_js_property(side, min(width, height), timeout=WAIT_MS)
 
     def top() -> float:
         # The panel may have been scrolled.
-        head = box(page.locator("[data-gp-ready]"))
-        return box(page.get_by_role("button", name="A better [2]"))["y"] - head["y"]
+        answer = box(page.get_by_role("button", name="A better [2]"))
+        return answer["y"] - box(said)["y"]
 
     first = top()
+    asked = said.locator("b", has_text="m/s, turning left 0.50 rad/s")
+    assert box(asked)["height"] > 2 * LINE_PX
     page.keyboard.press("b")
     page.get_by_text("Because of feet").wait_for()
+    assert top() == first
+    assert said.evaluate("head => head.scrollHeight <= head.clientHeight")
     pressed(page, "Last answers")
     page.get_by_role("button", name=re.compile("Equally good$")).last.click()
     page.get_by_text("Reopened").wait_for()
@@ -349,9 +365,20 @@ def test_what_is_written_can_be_read(page: "Page", theme: str) -> None:
     found += contrasts(page)
     page.keyboard.press("Escape")
     page.get_by_role("dialog").wait_for(state="detached")
+    for key, says in (("h", "Got it [escape]"), ("6", "Go on [escape]")):
+        page.keyboard.press(key)
+        page.get_by_role("dialog").get_by_text(says).wait_for()
+        page.wait_for_timeout(400)
+        found += contrasts(page, "[role=dialog]")
+        page.keyboard.press("Escape")
+        page.get_by_role("dialog").wait_for(state="detached")
+    page.keyboard.press("?")
+    page.get_by_role("dialog", name="Keys").wait_for()
+    found += contrasts(page, "#gp-keys")
+    page.keyboard.press("Escape")
     page.keyboard.press("p")
     pressed(page, "View and help")
-    assert len(found) > 80
+    assert len(found) > 160
     assert too_pale(found) == {}
 
 

@@ -45,6 +45,43 @@ def test_open_pages_and_those_just_coming_leave_no_traceback(
     assert "Error" not in complained
 
 
+def test_watch_ends_while_pages_ask(tmp_path: Path) -> None:
+    """About a run that has not begun; some ask right now, one holds its connection."""
+    command = [sys.executable, "-m", "gaitpref", "watch", tmp_path / "run"]
+    with subprocess.Popen(
+        [*command, "--port", "0"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as server:
+        try:
+            assert server.stdout is not None
+            url = server.stdout.readline().split()[-1]
+            asyncio.run(_watched(server, url))
+            said, complained = server.communicate(timeout=LIMIT_S)
+        finally:
+            server.kill()
+    assert server.returncode == 0
+    assert "Traceback" not in said + complained
+    assert "Error" not in complained
+
+
+async def _watched(server: subprocess.Popen[str], url: str) -> None:
+    async def ask(session: aiohttp.ClientSession) -> None:
+        while True:
+            async with session.get(url + "state.json") as response:
+                await response.read()
+
+    async with asyncio.timeout(LIMIT_S), aiohttp.ClientSession() as session:
+        async with session.get(url + "state.json") as response:
+            assert (await response.json())["kind"] == "empty"
+        asking = [asyncio.create_task(ask(session)) for _ in range(STAYING)]
+        await asyncio.sleep(0.3)
+        server.terminate()
+        ended = await asyncio.gather(*asking, return_exceptions=True)
+    assert all(isinstance(why, aiohttp.ClientError) for why in ended), ended
+
+
 async def _stopped(
     server: subprocess.Popen[str], url: str, tokens: list[str], number: signal.Signals
 ) -> None:

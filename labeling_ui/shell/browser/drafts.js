@@ -94,20 +94,36 @@ document.addEventListener("focusout", (event) => {
   });
 });
 
-// How the rater likes to look: the page says it, and is told when it is opened again.
+// How the rater likes to look, and which moments are marked: the page says it, and is
+// told when it is opened again.
 function keepHabits() {
   const text = document.querySelector("#root [data-gp-habits]")?.dataset.gpHabits;
   if (root.dataset.gp !== "" || !text || text === keepHabits.kept) return;
   keepHabits.kept = text;
+  keepCookie(`gp-habits=${text}; max-age=31536000`);
+}
+
+function keepMarks() {
+  const question = ready()?.dataset.gpQuestion;
+  if (root.dataset.gp !== "" || !question) return;
+  const text = ready().dataset.gpHere;
+  const known = document.cookie.match(/(?:^|; )gp-here=([^;]*)/)?.[1] || "";
+  // Those of another question wait until it is open again.
+  if (text === known || (!text && !known.startsWith(`${question}_`))) return;
+  keepCookie(text ? `gp-here=${text}` : "gp-here=; max-age=0");
+}
+
+function keepCookie(text) {
   // viser's client opens its socket at the folder's address without the last slash.
   const path = location.pathname.replace(/\/[^/]*$/, "") || "/";
-  document.cookie = `gp-habits=${text}; path=${path}; max-age=31536000; samesite=strict`;
+  document.cookie = `${text}; path=${path}; samesite=strict`;
 }
 
 setInterval(() => {
   show();
   followDraft();
   keepHabits();
+  keepMarks();
   nameAll();
   markAnswers();
   announce();
