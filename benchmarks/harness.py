@@ -26,6 +26,8 @@ class Run:
     wall_s: float
     peak_mb: float
     """Largest resident memory of the process itself."""
+    cpu_s: float
+    """Processor time of the process itself."""
     stdout: str
 
 
@@ -47,7 +49,8 @@ def gaitpref(*args: str | Path, well: Sequence[int] = (0,)) -> Run:
     wall_s = time.perf_counter() - start_s
     if process.returncode not in well:
         raise RuntimeError(f"{' '.join(command)} ended with {process.returncode}")
-    return Run(wall_s, usage.ru_maxrss / 1024, stdout)
+    spent_s = usage.ru_utime + usage.ru_stime
+    return Run(wall_s, usage.ru_maxrss / 1024, spent_s, stdout)
 
 
 def publish(
