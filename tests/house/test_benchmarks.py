@@ -66,7 +66,7 @@ def test_a_film_is_timed_as_a_whole_command(
 ) -> None:
     """By the clock, and by the processor, which other work changes little."""
     spent = harness.gaitpref("--version")
-    assert 0 < spent.cpu_s
+    assert spent.cpu_s > 0
     lines: list[tuple[str, ...]] = []
 
     def filmed(*args: str | Path) -> harness.Run:
