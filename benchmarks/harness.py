@@ -42,7 +42,8 @@ def gaitpref(*args: str | Path, well: Sequence[int] = (0,)) -> Run:
     start_s = time.perf_counter()
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
-    stdout = process.stdout.read()
+    with process.stdout:
+        stdout = process.stdout.read()
     # `wait4` tells the memory of this one process, not of all children so far.
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)

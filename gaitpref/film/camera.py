@@ -11,7 +11,7 @@ import copy
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +21,7 @@ from PIL import Image
 
 from data.errors import GaitprefError
 
+from .endless_floor import endless_floor
 from .flat_shadow import cast_shadows, flat_floor
 
 _MOST_GEOMS = 2000
@@ -103,9 +104,15 @@ class Camera:
         self._option = mujoco.MjvOption()
         self._scene = mujoco.MjvScene(self._mj_model, _MOST_GEOMS)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
-        self._context = mujoco.MjrContext(
-            self._mj_model, mujoco.mjtFontScale.mjFONTSCALE_100
-        )
+        self._endless = endless_floor(mj_model)
+        with (
+            self._endless.of_few_tiles(self._mj_model)
+            if self._endless
+            else nullcontext()
+        ):
+            self._context = mujoco.MjrContext(
+                self._mj_model, mujoco.mjtFontScale.mjFONTSCALE_100
+            )
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
         self._view = mujoco.MjrRect(0, 0, width, height)
         self._camera = mujoco.MjvCamera()
@@ -142,6 +149,8 @@ class Camera:
             _STATIC_AND_MOVING,
             self._scene,
         )
+        if self._endless:
+            self._endless.lay(self._scene)
         if self._floor:
             cast_shadows(self._scene)
         mujoco.mjr_render(self._view, self._scene, self._context)

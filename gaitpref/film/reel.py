@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 import math
 import sys
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence, Sized
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -23,6 +23,7 @@ from data.files.files import write_atomically
 from gaitpref.console.extras import require
 
 from .camera import CameraCfg, frames_of
+from .moving_picture import MovingPicture
 from .shot import Shot
 
 KINDS = (".mp4", ".gif", ".webp")
@@ -51,11 +52,29 @@ class FilmCfg:
             )
 
 
+@dataclass(frozen=True)
+class Film(Iterator[np.ndarray]):
+    """Frames that are drawn when they are asked for, and how many they are."""
+
+    _frames: _Frames
+    _count: int
+
+    def __next__(self) -> np.ndarray:
+        return next(self._frames)
+
+    def __len__(self) -> int:
+        return self._count
+
+    def close(self) -> None:
+        """Stop drawing."""
+        self._frames.close()
+
+
 def film(
     shots: Sequence[Shot],
     cfg: FilmCfg,
     advance: Callable[[], None] = lambda: None,
-) -> _Frames:
+) -> Film:
     """Frames [H, W, 3] uint8 with the shots beside one another, from left to right.
 
     As long as the longest shot; where another is over, its last state stays. Each shot
@@ -70,6 +89,12 @@ def film(
         NoRenderer: this machine cannot draw them.
     """
     count = frame_count(shots, cfg)
+    return Film(_side_by_side(shots, cfg, count, advance), count)
+
+
+def _side_by_side(
+    shots: Sequence[Shot], cfg: FilmCfg, count: int, advance: Callable[[], None]
+) -> _Frames:
     drawn = [
         _ahead(
             _captioned(
@@ -192,15 +217,10 @@ def _write_mp4(frames: Iterator[np.ndarray], path: Path, fps: float) -> None:
 def _animated(
     frames: Iterator[np.ndarray], fps: float, kind: str, options: dict[str, int]
 ) -> bytes:
-    pictures = [Image.fromarray(frame) for frame in frames]
+    counted = frames if isinstance(frames, Sized) else list(frames)
+    picture = MovingPicture(iter(counted), len(counted))
     stream = io.BytesIO()
-    pictures[0].save(
-        stream,
-        kind,
-        save_all=True,
-        append_images=pictures[1:],
-        duration=round(1000 / fps),
-        loop=0,
-        **options,
+    picture.save(
+        stream, kind, save_all=True, duration=round(1000 / fps), loop=0, **options
     )
     return stream.getvalue()

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 import threading
+import weakref
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from PIL import Image
@@ -20,7 +22,8 @@ from gaitpref.cli.main import main
 from gaitpref.console import progress
 from gaitpref.film import camera, reel
 from gaitpref.film.camera import CameraCfg, NoRenderer, frames_of
-from gaitpref.film.reel import FilmCfg, film, frame_count, webp_of, write_film
+from gaitpref.film.endless_floor import endless_floor
+from gaitpref.film.reel import Film, FilmCfg, film, frame_count, webp_of, write_film
 from gaitpref.film.shot import Shot, shot_of
 from gaitpref.film.sources import before_and_after, shot_of_policy
 from gaitpref.film.stick_figure import leg_lines, stick_figures
@@ -125,6 +128,31 @@ def test_a_film_is_a_file_of_as_many_pictures(
         assert 1 < getattr(picture, "n_frames", 1) <= len(drawn)
         assert picture.size == (96, 72)
     assert [p.name for p in path.parent.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize("suffix", [".gif", ".webp"])
+def test_a_film_is_encoded_while_it_is_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str
+) -> None:
+    """No picture waits for the last one."""
+    pictures: list[weakref.ref[Image.Image]] = []
+    made = Image.fromarray
+
+    def noted(frame: np.ndarray) -> Image.Image:
+        picture = made(frame)
+        pictures.append(weakref.ref(picture))
+        return picture
+
+    def drawn():
+        for number in range(20):
+            assert sum(picture() is not None for picture in pictures) <= 1
+            yield np.full((16, 16, 3), 12 * number, np.uint8)
+
+    monkeypatch.setattr(Image, "fromarray", noted)
+    path = tmp_path / f"film{suffix}"
+    write_film(Film(drawn(), 20), path, 10)
+    with Image.open(path) as film_again:
+        assert getattr(film_again, "n_frames", 1) == len(pictures) == 20
 
 
 def test_mp4_is_what_it_says(tmp_path: Path, drawn: list[np.ndarray]) -> None:
@@ -315,3 +343,42 @@ def test_a_shadow_is_farther_from_what_is_higher_above_the_floor(more: str) -> N
         assert shadow.sum() > 50
         apart_px.append(np.nonzero(shadow)[0].mean() - np.nonzero(ball)[0].mean())
     assert apart_px[0] < apart_px[1] < apart_px[2]
+
+
+def test_an_endless_floor_of_few_tiles_looks_like_one_of_many(
+    shot: Shot, monkeypatch: pytest.MonkeyPatch, drawn: list[np.ndarray]
+) -> None:
+    """Its tiles, its horizon and its haze; far from where the world begins, too."""
+    mj_model = mujoco.MjModel.from_xml_string(shot.mjcf)
+    assert endless_floor(mj_model) is not None
+    states = shot.qpos[:2].copy()
+    states[1, :2] += 33.3, -7.7
+    few = np.array(list(frames_of(shot.mjcf, states)), int)
+    monkeypatch.setattr(camera, "endless_floor", lambda _: None)
+    many = np.array(list(frames_of(shot.mjcf, states)), int)
+    assert np.abs(few - many).max() <= 2
+    assert many[:, 60:, :60].std(axis=(1, 2)).min() > 2
+
+
+@pytest.mark.parametrize(
+    ("part", "other"),
+    [
+        ('directional="true"', 'directional="false"'),
+        ('size="0 0 0.05"', 'size="9 9 0.05"'),
+        ('texuniform="true"', 'texuniform="false"'),
+    ],
+)
+def test_a_floor_that_would_look_different_of_few_tiles_keeps_its_own(
+    part: str, other: str
+) -> None:
+    mjcf = """<mujoco><asset>
+      <texture name="t" type="2d" builtin="checker" width="8" height="8"/>
+      <material name="m" texture="t" texuniform="true"/></asset><worldbody>
+      <light directional="true"/><geom type="plane" size="0 0 0.05" material="m"/>
+      </worldbody></mujoco>"""
+    plain, changed = (
+        mujoco.MjModel.from_xml_string(text)
+        for text in (mjcf, mjcf.replace(part, other))
+    )
+    assert endless_floor(plain) is not None
+    assert endless_floor(changed) is None

@@ -15,6 +15,8 @@ from benchmarks import (
     ablations,
     actors,
     data_models,
+    film,
+    harness,
     hour,
     newcomer,
     options,
@@ -63,6 +65,31 @@ def test_actors(tmp_path: Path) -> None:
     assert result["vtrace_1_clipped_share"] >= 0.0
     # Nothing of it is corrected, so that none is said to be clipped.
     assert "ppo_clipped_share" not in result
+
+
+def test_a_film_is_timed_as_a_whole_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the clock, and by the processor, which other work changes little."""
+    spent = harness.gaitpref("--version")
+    assert spent.cpu_s > 0
+    lines: list[tuple[str, ...]] = []
+
+    def filmed(*args: str | Path) -> harness.Run:
+        lines.append(tuple(map(str, args)))
+        Path(args[-1]).write_bytes(bytes(5000))
+        return spent
+
+    monkeypatch.setattr(film, "gaitpref", filmed)
+    figures = tmp_path / "film.json"
+    assert film.main(film.FilmOptions(quick=True, json=figures)) == 0
+    result = json.loads(figures.read_text())
+    assert result["film_s"] == 1.0
+    for kind, line in zip(("webp", "mp4"), lines, strict=True):
+        assert line[:3] == ("film", "--policy", str(WALK))
+        assert line[-1].endswith(kind)
+        assert result[f"{kind}_cpu_s"] == round(spent.cpu_s, 1)
+        assert result[f"{kind}_kb"] == 5
 
 
 def test_figures_of_actors_are_of_what_is_counted() -> None:
