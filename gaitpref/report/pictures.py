@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -82,12 +83,15 @@ def plain_axes(axes: Axes, title: str) -> Axes:
     return axes
 
 
-def svg_of(axes: Axes) -> str:
-    """The figure of the axes as an SVG element."""
+def svg_of(axes: Axes, alt: str = "") -> str:
+    """The figure of the axes as an SVG element; `alt` says it to who does not see it."""
     figure = axes.get_figure(root=True)
     assert figure is not None
     svg = _encoded(figure, ".svg").decode()
-    return svg[svg.index("<svg") :]
+    svg = svg[svg.index("<svg") :]
+    if not alt:
+        return svg
+    return svg.replace("<svg", f'<svg role="img" aria-label="{html.escape(alt)}"', 1)
 
 
 def save_picture(figure: Figure, path: Path) -> None:

@@ -14,6 +14,7 @@ from rewardmodel.explain.attribution import Explanation
 from rewardmodel.explain.four_ways import FourWays, Run, four_ways
 from rewardmodel.explain.learned_curves import Curve
 
+from .footfall_row import Footfalls
 from .pictures import BLUE, GREY, RED, Margins, panels, plain_axes
 
 ROBOTS = (BLUE, RED, GREY)
@@ -28,15 +29,18 @@ def clip_picture(
     clip: Clip,
     reward: float,
     runs: Sequence[Run] = (),
+    feet: Footfalls | None = None,
 ) -> Figure:
-    """A clip in up to four rows over time: its reward with the ensemble's spread, the
-    shares of habits, of what was chosen, and of each robot, as far as there are any."""
+    """A clip in up to five rows over time: its reward with the ensemble's spread, the
+    shares of habits, which foot stands, and the shares of what was chosen and of each
+    robot, as far as there are any."""
     heights = [1.0, 1.1 + 0.06 * max(0, len(shown.groups) - 6)]
+    heights += [0.55] * (feet is not None)
     heights += [0.35] * bool(runs) + [0.8] * (shown.robots is not None)
     heights = [1.5 * height for height in heights]
     axes = panels((5.0,), heights, _STRIPS, sharex=True)
-    rows = axes[:, 0]
-    above, below = rows[:2]
+    above, below, *others = axes[:, 0]
+    rows = iter(others)
     figure = above.figure
     dt_s = entry.meta.control_dt_s
     time_s = (clip.start + np.arange(clip.steps)) * dt_s
@@ -66,11 +70,13 @@ def clip_picture(
     below.set_yticks(range(len(shown.groups)), shown.groups)
     below.grid(False)
     parts = four_ways(shown, control_dt_s=dt_s, runs=runs)
+    if feet is not None:
+        feet.draw(next(rows), time_s[0], dt_s)
     if runs:
-        _choices_row(rows[2], runs, parts, time_s[0], dt_s)
+        _choices_row(next(rows), runs, parts, time_s[0], dt_s)
     if shown.robots is not None:
-        _robots_row(rows[-1], shown.robots, parts, time_s)
-    rows[-1].set_xlabel("time in the episode, s", fontsize=9)
+        _robots_row(next(rows), shown.robots, parts, time_s)
+    axes[-1, 0].set_xlabel("time in the episode, s", fontsize=9)
     bar = figure.colorbar(image, cax=below.inset_axes((1.01, 0.0, 0.03, 1.0)))
     bar.set_label("liked", fontsize=8)
     bar.ax.tick_params(labelsize=7)

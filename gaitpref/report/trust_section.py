@@ -16,6 +16,7 @@ from rewardmodel.models.storage import load_reward
 
 from .film_section import film_of_clip
 from .findings import NO_ALARM, findings_of_run
+from .footfall_row import Footfalls
 from .pictures import svg_of
 from .ranked_clips import extremes
 from .reward_strips import clip_picture, curves_picture
@@ -141,16 +142,20 @@ def clips_section(
     figures = []
     for name, shown in found:
         seen = read_clips([shown.clip], dataset.clip_features)
+        feet = Footfalls.of(seen.features[0].numpy())
         picture = clip_picture(
             explain(model, seen, method="auto"),
             dataset.entry(shown.clip.rollout),
             shown.clip,
             shown.reward,
+            feet=feet,
         )
         title = name.replace("-", " ")
+        told = f"{title}: reward {shown.reward:+.2f}"
+        alt = told if feet is None else f"{told}; {feet.words}"
         figures.append(
             f"<figure>{film_of_clip(dataset, shown.clip) if films else ''}"
-            f"{svg_of(picture.axes[0])}<figcaption>{title}</figcaption></figure>"
+            f"{svg_of(picture.axes[0], alt)}<figcaption>{title}</figcaption></figure>"
         )
     learned = ""
     if curves := learned_curves(model, control_dt_s=dt_s):
@@ -164,6 +169,6 @@ def clips_section(
         f"<h2>What the reward of round {newest} likes</h2>{learned}"
         f"<p>Reward of each step with the spread of the ensemble, and what each group "
         f"of habits adds to the reward of an average step; the dotted line is that "
-        f"average.</p>"
+        f"average. Below, a bar is a foot that stands.</p>"
         f'<div class="curves">{"".join(figures)}</div>'
     )

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from data.episodes.stances import stance_phases
 from data.features import LEGS
 from labeling_ui.scene.clip_motion import Motion
 from labeling_ui.scene.obedience import Obeyed
@@ -229,13 +230,6 @@ def _contact_svg(
         f'<svg viewBox="0 0 1000 {height}" height="{height}" '
         f'preserveAspectRatio="none">{"".join(bars)}</svg>'
     )
-
-
-def stance_phases(contact: np.ndarray) -> list[tuple[int, int]]:
-    """First step and step behind the last of every stretch of `contact` [T]."""
-    edges = np.diff(np.concatenate([[0], contact.astype(int), [0]]))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    return [(int(a), int(b)) for a, b in zip(starts, ends, strict=True)]
 
 
 def _curve(curve: Curve, dts: tuple[float, float], duration_s: float) -> str:

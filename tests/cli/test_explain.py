@@ -205,6 +205,7 @@ def test_the_command_draws_and_tells(
     on = ["--reward", str(tmp_path / "reward"), "--dataset", str(judged.root)]
     out = tmp_path / "out"
     assert main(["explain", *on, "--out", str(out), "--count", "2"]) == 0
+    assert "feet down</text>" in (out / "best-1.svg").read_text()
     written = json.loads((out / "explanation.json").read_text())
     told = written["clips"]
     assert [c["name"] for c in told] == ["best-1", "best-2", "worst-1", "worst-2"]

@@ -180,6 +180,13 @@ def test_the_page_of_a_run_shows_before_and_after(
     pictures = re.findall(r'src="data:image/webp;base64,([^"]+)"', text)
     assert pictures
     assert len(text) < 5_000_000
+    # The clips the reward likes and dislikes, as film and as footfalls.
+    likes = text[text.index("likes</h2>") :].split("</figure>")
+    clips = [figure for figure in likes if "<figcaption>best 1" in figure]
+    assert len(clips) == 1
+    assert "data:image/webp" in clips[0]
+    assert re.search(r'aria-label="best 1: .* on the ground: FR \d+%, FL', clips[0])
+    assert "feet down</text>" in clips[0]
 
 
 def test_a_manoeuvre_of_20_s_takes_no_more_room_on_the_page_than_its_pictures(

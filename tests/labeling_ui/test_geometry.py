@@ -9,8 +9,9 @@ import pytest
 from benchmarks.walks import ROBOT_XML, walk, walking_dataset
 from data.datasets.dataset import Dataset
 from data.episodes.clips import Clip
+from data.episodes.stances import stance_phases
 from data.errors import DatasetError, EpisodeError
-from labeling_ui.page.footfall_svg import curves, footfalls, stance_phases
+from labeling_ui.page.footfall_svg import curves, footfalls
 from labeling_ui.scene.clip_motion import MotionCache, load_motion
 from labeling_ui.scene.geometry import instance_poses, robot_geometry
 from labeling_ui.scene.glb import LEFT_RGB, RIGHT_RGB, tinted, tinted_glbs

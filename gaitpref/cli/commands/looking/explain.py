@@ -28,6 +28,7 @@ from gaitpref.report.crediting import (
     require_fitting,
     runs_of,
 )
+from gaitpref.report.footfall_row import Footfalls
 from gaitpref.report.pictures import save_picture
 from gaitpref.report.ranked_clips import Ranked, extremes, ranked
 from gaitpref.report.reward_strips import clip_picture, curves_picture
@@ -96,7 +97,9 @@ def _explained(
     seen = read_clips([found.clip], dataset.clip_features)
     shown = explain(model, seen, method=command.method)
     picture, runs = command.out / f"{name}.svg", runs_of(dataset, found.clip)
-    save_picture(clip_picture(shown, entry, found.clip, found.reward, runs), picture)
+    feet = Footfalls.of(seen.features[0].numpy())
+    drawn = clip_picture(shown, entry, found.clip, found.reward, runs, feet)
+    save_picture(drawn, picture)
     here_s = moments_of(answered, found.clip)
     there = decided_there(shown, entry.meta.control_dt_s, here_s)
     marks = marked_words(here_s, there)

@@ -22,6 +22,7 @@ from gaitpref.cli.options import options
 from gaitpref.console.progress import console, each_counted
 from gaitpref.console.terminal import say
 from gaitpref.report.crediting import Crediting, OfTeams
+from gaitpref.report.footfall_row import Footfalls
 from gaitpref.report.pictures import save_picture
 from gaitpref.report.ranked_clips import Ranked
 from gaitpref.report.reward_strips import clip_picture
@@ -88,7 +89,9 @@ def _told(
     clip = found.clip
     entry, side = dataset.entry(clip.rollout), reward.side(dataset, clip)
     picture = command.out / f"{name}.svg"
-    drawn = clip_picture(side.shown, entry, clip, found.reward, side.runs)
+    # Of a team there are eight feet, and rows of one robot.
+    feet = None if entry.meta.is_team else Footfalls.of(dataset.clip_features(clip))
+    drawn = clip_picture(side.shown, entry, clip, found.reward, side.runs, feet)
     save_picture(drawn, picture)
     dt_s = entry.meta.control_dt_s
     parts = four_ways(side.shown, control_dt_s=dt_s, runs=side.runs)
