@@ -16,6 +16,7 @@ from data.answers.answer_records import Pair, to_json
 from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from data.files.files import read_json, write_atomically
+from data.files.telling import Tell, silent
 
 from .games import Answered, Player, answered, questions, record_alike
 from .parts import of_command, of_rater, parts_json, parts_of
@@ -77,7 +78,7 @@ def hold(
     players: Sequence[Player],
     cfg: ArenaCfg,
     answer: Callable[[Dataset], None] | None = None,
-    tell: Callable[[int, int], None] = lambda done, most: None,
+    tell: Tell = silent,
 ) -> Standing:
     """Ask until the order is sure or `cfg.most` questions are asked.
 
@@ -92,9 +93,7 @@ def hold(
     Raises:
         GaitprefError: the folder holds another arena, or clips are used up.
     """
-    _claim(folder, players, cfg)
-    dataset = Dataset.create(folder / "dataset")
-    record_alike(dataset, players, episodes=cfg.episodes, seed=cfg.seed)
+    dataset = record_arena(folder, players, cfg)
     while True:
         standing = standing_of(dataset, tuple(players), cfg.seed)
         tell(len(standing.answers), cfg.most)
@@ -115,6 +114,20 @@ def hold(
                 f"left open by who answers; `gaitpref data verify --dataset "
                 f"{dataset.root}` says whether their episodes are gone"
             )
+
+
+def record_arena(
+    folder: Path, players: Sequence[Player], cfg: ArenaCfg, tell: Tell = silent
+) -> Dataset:
+    """The clips of an arena, as far as they are not there; `tell` gets control steps.
+
+    Raises:
+        GaitprefError: the folder holds another arena.
+    """
+    _claim(folder, players, cfg)
+    dataset = Dataset.create(folder / "dataset")
+    record_alike(dataset, players, episodes=cfg.episodes, seed=cfg.seed, tell=tell)
+    return dataset
 
 
 def standing_of(dataset: Dataset, players: tuple[Player, ...], seed: int) -> Standing:

@@ -14,6 +14,7 @@ from data.answers.strategy_names import ARENA
 from data.datasets.dataset import Dataset, EpisodeEntry
 from data.episodes.clips import Clip
 from data.errors import GaitprefError
+from data.files.telling import Tell, one_of, silent
 from policy.rollouts.record import record
 from policy.rollouts.record_cfg import RecordCfg
 from policy.training.checkpoint import load_policy
@@ -69,17 +70,29 @@ def players_of(told: Sequence[str]) -> tuple[Player, ...]:
 
 
 def record_alike(
-    dataset: Dataset, players: Sequence[Player], *, episodes: int, seed: int
+    dataset: Dataset,
+    players: Sequence[Player],
+    *,
+    episodes: int,
+    seed: int,
+    tell: Tell = silent,
 ) -> None:
-    """Add episodes of each player that has none, without noise, from equal starts."""
+    """Add episodes of each player that has none, without noise, from equal starts.
+
+    `tell` gets the control steps that are done, of those of all.
+    """
     there = {entry.meta.policy_sha256 for entry in dataset.entries()}
     cfg = RecordCfg(episodes=episodes, noisy_share=0.0)
+    new = [player for player in players if player.sha256 not in there]
     dataset.add_episodes(
         episode
-        for player in players
-        if player.sha256 not in there
+        for number, player in enumerate(new)
         for episode in record(
-            player.file, cfg, seed=seed, policies=[load_policy(player.file)]
+            player.file,
+            cfg,
+            seed=seed,
+            policies=[load_policy(player.file)],
+            tell=one_of(len(new), number, tell),
         )
     )
 

@@ -9,6 +9,7 @@ import numpy as np
 from data.answers.answer_records import Pair
 from data.datasets.dataset import Dataset
 from data.episodes.clips import Clip
+from data.files.telling import Tell, silent
 from policy.rollouts.record import record
 from policy.rollouts.record_cfg import Command, RecordCfg, recorded_commands
 from policy.training.checkpoint import load_policy
@@ -28,10 +29,15 @@ def shots_of_pair(dataset: Dataset, pair: Pair) -> tuple[Shot, Shot]:
 
 
 def shot_of_policy(
-    path: Path, command: Command, *, duration_s: float, seed: int = 0
+    path: Path,
+    command: Command,
+    *,
+    duration_s: float,
+    seed: int = 0,
+    tell: Tell = silent,
 ) -> Shot:
     """What a policy does without exploration noise, under the recorded command that is
-    nearest to `command`; equal seeds begin alike.
+    nearest to `command`; equal seeds begin alike. `tell` gets control steps.
 
     Raises:
         GaitprefError: the file holds no policy.
@@ -40,7 +46,9 @@ def shot_of_policy(
     recorded = recorded_commands(policy.info.env.commands)
     nearest = min(recorded, key=lambda each: np.abs(np.subtract(each, command)).sum())
     cfg = RecordCfg(episodes=1, episode_s=duration_s, noisy_share=0.0)
-    (episode,) = record(path, cfg, seed=seed, policies=[policy], commands=[nearest])
+    (episode,) = record(
+        path, cfg, seed=seed, policies=[policy], commands=[nearest], tell=tell
+    )
     told = ", ".join(f"{number:g}" for number in nearest)
     name = "/".join(path.parts[-3:-1])
     return shot_of(episode, caption=f"{name}  {policy.info.steps:,} steps  ({told})")

@@ -10,7 +10,7 @@ from pathlib import Path
 from data.answers.address import Address
 from data.datasets.dataset import Dataset
 from data.files.lock import only_writer
-from gaitpref.console.progress import console, working
+from gaitpref.console.progress import console, counted
 from gaitpref.programs.program_answers import program_rater
 from gaitpref.programs.program_cfg import ReachCfg
 from gaitpref.programs.program_trust import require_teaching
@@ -127,5 +127,5 @@ def _run(
                 verdict_stage(cfg, round, context, dataset, criterion, people)
             report_stage(cfg, round, dataset, criterion)
             note_round(run, number)
-            with working(f"round {number}: writing the report"):
-                write_report(run)
+            with counted(f"round {number}: writing the report, pictures") as tell:
+                write_report(run, tell)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import html
-from itertools import pairwise
+from collections.abc import Callable
+from itertools import count, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ from matplotlib.ticker import MaxNLocator
 
 from data.errors import GaitprefError
 from data.files.files import read_json, write_atomically
+from data.files.telling import Tell, silent
+from gaitpref.report import answer_credit, trust_section
 from gaitpref.report.about_section import about_section
 from gaitpref.report.answer_credit import answers_section
 from gaitpref.report.film_section import film_section
@@ -34,12 +37,15 @@ from .loop_cfg import LoopCfg, RunError
 from .run_config import read_config
 from .run_dir import Round
 
+_PICTURES = 1 + 2 * trust_section.COUNT + answer_credit.COUNT
+"""Before and after, the clips, the answers: those that take their time."""
 PAGE_NAME = Path("report") / "index.html"
 """The page, from the directory of the run."""
 
 
-def write_report(run: Path) -> Path:
-    """Write `report/index.html` of the run; gives its path.
+def write_report(run: Path, tell: Tell = silent) -> Path:
+    """Write `report/index.html` of the run; gives its path. `tell` gets how many of the
+    pictures that take long are drawn.
 
     Raises:
         RunError: the directory holds no run, or no round is finished yet.
@@ -47,7 +53,7 @@ def write_report(run: Path) -> Path:
     cfg = read_config(run)
     rounds = read_rounds(run)
     try:
-        text = render(run, cfg, rounds)
+        text = render(run, cfg, rounds, tell)
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as why:
         raise RunError(
             f"the reports of the rounds of {run} are not what a loop writes "
@@ -75,8 +81,15 @@ def read_rounds(run: Path) -> list[dict[str, Any]]:
     return [read_json(file) for file in files]
 
 
-def render(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
+def render(
+    run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]], tell: Tell = silent
+) -> str:
     """The page as HTML."""
+    number = count(1)
+
+    def drawn() -> None:
+        tell(next(number), _PICTURES)
+
     first, last = rounds[0]["evaluation"], rounds[-1]["evaluation"]
     title = html.escape(f"gaitpref: {run.name}")
     criterion = html.escape(cfg.criterion)
@@ -99,27 +112,31 @@ def render(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
         f'<meta name="viewport" content="width=device-width"><title>{title}</title>'
         f"<style>{STYLE}</style><h1>{title}</h1>"
         f'<p class="lead">{settings}; {done}.</p>{verdict_section(run, rounds)}'
-        f"<p>{measured}</p>{_before_and_after(run, cfg, rounds)}"
+        f"<p>{measured}</p>{_before_and_after(run, cfg, rounds, drawn)}"
         f"{decided_section(rounds)}"
         f"{approval_section(rounds)}"
         f"{groups_section(rounds)}{alarm_section(rounds, cfg.wish)}"
         f'<div class="curves">{_curves(criterion, rounds)}</div>{_table(rounds)}'
-        f"{clips_section(run, rounds, films=len(rounds) > cfg.rounds)}"
-        f"{answers_section(run, rounds)}"
+        f"{clips_section(run, rounds, films=len(rounds) > cfg.rounds, drawn=drawn)}"
+        f"{answers_section(run, rounds, drawn)}"
         f"<p>Evaluated on {last['episodes']} episodes a round. The learned return is "
         f"that of the reward a policy was trained against, which is new in every "
         f"round. {_meanings()}</p>{_about(run, rounds)}</html>\n"
     )
 
 
-def _before_and_after(run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]]) -> str:
+def _before_and_after(
+    run: Path, cfg: LoopCfg, rounds: list[dict[str, Any]], drawn: Callable[[], None]
+) -> str:
     """The first policy beside the one that stays; nothing before the run is over."""
     if len(rounds) <= cfg.rounds:
         return ""
     first, last = (Round(run, r["round"]).policy for r in (rounds[0], rounds[-1]))
     try:
         shas = load_policy(first).sha256, load_policy(last).sha256
-        return film_section(run, *shas, play=play_command(last, first))
+        film = film_section(run, *shas, play=play_command(last, first))
+        drawn()
+        return film
     except GaitprefError as error:
         return f"<p>No film is shown: {html.escape(str(error))}</p>"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -68,8 +68,11 @@ def newest_credited(
     return [credited(reward, dataset, *row) for row in told[:count]]
 
 
-def answers_section(run: Path, rounds: list[dict[str, Any]]) -> str:
-    """The newest reward on the newest answers of a run; nothing before a fit."""
+def answers_section(
+    run: Path, rounds: list[dict[str, Any]], drawn: Callable[[], None] = lambda: None
+) -> str:
+    """The newest reward on the newest answers of a run; nothing before a fit. `drawn`
+    is called after each picture."""
     numbers = [r["round"] for r in rounds if r.get("fit")]
     if not numbers:
         return ""
@@ -81,12 +84,14 @@ def answers_section(run: Path, rounds: list[dict[str, Any]]) -> str:
         found = newest_credited(reward, dataset, answered, COUNT)
     except GaitprefError as error:
         return f"<p>No answers are explained: {html.escape(str(error))}</p>"
-    figures = "".join(
-        f"<figure>{svg_of(picture.axes[0])}"
-        f"<figcaption>{html.escape(each.title)}</figcaption></figure>"
-        for each in found
-        for picture in [credit_picture(each.credit, dt_s=each.dt_s)]
-    )
+    figures = ""
+    for each in found:
+        picture = credit_picture(each.credit, dt_s=each.dt_s)
+        figures += (
+            f"<figure>{svg_of(picture.axes[0])}"
+            f"<figcaption>{html.escape(each.title)}</figcaption></figure>"
+        )
+        drawn()
     return (
         f"<h2>What moved the reward of round {max(numbers)} in the newest answers</h2>"
         "<p>What the left clip, A, is paid more than the right one, shared out by the "

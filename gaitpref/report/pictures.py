@@ -84,7 +84,7 @@ def plain_axes(axes: Axes, title: str) -> Axes:
 
 
 def svg_of(axes: Axes, alt: str = "") -> str:
-    """The figure of the axes as an SVG element; `alt` says it to who does not see it."""
+    """The figure of the axes as an SVG element; `alt` tells who does not see it."""
     figure = axes.get_figure(root=True)
     assert figure is not None
     svg = _encoded(figure, ".svg").decode()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -123,10 +124,14 @@ def _meaning(curve: Curve) -> str:
 
 
 def clips_section(
-    run: Path, rounds: list[dict[str, Any]], *, films: bool = False
+    run: Path,
+    rounds: list[dict[str, Any]],
+    *,
+    films: bool = False,
+    drawn: Callable[[], None] = lambda: None,
 ) -> str:
     """The newest reward's best and worst clips of the round it was fitted in, with
-    `films` as pictures that move."""
+    `films` as pictures that move; `drawn` is called after each."""
     numbers = [r["round"] for r in rounds if r.get("fit")]
     if not numbers:
         return ""
@@ -157,6 +162,7 @@ def clips_section(
             f"<figure>{film_of_clip(dataset, shown.clip) if films else ''}"
             f"{svg_of(picture.axes[0], alt)}<figcaption>{title}</figcaption></figure>"
         )
+        drawn()
     learned = ""
     if curves := learned_curves(model, control_dt_s=dt_s):
         learned = (

@@ -12,6 +12,7 @@ import numpy as np
 
 from data.errors import GaitprefError
 from data.features import JOINTS
+from data.files.telling import Tell, silent
 from policy.env.env_cfg import EnvCfg
 from policy.law.law import Law, Term
 from policy.law.origin import Measured
@@ -40,25 +41,34 @@ _LIMITS = {"half": 0.5, "1.5 times": 1.5}
 _ACTIVATIONS = ("elu", "relu", "tanh")
 
 
-def tried(known: Understood, robot_xml: Path | None) -> Iterator[str]:
+def tried(
+    known: Understood, robot_xml: Path | None, tell: Tell = silent
+) -> Iterator[str]:
     """What a policy does with each other value of what was guessed, and on a robot
-    that is more as trainers have it where it is too fast or slow, a line each."""
+    that is more as trainers have it where it is too fast or slow, a line each; `tell`
+    gets how many values and robots are tried."""
     law, robot, cfg = embodied(known, robot_xml)
     taken = _measured(known, law, robot, cfg)
     limits = robot.torque_limit[law.from_canonical]
-    for told, other in others(known, limits):
+    instead = list(others(known, limits))
+    of = 1 + len(instead)
+    tell(1, of)
+    for done, (told, other) in enumerate(instead, start=2):
         try:
             rows = _measured(other, *embodied(other, robot_xml))
         except GaitprefError as error:
             yield f"{told}: {error}"
             continue
+        tell(done, of)
         yield f"{told}: {_in_words(rows)}{against(rows, taken)}"
     fallen = _falls(taken)
     exact = not fallen and max(_off(row) for row in taken[1:]) < _APART
     if exact or fallen & set(_ASKED[:2]):
         return
-    for told, plain in plainer(robot):
+    robots = list(plainer(robot))
+    for done, (told, plain) in enumerate(robots, start=of + 1):
         rows = _measured(known, law, plain, cfg)
+        tell(done, of + len(robots))
         verdict = against(rows, taken)
         if verdict == _CLOSER:
             verdict += "; a copy of the model with it, as --robot, takes it"

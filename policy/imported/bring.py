@@ -12,6 +12,7 @@ import torch
 from data.errors import GaitprefError
 from data.files.files import read_file, sha256_bytes, write_atomically
 from data.files.limits import POLICY_BYTES
+from data.files.telling import Tell, silent
 from policy.env.env_cfg import EnvCfg
 from policy.env.velocity_commands import env_for
 from policy.law.driven import driven_by
@@ -145,8 +146,11 @@ def embodied(known: Understood, robot_xml: Path | None) -> tuple[Law, Robot, Env
     return law, robot, env_for(robot, EnvCfg()).under(law)
 
 
-def bring(known: Understood, robot_xml: Path | None, out: Path) -> Policy:
-    """Try the policy on the robot, and write it into `out` as a policy of ours.
+def bring(
+    known: Understood, robot_xml: Path | None, out: Path, tell: Tell = silent
+) -> Policy:
+    """Try the policy on the robot, and write it into `out` as a policy of ours; `tell`
+    gets the control steps of the trial.
 
     Raises:
         GaitprefError: it does not fit the robot.
@@ -154,7 +158,7 @@ def bring(known: Understood, robot_xml: Path | None, out: Path) -> Policy:
     law, robot, cfg = embodied(known, robot_xml)
     order = tuple(int(joint) for joint in law.to_canonical)
     network = known.found.network(order)
-    rows = measure(lambda obs, noise=None: network(obs), robot, cfg)
+    rows = measure(lambda obs, noise=None: network(obs), robot, cfg, tell=tell)
     content = read_file(known.file, POLICY_BYTES)
     std = known.found.std
     if std is None:

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from data.features import column
+from data.files.telling import Tell, silent
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import CommandCfg, EnvCfg, ResetCfg
 from policy.law.origin import Measured
@@ -42,8 +43,10 @@ def measure(
     *,
     asked: tuple[tuple[float, float, float], ...] = ASKED,
     walk_s: float = WALK_S,
+    tell: Tell = silent,
 ) -> tuple[Measured, ...]:
-    """What `actor` does from rest, exactly at home, on flat ground without noise."""
+    """What `actor` does from rest, exactly at home, on flat ground without noise;
+    `tell` gets control steps."""
     still = CommandCfg(resample_s=float("inf"))
     cfg = replace(cfg, reset=_AT_REST, episode_s=walk_s, commands=still)
     env = QuadrupedEnv(robot, cfg, len(asked), seed=0)
@@ -55,6 +58,7 @@ def measure(
     moved: list[Tensor] = []
     fell_at: list[float | None] = [None] * len(asked)
     for done, step in enumerate(first_episodes(actor, env), start=1):
+        tell(done, cfg.episode_steps)
         moved.append(torch.where(step.alive[:, None], step.features[:, columns], 0.0))
         for index in (step.fallen | step.aborted).nonzero().flatten().tolist():
             fell_at[index] = done * cfg.control_dt_s

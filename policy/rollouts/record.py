@@ -5,9 +5,10 @@ Shapes: N environments, T steps of an episode.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from copy import deepcopy
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ import torch
 
 from data.episodes.choices import told_choices
 from data.episodes.episode import Episode
+from data.files.telling import Tell, silent
 from policy.env.env import QuadrupedEnv
 from policy.env.seeding import spawned
 from policy.env.world import in_world
@@ -45,6 +47,7 @@ def record(
     policies: Sequence[Policy] | None = None,
     commands: Sequence[Command] | None = None,
     threads: int = 0,
+    tell: Tell = silent,
 ) -> Iterator[Episode]:
     """Episodes of the policy and of its checkpoints, one after the other.
 
@@ -56,6 +59,7 @@ def record(
         policies: Used instead of those found on disk; the newest first.
         commands: Asked for instead of the few that are recorded.
         threads: Of the simulator (0: all CPUs); the episodes are the same.
+        tell: Gets the control steps that are done, of as many as there are at most.
     """
     if policies is None:
         earlier = checkpoint_files(policy_file, cfg.checkpoints)
@@ -64,9 +68,12 @@ def record(
     if babbled and not policies[0].info.steps:
         babbled = cfg.episodes
     counts = [*_shares(cfg, cfg.episodes - babbled, len(policies)), babbled]
-    for index, (policy, count) in enumerate(
-        zip([*policies, policies[0]], counts, strict=True)
-    ):
+    sources = [*policies, policies[0]]
+    lengths = [
+        replace(policy.info.env, episode_s=cfg.episode_s).episode_steps * bool(count)
+        for policy, count in zip(sources, counts, strict=True)
+    ]
+    for index, (policy, count) in enumerate(zip(sources, counts, strict=True)):
         if count:
             source_seed = int(
                 np.random.SeedSequence([seed, index]).generate_state(1)[0]
@@ -80,7 +87,12 @@ def record(
                 babble=index == len(policies),
                 commands=commands,
                 threads=threads,
+                tell=partial(_tell_behind, tell, sum(lengths[:index]), sum(lengths)),
             )
+
+
+def _tell_behind(tell: Tell, before: int, of: int, done: int) -> None:
+    tell(before + done, of)
 
 
 def _shares(cfg: RecordCfg, episodes: int, sources: int) -> list[int]:
@@ -100,6 +112,7 @@ def _record_one(
     babble: bool,
     commands: Sequence[Command] | None,
     threads: int,
+    tell: Callable[[int], None],
 ) -> Iterator[Episode]:
     """Episodes of `policy`, or of random rhythms in its place."""
     gaits = policy.info.ppo.gaits
@@ -134,6 +147,7 @@ def _record_one(
     rollout = first_episodes(actor, env, noise=noise, rng=rng)
     for step in _told(rollout, env, choices, change_steps):
         steps.append(step)
+        tell(len(steps))
         if (gait := policy.gait) is not None and not babble:
             ran.append(gait.numpy())
     arrays, lengths = logged(steps)

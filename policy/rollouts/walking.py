@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from data.features import column
+from data.files.telling import Tell, silent
 from policy.env.env_cfg import EnvCfg, ResetCfg
 from policy.robots.robot import Robot
 
@@ -94,11 +95,14 @@ def command_walks(
 
 
 def from_rest(
-    actor: Actor, robot: Robot, cfg: EnvCfg, *, seed: int
+    actor: Actor, robot: Robot, cfg: EnvCfg, *, seed: int, tell: Tell = silent
 ) -> tuple[CommandWalk, ...]:
-    """What comes of a start exactly at home, for each command of the grid."""
+    """What comes of a start exactly at home, for each command of the grid; `tell` gets
+    control steps."""
     at_rest = replace(cfg, reset=AT_REST)
-    seen = rollout_features(actor, robot, at_rest, episodes=GRID_SPEEDS, seed=seed)
+    seen = rollout_features(
+        actor, robot, at_rest, episodes=GRID_SPEEDS, seed=seed, tell=tell
+    )
     return command_walks(*seen, control_dt_s=cfg.control_dt_s)
 
 
@@ -110,6 +114,7 @@ def walking(
     lengths: Tensor,
     *,
     seed: int,
+    tell: Tell = silent,
 ) -> Walking:
     """How `actor` walks, by rows [T, N, F] of it over the grid, and from rest.
 
@@ -120,10 +125,11 @@ def walking(
         features: What `rollout_features` gave.
         lengths: [N], likewise.
         seed: Where the robots that begin at rest are, on uneven ground.
+        tell: Gets the control steps from rest.
     """
     return Walking(
         commands=command_walks(features, lengths, control_dt_s=cfg.control_dt_s),
-        from_rest=from_rest(actor, robot, cfg, seed=seed),
+        from_rest=from_rest(actor, robot, cfg, seed=seed, tell=tell),
     )
 
 

@@ -9,6 +9,7 @@ import hashlib
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import count
 
 import numpy as np
 import torch
@@ -25,6 +26,7 @@ from data.answers.strategy_names import (
 )
 from data.datasets.dataset import Dataset
 from data.episodes.clips import Clip
+from data.files.telling import Tell, silent
 from rewardmodel.errors import RewardError
 
 from .clip_batch import ClipBatch, fill_clips, with_past
@@ -152,6 +154,7 @@ def load_pairs(
     *,
     at_least: int = MIN_ANSWERS,
     unchecked: bool = False,
+    tell: Tell = silent,
 ) -> AnsweredPairs:
     """Gather the current answers of `datasets`, in an order that depends on them alone.
 
@@ -167,6 +170,7 @@ def load_pairs(
         datasets: Any number.
         at_least: Answers that must prefer a clip.
         unchecked: Take the answers of all programs.
+        tell: Gets the clips that are read.
 
     Raises:
         RewardError: fewer than `at_least` answers prefer a clip, without those that
@@ -176,7 +180,7 @@ def load_pairs(
     used = answers_used(datasets, unchecked=unchecked)
     if used.preferences < at_least or not used.rows:
         raise RewardError(_too_few(datasets, used, max(1, at_least)))
-    gathered = gather_pairs(datasets, [row.pair for row in used.rows])
+    gathered = gather_pairs(datasets, [row.pair for row in used.rows], tell)
     return replace(
         gathered,
         target=torch.tensor([row.target for row in used.rows]),
@@ -193,15 +197,18 @@ def load_pairs(
     )
 
 
-def gather_pairs(datasets: Sequence[Dataset], pairs: Sequence[Pair]) -> AnsweredPairs:
+def gather_pairs(
+    datasets: Sequence[Dataset], pairs: Sequence[Pair], tell: Tell = silent
+) -> AnsweredPairs:
     """The clips of `pairs`, at least one, as if nobody had answered: a tie by "".
+    `tell` gets the clips that are read.
 
     Raises:
         DatasetError, EpisodeError: an episode is missing or damaged.
     """
     owner = _owners(datasets)
     sides = [pair.a for pair in pairs] + [pair.b for pair in pairs]
-    clips = fill_clips([clip.steps for clip in sides], _rows(sides, owner))
+    clips = fill_clips([clip.steps for clip in sides], _rows(sides, owner, tell))
     entries = [owner(pair.a.rollout).entry(pair.a.rollout) for pair in pairs]
     return AnsweredPairs(
         left=clips.part(slice(len(pairs))),
@@ -228,16 +235,18 @@ def _owners(datasets: Sequence[Dataset]) -> Callable[[str], Dataset]:
 
 
 def _rows(
-    clips: Sequence[Clip], owner: Callable[[str], Dataset]
+    clips: Sequence[Clip], owner: Callable[[str], Dataset], tell: Tell
 ) -> Iterator[tuple[int, np.ndarray]]:
     """Position of every clip, and feature rows of it and of what came before, so that
     each episode is read once."""
     by_owner: dict[Dataset, list[int]] = defaultdict(list)
     for position, clip in enumerate(clips):
         by_owner[owner(clip.rollout)].append(position)
+    done = count(1)
     for dataset, positions in by_owner.items():
         own = [with_past(clips[position]) for position in positions]
         for index, rows in dataset.each_clip_features(own):
+            tell(next(done), len(clips))
             yield positions[index], rows
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from dataclasses import is_dataclass
@@ -16,6 +17,7 @@ import pytest
 from data.datasets.dataset import Dataset
 from gaitpref.cli.main import main, parse
 from gaitpref.cli.options import options
+from gaitpref.console import progress
 from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import load_robot
 from policy.training.ppo import PpoCfg
@@ -109,7 +111,10 @@ def _refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
 
 
 def test_the_stages_work_one_by_one(
-    policy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    policy: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Record, ask, answer, fit, train on it, evaluate: each from its own command."""
     dataset, reward = str(tmp_path / "dataset"), str(tmp_path / "reward")
@@ -138,8 +143,11 @@ def test_the_stages_work_one_by_one(
     assert main([*learn, "--envs", "4"]) == 0
     capsys.readouterr()
     evaluate = ["evaluate", "--policy", f"{out}/policy.pt", "--reward", reward]
+    monkeypatch.setattr(progress, "_QUIET_S", 0.0)
     assert main([*evaluate, "--episodes", "8", "--json"]) == 0
-    result = json.loads(capsys.readouterr().out)
+    said = capsys.readouterr()
+    assert re.search(r"setting off from rest, steps: 1 of [\d,]+, .* left", said.err)
+    result = json.loads(said.out)
     assert result["episodes"] == 8
     assert {
         "return_mean",

@@ -7,6 +7,8 @@ import pty
 import re
 import subprocess
 import sys
+from contextlib import redirect_stderr
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,7 @@ import pytest
 from data.datasets.archive import pack
 from data.datasets.dataset import Dataset
 from gaitpref.cli.main import main
+from gaitpref.cli.shared import first_clips as first
 from gaitpref.console import progress
 from gaitpref.loop.fit_stage import fit_stage
 from gaitpref.loop.people import People
@@ -60,12 +63,19 @@ def judged(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 
 @pytest.fixture(scope="module")
-def reward(judged: Dataset) -> Path:
-    """The reward they taught."""
+def fitted(judged: Dataset) -> tuple[Path, str]:
+    """The reward they taught, and what was said of it."""
     out = judged.root.parent / "reward"
     line = ["fit", "--dataset", str(judged.root), "--out", str(out), "--model"]
-    assert main([*line, "linear"]) == 0
-    return out
+    with pytest.MonkeyPatch.context() as patch, redirect_stderr(StringIO()) as said:
+        patch.setattr(progress, "_QUIET_S", 0.0)
+        assert main([*line, "linear"]) == 0
+    return out, said.getvalue()
+
+
+@pytest.fixture(scope="module")
+def reward(fitted: tuple[Path, str]) -> Path:
+    return fitted[0]
 
 
 def told(args: list[str], capsys: pytest.CaptureFixture[str]) -> str:
@@ -133,6 +143,31 @@ def test_an_export_and_an_import_say_how_far_they_are(
     assert counts("writing episodes", said) == [(1, 3), (2, 3)]
 
 
+def test_fit_counts_clips_and_models(fitted: tuple[Path, str]) -> None:
+    _, said = fitted
+    assert counts("reading answers, clips", said) == [(n, 64) for n in range(1, 64)]
+    assert counts("fitting linear to 32 answers, models", said)
+
+
+@pytest.mark.usefixtures("at_once")
+def test_the_plan_of_a_sweep_counts_loops(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = ["sweep", "--out", str(tmp_path / "out"), "--dry-run"]
+    assert counts("looking at every loop", told(line, capsys)) == [(1, 3), (2, 3)]
+
+
+@pytest.mark.usefixtures("at_once")
+def test_first_questions_count_clips(
+    walks: Dataset, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(first, "FIRST", walks.root)
+    monkeypatch.setattr(first, "_PAIRS", 1)
+    first.first_clips(None)
+    said = capsys.readouterr().err
+    assert counts("choosing what to ask, clips", said)
+
+
 @pytest.mark.usefixtures("at_once")
 def test_trust_explain_and_pairs_count(
     judged: Dataset,
@@ -143,6 +178,7 @@ def test_trust_explain_and_pairs_count(
 ) -> None:
     given = ["--reward", str(reward), "--dataset", str(judged.root)]
     said = told(["trust", *given], capsys)
+    assert counts("reading answers, clips", said) == [(n, 64) for n in range(1, 64)]
     models = counts("foreseeing 32 answers without their episodes, models", said)
     assert models == [(done, 7) for done in range(1, 7)]
     line = ["explain", "--reward", str(reward), "--dataset", str(walks.root)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from itertools import combinations
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from gaitpref.arena.strengths import (
     strengths_of,
 )
 from gaitpref.cli.main import main
+from gaitpref.console import progress
 from policy.robots.shipped import WALK
 from tests.helpers.older_run import older_run
 
@@ -170,11 +172,21 @@ def policies(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 
 
 def test_an_arena_goes_on_until_the_order_is_sure(
-    policies: list[str], tmp_path: Path
+    policies: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
+    monkeypatch.setattr(progress, "_QUIET_S", 0.0)
     out = tmp_path / "arena"
     line = ["arena", "--out", str(out), *policies, "--episodes", "5"]
     assert main([*line, "--criterion", "task"]) == 0
+    said = capsys.readouterr().err
+    steps = re.findall(r"recording, steps: ([\d,]+) of 1,000, .* left", said)
+    # Both policies: what tells of the second goes on behind the first.
+    assert steps[0] == "1"
+    assert steps[500] == "501"
+    assert "next: `gaitpref play --policy" in said
     found = json.loads((out / "ranking.json").read_text())
     assert found["sure"]
     assert [player["name"] for player in found["players"]] == ["walk", "weak"]
@@ -223,7 +235,11 @@ def test_people_are_asked_a_few_at_a_time(
         assert main(["answer", "--dataset", dataset, "--criterion", "crouch"]) == 0
     assert open_questions[0] == 6
     assert sum(open_questions) <= 8
-    assert "gaitpref label --dataset" in capsys.readouterr().out
+    said = capsys.readouterr()
+    assert "gaitpref label --dataset" in said.out
+    # Two policies that both walk upright are alike to who looks for a crouch.
+    assert not json.loads((out / "ranking.json").read_text())["sure"]
+    assert "the same command with `--most 16` asks on" in said.err
 
 
 def test_what_is_no_arena_is_said(

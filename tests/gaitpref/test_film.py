@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import threading
 from collections.abc import Iterator
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,9 @@ from PIL import Image
 from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from gaitpref import __version__
+from gaitpref.cli.commands.looking import film as film_command
 from gaitpref.cli.main import main
+from gaitpref.console import progress
 from gaitpref.film import camera, reel
 from gaitpref.film.camera import CameraCfg, NoRenderer, frames_of
 from gaitpref.film.reel import FilmCfg, film, frame_count, webp_of, write_film
@@ -147,13 +150,28 @@ def test_an_interrupted_film_leaves_nothing(
 
 
 def test_a_policy_is_filmed_from_the_command_line(
-    run: Path, tmp_path: Path, drawn: list[np.ndarray]
+    run: Path,
+    tmp_path: Path,
+    drawn: list[np.ndarray],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
+    """It says how far it is with the recording, and that it encodes."""
+    told: list[str] = []
+
+    def working(title: str) -> AbstractContextManager[None]:
+        told.append(title)
+        return nullcontext()
+
+    monkeypatch.setattr(progress, "_QUIET_S", 0.0)
+    monkeypatch.setattr(film_command, "working", working)
     policy, out = run / "rounds" / "00" / "policy" / "policy.pt", tmp_path / "walk.webp"
     small = ["--duration-s", "1", "--width-px", "64", "--height-px", "48", "--fps", "5"]
     assert main(["film", "--policy", str(policy), "--out", str(out), *small]) == 0
     with Image.open(out) as picture:
         assert picture.size == (64, 48)
+    assert told == ["encoding 5 frames"]
+    assert "recording, steps: 1 of 50, " in capsys.readouterr().err
 
 
 def test_what_cannot_be_filmed_is_said(
@@ -175,7 +193,9 @@ def test_what_cannot_be_filmed_is_said(
 def test_the_page_of_a_run_shows_before_and_after(
     run: Path, drawn: list[np.ndarray]
 ) -> None:
-    text = write_report(run).read_text()
+    heard: list[tuple[int, int]] = []
+    text = write_report(run, lambda *done_of: heard.append(done_of)).read_text()
+    assert heard == [(done, 7) for done in range(1, 8)]
     assert "No film is shown" not in text
     pictures = re.findall(r'src="data:image/webp;base64,([^"]+)"', text)
     assert pictures

@@ -92,11 +92,14 @@ def test_what_is_finished_is_not_run_again_and_not_with_other_settings(
     command = ["sweep", "--out", str(swept), "--plan", str(plan)]
     before = made(swept)
     assert main(command) == 0
-    assert "2 loops, 2 of them finished already; 0 to run" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "2 loops, 2 of them finished already; 0 to run" in said
+    assert f"next: `gaitpref report --run {swept}/cells/high_step-seed" in said
     assert main([*command, "--labels", "13"]) == 1
     said = capsys.readouterr().err
     assert "was started with other settings (labels 12 -> 13)" in said
     assert "; 0 to run" in said
+    assert "next: the same command goes on with what is not finished" in said
     assert made(swept) == before
 
 

@@ -23,6 +23,7 @@ from torch import Tensor, nn
 from data.errors import GaitprefError
 from data.features import column
 from gaitpref.cli.main import main
+from gaitpref.console import progress
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg
 from policy.env.own_law import OWN_TERMS
@@ -422,7 +423,10 @@ def _like(folder: Path, ours: Policy) -> Path:
 
 
 def test_our_own_export_comes_back_and_walks_as_before(
-    ours: Policy, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ours: Policy,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """One ONNX file is enough: the law is in it, and drives the robot as ours did; that
     robot is the one beside it. What it does not do as asked is said and kept; older
@@ -437,9 +441,11 @@ def test_our_own_export_comes_back_and_walks_as_before(
         (tmp_path / "o" / name).rename(alone / name)
     capsys.readouterr()
     arguments = ["policy", "import", str(alone), "--out", str(tmp_path / "in")]
+    monkeypatch.setattr(progress, "_QUIET_S", 0.0)
     assert main(arguments) == 0
-    told = capsys.readouterr().out
-    assert "robot.xml, which lies beside the policy" in " ".join(told.split())
+    said = capsys.readouterr()
+    assert "robot.xml, which lies beside the policy" in " ".join(said.out.split())
+    assert "trying the policy on the robot, steps: 1 of " in said.err
     policy = load_policy(tmp_path / "in" / "policy.pt")
     _same_actions(ours, policy)
     origin = policy.info.origin

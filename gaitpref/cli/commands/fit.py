@@ -26,7 +26,7 @@ from gaitpref.cli.shared.by_hand import (
 from gaitpref.cli.shared.dataset_argument import address
 from gaitpref.cli.shared.fit_segments import fit_segments
 from gaitpref.console.extras import require
-from gaitpref.console.progress import console, counted, counting_bar, working
+from gaitpref.console.progress import console, counted, counting_bar
 from gaitpref.raters.rater_groups import answers_for
 from gaitpref.report.findings import findings_of_fit
 from gaitpref.report.fit_summary import fit_summary
@@ -83,8 +83,8 @@ def _fit_alone(command: options.Fit) -> None:
     stage = stage_of(command)
     if stage is not None:
         cfg = stage.fit
-    with working("reading answers and their clips"):
-        pairs = load_pairs(datasets, unchecked=command.unchecked)
+    with counted("reading answers, clips") as tell:
+        pairs = load_pairs(datasets, unchecked=command.unchecked, tell=tell)
     unanswered = None
     if command.whom:
         pairs = answers_for(pairs, command.whom)

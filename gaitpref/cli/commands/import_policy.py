@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gaitpref.cli.options import options
-from gaitpref.console.progress import console, working
+from gaitpref.console.progress import console, counted
 from gaitpref.console.terminal import say
 from policy.env.env_cfg import EnvCfg
 from policy.imported.alternatives import tried
@@ -34,8 +34,8 @@ def run(command: options.Policy) -> int:
     if (command.out / POLICY_NAME).exists():
         raise LawError(f"{command.out} holds a policy already: give another --out")
     robot = robot_of(known, command.robot)
-    with working("trying the policy on the robot"):
-        policy = bring(known, robot.xml, command.out)
+    with counted("trying the policy on the robot, steps") as tell:
+        policy = bring(known, robot.xml, command.out, tell)
     origin = policy.info.origin
     assert origin is not None
     say(f"{known.file.name} is {origin.kind}; what it means says {origin.meaning}")
@@ -44,7 +44,9 @@ def run(command: options.Policy) -> int:
     say(f"it is {origin.verdict}\n")
     for name, why in origin.guessed.items():
         say(f"guessed    {name}: {why}")
-    for line in tried(known, robot.xml):
+    with counted("trying it otherwise") as tell:
+        others = list(tried(known, robot.xml, tell))
+    for line in others:
         say(f"tried      {line}")
     if not origin.accepted:
         say(

@@ -12,7 +12,7 @@ from gaitpref.cli.options import options
 from gaitpref.cli.shared.simulator import require_sim
 from gaitpref.cli.shared.sweep_arguments import gpu_share, sweep_cells
 from gaitpref.console.extras import require
-from gaitpref.console.progress import console, working
+from gaitpref.console.progress import console, counted
 from gaitpref.console.terminal import PlainConsole, say
 from gaitpref.executor.choose_executor import choose_executor
 from gaitpref.sweep.run_sweep import SweepResult, contents_of, how_far, run_sweep
@@ -26,8 +26,8 @@ def run(command: options.Sweep) -> int:
     if command.ray is not None:
         require("ray", "scale")
     executor = choose_executor(jobs=command.jobs, ray=command.ray)
-    with working("looking at every loop"):
-        cells = sweep_cells(command)
+    with counted("looking at every loop") as tell:
+        cells = sweep_cells(command, tell)
     gpus = gpu_share(command, cells)
     if command.ray is None:
         for sim in {cell.cfg.steps.sim for cell in cells}:
@@ -48,7 +48,18 @@ def run(command: options.Sweep) -> int:
     for name, why in result.failures.items():
         console.print(f"not finished: {name}: {why}; see {places.log(name)}")
     console.print(f"the report is {page}")
+    console.next(_next(result, places))
     return 1 if result.failures else 0
+
+
+def _next(result: SweepResult, places: SweepDir) -> str:
+    if result.failures:
+        return "the same command goes on with what is not finished"
+    most = max(result.rows, key=lambda row: row.gained)
+    return (
+        f"`gaitpref report --run {places.run(most.name)} --open` shows the loop that "
+        "gained most; more seeds in the same command make the intervals narrower"
+    )
 
 
 def _show_plan(

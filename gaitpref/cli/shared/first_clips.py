@@ -9,7 +9,7 @@ import numpy as np
 from data.answers.address import Address
 from data.datasets.dataset import Dataset
 from gaitpref.cli.shared.by_hand import METHODS
-from gaitpref.console.progress import console, each_counted
+from gaitpref.console.progress import console, counted, each_counted
 from gaitpref.training.by_method import recorded_by
 from policy.robots.shipped import WALK
 from policy.rollouts.record import record
@@ -41,19 +41,20 @@ def first_clips(answers: Address | None) -> Dataset:
             dataset.add_episodes(episodes)
     with dataset.answers() as store:
         if not store.pairs():
-            chosen = ask(
-                dataset,
-                dataset.entries(),
-                ClipCfg(),
-                _PAIRS,
-                known=(),
-                model=None,
-                round_number=0,
-                uniform_share=0.0,
-                strategy="uniform",
-                told_apart=Visible(dataset),
-                rng=np.random.default_rng(0),
-            )
+            with counted("choosing what to ask, clips") as tell:
+                chosen = ask(
+                    dataset,
+                    dataset.entries(),
+                    ClipCfg(),
+                    _PAIRS,
+                    known=(),
+                    model=None,
+                    round_number=0,
+                    uniform_share=0.0,
+                    strategy="uniform",
+                    told_apart=Visible(dataset, tell=tell),
+                    rng=np.random.default_rng(0),
+                )
             store.add_pairs(chosen)
     console.print(f"{FIRST} holds clips of the walk that ships, and questions")
     return dataset

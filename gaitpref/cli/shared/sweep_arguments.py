@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 from data.files.plain import from_plain, to_plain
+from data.files.telling import Tell, silent
 from gaitpref.cli.options.bounds import require_bounds
 from gaitpref.cli.options.options import Erring, Loop, Sweep
 from gaitpref.cli.options.sweep_options import Looping
@@ -35,18 +36,20 @@ _OPTIONS |= {CRITERION, SEED} | _ERRING
 to."""
 
 
-def sweep_cells(command: Sweep) -> list[SweepCell]:
-    """Every loop that a command asks for, in the order of running.
+def sweep_cells(command: Sweep, tell: Tell = silent) -> list[SweepCell]:
+    """Every loop that a command asks for, in the order of running; `tell` gets how many
+    are looked at.
 
     Raises:
         GaitprefError: an option, the file, or what comes of both cannot be used.
     """
-    return [
-        SweepCell(
-            name=cell.name, settings=cell.settings, cfg=_cfg(command, cell.changes)
-        )
-        for cell in plan_of(command).cells()
-    ]
+    planned = plan_of(command).cells()
+    found = []
+    for done, cell in enumerate(planned, start=1):
+        cfg = _cfg(command, cell.changes)
+        found.append(SweepCell(name=cell.name, settings=cell.settings, cfg=cfg))
+        tell(done, len(planned))
+    return found
 
 
 def gpu_share(command: Sweep, cells: Sequence[SweepCell]) -> float:

@@ -6,7 +6,7 @@ import json
 from dataclasses import asdict, replace
 
 from gaitpref.cli.options import options
-from gaitpref.console.progress import console, counted, working
+from gaitpref.console.progress import console, counted
 from gaitpref.raters.criterion_scores import criterion_context
 from gaitpref.report.return_text import return_text
 from gaitpref.training.total_reward import load_score
@@ -32,8 +32,10 @@ def run(command: options.Evaluate) -> int:
             tell=tell,
         )
     result = summarise(features, lengths, score, control_dt_s=env.control_dt_s)
-    with working("setting off from rest, and from home"):
-        walked = walking(policy, robot, env, features, lengths, seed=command.seed)
+    with counted("setting off from rest, steps") as tell:
+        walked = walking(
+            policy, robot, env, features, lengths, seed=command.seed, tell=tell
+        )
     if command.json:
         told = asdict(result) | asdict(walked) | {"walks": walked.walks}
         print(json.dumps(told))

@@ -20,9 +20,9 @@ def explained_page(title: str, pictures: Sequence[tuple[Path, str]]) -> str:
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width">'
         f"<title>{title}</title><style>{STYLE}</style></head><body><h1>{title}</h1>"
-        '<p class="lead">Of a clip: the reward of each step, what adds to it, and which foot stands. Of '
-        "an answer: what the left clip, A, is paid more than the right one, in rows "
-        "that each add up to the whole.</p>"
+        '<p class="lead">Of a clip: the reward of each step, what adds to it, and '
+        "which foot stands. Of an answer: what the left clip, A, is paid more than the "
+        "right one, in rows that each add up to the whole.</p>"
         f'<div class="curves">{figures}</div></body></html>\n'
     )
 

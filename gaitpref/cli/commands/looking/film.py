@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+
+import numpy as np
+
 from data.answers.curation import find_pair
 from data.datasets.dataset import Dataset
 from data.datasets.named_clip import find_clip
 from data.errors import GaitprefError
+from data.files.telling import one_of
 from gaitpref.cli.options import options
-from gaitpref.console.progress import console, counting_bar
+from gaitpref.console.progress import console, counted, counting_bar, working
 from gaitpref.console.terminal import say
 from gaitpref.film.camera import CameraCfg
 from gaitpref.film.reel import FilmCfg, film, frame_count, require_kind, write_film
@@ -22,13 +28,22 @@ def run(command: options.Film) -> int:
     cfg = _cfg(command)
     shots = _shots(command)
     count = frame_count(shots, cfg)
-    with counting_bar("frames", count) as bar:
-        frames = film(shots, cfg, lambda: bar.advance(bar.task_ids[0]))
-        write_film(frames, command.out, cfg.fps)
+    with ExitStack() as told:
+        write_film(_drawn(shots, cfg, count, told), command.out, cfg.fps)
     size_kb = command.out.stat().st_size / 1e3
     say(f"{command.out}, {count / cfg.fps:.1f} s, {size_kb:,.0f} kB")
     console.next(_next(command))
     return 0
+
+
+def _drawn(
+    shots: Sequence[Shot], cfg: FilmCfg, count: int, told: ExitStack
+) -> Iterator[np.ndarray]:
+    """The frames, counted; behind the last one they are encoded, which nobody can
+    count."""
+    with counting_bar("frames", count) as bar:
+        yield from film(shots, cfg, lambda: bar.advance(bar.task_ids[0]))
+    told.enter_context(working(f"encoding {count} frames"))
 
 
 def _next(command: options.Film) -> str:
@@ -68,15 +83,17 @@ def _shots(command: options.Film) -> list[Shot]:
             raise GaitprefError("--clip and --pair are of a --dataset; none is given")
         paths = [command.policy or WALK]
         paths += [command.against] if command.against else []
-        return [
-            shot_of_policy(
-                path,
-                command.command,
-                duration_s=command.duration_s,
-                seed=command.seed,
-            )
-            for path in paths
-        ]
+        with counted("recording, steps") as tell:
+            return [
+                shot_of_policy(
+                    path,
+                    command.command,
+                    duration_s=command.duration_s,
+                    seed=command.seed,
+                    tell=one_of(len(paths), number, tell),
+                )
+                for number, path in enumerate(paths)
+            ]
     if command.policy or command.against or bool(command.clip) == bool(command.pair):
         raise GaitprefError(
             "of a --dataset either --clip or --pair is filmed, and no --policy"

@@ -28,7 +28,8 @@ EPISODES = 16
 def run(command: options.Trust) -> int:
     """Run the command; gives the exit code, 0 with an alarm too."""
     model = load_reward(command.reward)
-    judged = load_pairs([open_dataset(command)], unchecked=True)
+    with counted("reading answers, clips") as tell:
+        judged = load_pairs([open_dataset(command)], unchecked=True, tell=tell)
     told = f"foreseeing {len(judged)} answers without their episodes, models"
     with counted(told) as tell:
         foreseen = foresee(model, judged, seed=command.seed, tell=tell)
