@@ -32,6 +32,7 @@ from rewardmodel.answers.used import count_evidence
 from rewardmodel.asking.asked_meanwhile import answered_before, for_round, open_before
 from rewardmodel.asking.clip_questions import ask
 from rewardmodel.asking.visible import showing
+from rewardmodel.models.model import RewardModel
 
 from .loop_cfg import LoopCfg
 from .people import People
@@ -144,17 +145,12 @@ def keep_asked(run: Path, cfg: LoopCfg, dataset: Dataset, number: int) -> int:
     if somebody:
         record_on_the_way(cfg, Round(run, number), dataset)
     seed = seed_of(cfg, number, 13, len(known))
-    pairs = _chosen(
-        cfg,
-        Round(run, number),
-        dataset,
-        max(decision.batch, people),
-        known=known,
-        seed=seed,
-    )
+    coming, count = Round(run, number), max(decision.batch, people)
+    reward = doubting(cfg, context_of(cfg, coming), dataset, seed=seed)
+    pairs = _chosen(cfg, coming, dataset, count, reward=reward, known=known, seed=seed)
     with dataset.answers() as store:
         return store.add_pairs(
-            for_round(pair, number, answers=answers) for pair in pairs
+            for_round(pair, number, answers=answers, reward=reward) for pair in pairs
         )
 
 
@@ -164,6 +160,7 @@ def _chosen(
     dataset: Dataset,
     count: int,
     *,
+    reward: RewardModel | None,
     known: Sequence[Pair],
     seed: int,
 ) -> list[Pair]:
@@ -178,7 +175,6 @@ def _chosen(
         (about_new, earlier + new, showing(names, visible)),
         (count - about_new, earlier, visible),
     )
-    model = doubting(cfg, context_of(cfg, coming), dataset, seed=seed)
     rng = np.random.default_rng(seed)
     chosen: list[Pair] = []
     for wanted, entries, told_apart in plan:
@@ -189,7 +185,7 @@ def _chosen(
                 cfg.clips,
                 wanted,
                 known=[*known, *chosen],
-                model=model,
+                model=reward,
                 # These wait while a round has questions of its own.
                 round_number=coming.before.number,
                 uniform_share=cfg.method.questions.uniform_share,

@@ -24,6 +24,9 @@ PAUSE_S = 300.0
 """More time than this between two answers is a pause, not work."""
 LAST_S, PACES = 3600.0, 8
 """The last hour of work, and into how many parts it is told."""
+_QUARTERS, _IN_A_QUARTER = 4, 10
+"""Parts in which agreement is told, and what can agree in each, at least: of ten, 16 %
+up or down are chance."""
 _IN_A_PART = 3
 """Answers of which a median is told, at least."""
 FAST_S = 2.0
@@ -70,6 +73,10 @@ class RaterFigures:
     pace_s: tuple[float, ...] = ()
     """Median time per answer over the last hour of work, in equal parts of it, the
     oldest first: whether a rater gets faster and faster."""
+
+    agreed: tuple[Share, ...] = ()
+    """Known answers that were given so and answers that others gave too, in four
+    quarters of all answers, the oldest first: whether a rater looks less and less."""
 
 
 def rater_figures(store: AnswerStore, rater_id: str) -> RaterFigures:
@@ -124,6 +131,7 @@ def _figures(
         agreement=agreement_of(shared, raters),
         alpha=alpha(shared),
         pace_s=_pace_s(answers) if len(raters) == 1 else (),
+        agreed=_agreed(own, shared, raters) if len(raters) == 1 else (),
     )
 
 
@@ -187,6 +195,21 @@ def gold_share(rows: Sequence[Row]) -> Share:
         target is not None and _direction(target) == gold for gold, target in asked
     )
     return Share(right, len(asked))
+
+
+def _agreed(
+    own: Sequence[Row], shared: Sequence[Row], raters: Collection[str]
+) -> tuple[Share, ...]:
+    """How one rater agrees with known answers and with others, over time."""
+    others = [row for row in shared if row[1].rater_id not in raters]
+    ordered = sorted(own, key=lambda row: datetime.fromisoformat(row[1].created_utc))
+    ends = [len(ordered) * n // _QUARTERS for n in range(_QUARTERS + 1)]
+    found = []
+    for first, end in itertools.pairwise(ends):
+        part = ordered[first:end]
+        known, both = gold_share(part), agreement_of([*part, *others], raters)
+        found.append(Share(known.hits + both.hits, known.of + both.of))
+    return tuple(found) if min(s.of for s in found) >= _IN_A_QUARTER else ()
 
 
 def _direction(target: float) -> str:

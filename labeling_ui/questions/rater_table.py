@@ -17,6 +17,7 @@ _HEADS = (
     ("known", "answers"),
     ("agrees with", "others"),
     ("beyond", "chance"),
+    ("agreement", "by quarters"),
     ("seconds an answer,", "over the last hour"),
 )
 _LEGEND = (
@@ -27,6 +28,8 @@ _LEGEND = (
     "known answers: as where one robot falls (`gaitpref raters gold` shows them)",
     "agrees with others: answers of two people to one pair that say the same",
     "beyond chance: Krippendorff's alpha; 1 is full agreement, 0 is chance",
+    "agreement by quarters: known answers and those of others, in the order given, "
+    "where each has ten; 16 % up or down are chance",
     "seconds an answer: medians, the oldest first; a bar that shrinks is a rater who "
     "speeds up",
 )
@@ -68,8 +71,14 @@ def _cells(of_rater: RaterFigures) -> tuple[str, list[str]]:
         percent(of_rater.gold),
         percent(of_rater.agreement),
         number(of_rater.alpha, "{:.2f}"),
+        quarters_told(of_rater.agreed) or "-",
         _pace(of_rater.pace_s),
     ]
+
+
+def quarters_told(agreed: Sequence[Share]) -> str:
+    """The share of each quarter; nothing where there is none."""
+    return ", ".join(f"{part.share or 0:.0%}" for part in agreed)
 
 
 def _pace(pace_s: Sequence[float]) -> str:

@@ -8,6 +8,7 @@ import math
 from markdown_it import MarkdownIt
 
 from labeling_ui.questions.rater_figures import RaterFigures, Share
+from labeling_ui.questions.rater_table import quarters_told
 
 CSS = """
 :root { color-scheme: light dark; --ink: #1a1d21; --soft: #5c6570; --paper: #fff;
@@ -189,6 +190,12 @@ def _figure_rows(figures: RaterFigures) -> list[tuple[str, str, str]]:
             "Agrees with others",
             share(figures.agreement),
             "same answer to the same pair",
+        ),
+        (
+            "The same, by quarters",
+            quarters_told(figures.agreed) or "-",
+            "known answers and those of others, in the order you gave yours; of fewer "
+            "than ten in a quarter it would be chance",
         ),
         (
             "Agreement beyond chance",

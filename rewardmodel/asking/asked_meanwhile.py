@@ -1,9 +1,9 @@
 """What a round has asked itself, and what was asked before it began, told apart.
 
 A pair that was asked while the loop did something else says so in its `info`, with the
-round that it was asked for and the number of answers that the reward which chose it was
-fitted to: `{"meanwhile": {"for_round": 2, "answers": 24}}`. The pair's own round is
-that of the newest clips.
+round that it was asked for, the number of answers there were, and the label set of the
+reward which chose it: `{"meanwhile": {"for_round": 2, "answers": 24, "answers_sha256":
+"..."}}`. The pair's own round is that of the newest clips.
 """
 
 from __future__ import annotations
@@ -14,12 +14,17 @@ from dataclasses import replace
 from data.answers.answer_records import Pair
 from data.answers.store import AnswerStore
 from rewardmodel.answers.program_agreement import PROGRAM
+from rewardmodel.models.model import RewardModel
 
 
-def for_round(pair: Pair, number: int, *, answers: int) -> Pair:
-    """`pair`, asked before the round `number` begins, chosen with a reward fitted to
-    so many `answers`."""
-    asked = {"for_round": number, "answers": answers}
+def for_round(
+    pair: Pair, number: int, *, answers: int, reward: RewardModel | None
+) -> Pair:
+    """`pair`, asked before the round `number` begins, where there were so many
+    `answers`, and chosen by the doubt of `reward`, or by none."""
+    asked: dict[str, int | str] = {"for_round": number, "answers": answers}
+    if reward is not None:
+        asked["answers_sha256"] = reward.provenance.answers_sha256
     return replace(pair, info=pair.info | {"meanwhile": asked})
 
 

@@ -17,6 +17,7 @@ from benchmarks.visitor import Visitor
 from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from gaitpref.cli.commands.looking.play import live_policy, run
+from gaitpref.cli.main import parse
 from gaitpref.cli.options.policy_options import Play
 from gaitpref.raters.liked import Liked
 from labeling_ui.scene.live_robot import HISTORY_S, Drive, LiveState, StepFn
@@ -120,6 +121,10 @@ def test_what_is_liked_is_kept_with_an_answer(tmp_path: Path) -> None:
         for _ in range(80):
             driven.step((0.5, 0.0, 0.0))
     assert "both robots did exactly the same" in like((other, twin), 0)
+
+
+def test_beside_is_another_word_for_against() -> None:
+    assert parse(["play", "--beside", "p"]) == Play(against=Path("p"))
 
 
 def test_one_robot_is_liked_more_than_none(policies: list[Path]) -> None:

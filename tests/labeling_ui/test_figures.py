@@ -16,6 +16,8 @@ from labeling_ui.questions.rater_figures import (
     figures,
     rater_figures,
 )
+from labeling_ui.questions.rater_table import table_of
+from labeling_ui.web.pages import figures_page
 
 START = datetime.datetime(2030, 1, 31, 12, tzinfo=datetime.UTC)
 CHOICES: dict[float | None, Choice] = {1.0: "a", 0.75: "a", 0.5: "equal"}
@@ -145,6 +147,29 @@ def test_agreement_counts_every_two_people() -> None:
     assert (found.hits, found.of) == (2, 4)
     own = figures(rows, "ada").agreement
     assert (own.hits, own.of) == (2, 3), "bob and cy are none of ada's business"
+
+
+def test_agreement_is_told_over_time() -> None:
+    """Twelve of twelve, eleven, nine and six, with others and with known answers
+    together; too few tell nothing, nor do all raters together."""
+    right = [12 * [True], 11 * [True] + [False], 9 * [True] + 3 * [False]]
+    right.append(6 * [True] + 6 * [False])
+    rows = []
+    for number, agrees in enumerate(same for quarter in right for same in quarter):
+        told = 1.0 if agrees else 0.0
+        if number % 2:
+            rows.append(row("ada", number, told, second=number, gold="a"))
+        else:
+            rows.append(row("ada", number, told, second=number))
+            rows.append(row("bob", number, 1.0, second=1000 - number))
+    found = figures(rows[::-1], "ada")
+    counts = [(part.hits, part.of) for part in found.agreed]
+    assert counts == [(12, 12), (11, 12), (9, 12), (6, 12)]
+    assert "100%, 92%, 75%, 50%" in table_of([found])[2]
+    assert "100%, 92%, 75%, 50%" in figures_page(found, can_leave=False)
+    assert figures(rows, "bob").agreed == ()
+    assert all_figures(rows).agreed == ()
+    assert figures(rows[:50], "ada").agreed == ()
 
 
 def test_alpha_of_two_values() -> None:

@@ -71,7 +71,9 @@ def test_a_round_counts_only_what_it_asked_itself(
     with dataset.answers() as store:
         asked = [pair for pair in store.pairs() if pair.meanwhile is not None]
         assert [pair.meanwhile for pair in asked] == 4 * [1]
-        assert [pair.info["meanwhile"]["answers"] for pair in asked] == 4 * [0]
+        # Nobody answered: no reward has chosen them.
+        facts = {"for_round": 1, "answers": 0}
+        assert [pair.info["meanwhile"] for pair in asked] == 4 * [facts]
         assert {pair.round for pair in asked} == {0}
         assert asked_and_left(store, 0) == (3, 3)
         for pair in asked[:2]:
@@ -142,8 +144,14 @@ def test_checkpoints_of_the_training_are_asked_about(
     for checkpoints, recorded_ones in ((3, 1), (4, 2)):
         kept_on_the_way(coming, checkpoints)
         all_answered(dataset)
+        judged = load_pairs([dataset])
         keep_asked(run, human_cfg(), dataset, 1)
         assert len(read_json(coming.on_the_way)) == recorded_ones
+        with dataset.answers() as store:
+            asked_under = [pair.info["meanwhile"] for pair in store.pairs()[-4:]]
+        assert {each["answers"] for each in asked_under} == {len(judged)}
+        label_sets = {each["answers_sha256"] for each in asked_under}
+        assert label_sets == {judged.answers_sha256}
 
 
 def test_what_was_recorded_on_the_way_is_asked_about_when_the_training_is_done(

@@ -201,7 +201,7 @@ class Play:
 
     policy: Path | None = None
     """Policy file; by default the walk that ships."""
-    against: Path | None = None
+    against: Annotated[Path | None, tyro.conf.arg(aliases=["--beside"])] = None
     """Policy file shown beside it, on the same commands."""
     dataset: Path | None = None
     """Data set, made if there is none, that gets the last seconds of both robots and
