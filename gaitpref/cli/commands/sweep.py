@@ -48,7 +48,8 @@ def run(command: options.Sweep) -> int:
     for name, why in result.failures.items():
         console.print(f"not finished: {name}: {why}; see {places.log(name)}")
     console.print(f"the report is {page}")
-    console.next(_next(result, places))
+    if not command.json:
+        console.next(_next(result, places))
     return 1 if result.failures else 0
 
 

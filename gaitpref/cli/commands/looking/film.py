@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from collections.abc import Generator, Sequence
+from contextlib import ExitStack, closing
 
 import numpy as np
 
@@ -28,8 +28,8 @@ def run(command: options.Film) -> int:
     cfg = _cfg(command)
     shots = _shots(command)
     count = frame_count(shots, cfg)
-    with ExitStack() as told:
-        write_film(_drawn(shots, cfg, count, told), command.out, cfg.fps)
+    with ExitStack() as told, closing(_drawn(shots, cfg, count, told)) as frames:
+        write_film(frames, command.out, cfg.fps)
     size_kb = command.out.stat().st_size / 1e3
     say(f"{command.out}, {count / cfg.fps:.1f} s, {size_kb:,.0f} kB")
     console.next(_next(command))
@@ -38,7 +38,7 @@ def run(command: options.Film) -> int:
 
 def _drawn(
     shots: Sequence[Shot], cfg: FilmCfg, count: int, told: ExitStack
-) -> Iterator[np.ndarray]:
+) -> Generator[np.ndarray]:
     """The frames, counted; behind the last one they are encoded, which nobody can
     count."""
     with counting_bar("frames", count) as bar:
