@@ -17,10 +17,9 @@ from rewardmodel.models.storage import load_reward
 
 from .film_section import film_of_clip
 from .findings import NO_ALARM, findings_of_run
-from .footfall_row import Footfalls
 from .pictures import svg_of
 from .ranked_clips import extremes
-from .reward_strips import clip_picture, curves_picture
+from .reward_strips import Footfalls, clip_picture, curves_picture
 from .verdict import Verdict
 
 COUNT = 2

@@ -28,10 +28,9 @@ from gaitpref.report.crediting import (
     require_fitting,
     runs_of,
 )
-from gaitpref.report.footfall_row import Footfalls
 from gaitpref.report.pictures import save_picture
 from gaitpref.report.ranked_clips import Ranked, extremes, ranked
-from gaitpref.report.reward_strips import clip_picture, curves_picture
+from gaitpref.report.reward_strips import Footfalls, clip_picture, curves_picture
 from rewardmodel.answers.clip_batch import read_clips
 from rewardmodel.explain.attribution import explain
 from rewardmodel.explain.learned_curves import learned_curves

@@ -22,10 +22,9 @@ from gaitpref.cli.options import options
 from gaitpref.console.progress import console, each_counted
 from gaitpref.console.terminal import say
 from gaitpref.report.crediting import Crediting, OfTeams
-from gaitpref.report.footfall_row import Footfalls
 from gaitpref.report.pictures import save_picture
 from gaitpref.report.ranked_clips import Ranked
-from gaitpref.report.reward_strips import clip_picture
+from gaitpref.report.reward_strips import Footfalls, clip_picture
 from rewardmodel.asking.clip_questions import ClipCfg, clips_of
 from rewardmodel.explain.four_ways import four_ways
 
