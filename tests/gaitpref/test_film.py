@@ -29,6 +29,7 @@ from gaitpref.report.film_section import pace_of_clip
 from gaitpref.report.journal import JOURNAL_NAME, note_round, note_start
 from policy.rollouts.record_cfg import recorded_commands
 from policy.training.checkpoint import load_policy
+from tests.helpers import curves_of_reports
 from tests.helpers.older_run import older_run
 
 SMALL = FilmCfg(camera=CameraCfg(width_px=96, height_px=72), fps=10)
@@ -194,7 +195,8 @@ def test_the_page_of_a_run_shows_before_and_after(
     run: Path, drawn: list[np.ndarray]
 ) -> None:
     heard: list[tuple[int, int]] = []
-    text = write_report(run, lambda *done_of: heard.append(done_of)).read_text()
+    with curves_of_reports.drawn():
+        text = write_report(run, lambda *done_of: heard.append(done_of)).read_text()
     assert heard == [(done, 7) for done in range(1, 8)]
     assert "No film is shown" not in text
     pictures = re.findall(r'src="data:image/webp;base64,([^"]+)"', text)

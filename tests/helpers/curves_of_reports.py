@@ -14,7 +14,7 @@ from gaitpref.report import answer_credit, pictures, trust_section
 _PARTS = (run_report, answer_credit, trust_section)
 
 
-def _blank(axes: Axes) -> str:
+def _blank(axes: Axes, alt: str = "") -> str:
     return ""
 
 
