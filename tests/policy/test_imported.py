@@ -451,7 +451,7 @@ def test_our_own_export_comes_back_and_walks_as_before(
     origin = policy.info.origin
     assert origin is not None
     assert origin.verdict == verdict(origin.acceptance) != ""
-    assert f"it is {origin.verdict}\n" in said.out
+    assert f"it is {origin.verdict}\n" in told
     older = _changed(
         tmp_path / "in" / "policy.pt",
         tmp_path / "older.pt",
