@@ -18,6 +18,7 @@ It can be interrupted: what is finished is a file in `--work` and is not repeate
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated
@@ -69,7 +70,7 @@ def _walks(
         steps=most,
         every=options.every,
         episodes=episodes_of(options),
-        more=tuple(more),
+        more=shlex.join(more),
     )
     found = [walk.trained(how, seed) for seed in options.seeds]
     figures[f"walked_{name}"] = sum(o.wall_s is not None for o in found)
