@@ -37,6 +37,7 @@ from policy.training.checkpoint import load_policy
 from rewardmodel.answers.answered_pairs import load_pairs
 from rewardmodel.team.team_fit import fit_team, rows_in
 from rewardmodel.team.team_storage import save_team
+from tests.helpers.curves_of_reports import drawn
 from tests.policy.test_team import any_reward
 
 BAR = CourseCfg(
@@ -115,9 +116,9 @@ def test_every_row_adds_up_to_the_lead(
         assert math.fsum(shares.values()) == pytest.approx(found.lead, abs=1e-3)
     assert set(found.rows[row]) <= names
     assert row == "choice" or set(found.rows[row]) == names
-    drawn = answer_picture(place / shown, place / reward, pair, answer)
-    assert drawn.startswith("<svg")
-    assert all(name in drawn for name in found.rows[row])
+    picture = answer_picture(place / shown, place / reward, pair, answer)
+    assert picture.startswith("<svg")
+    assert all(name in picture for name in found.rows[row])
 
 
 def test_a_gait_earns_nothing_by_running_longer(place: Path) -> None:
@@ -142,7 +143,8 @@ def test_a_report_draws_whatever_reward_there_is(place: Path, tmp_path: Path) ->
         store.add_rater("ann", "human", {})
         store.add_pairs([pair])
         store.add_answer(answer)
-    section = answers_section(tmp_path, [{"round": 0, "fit": {"answers": 1}}])
+    with drawn():
+        section = answers_section(tmp_path, [{"round": 0, "fit": {"answers": 1}}])
     assert "robot 1" in section
     assert "ann: B is better" in section
     given = ["--reward", str(place / "team-reward"), "--dataset", str(place / "teams")]

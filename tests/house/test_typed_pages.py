@@ -24,7 +24,7 @@ from gaitpref.cli.main import main
 from gaitpref.cli.shared.off_policy import EXIT_NO_GAIN
 from gaitpref.film.camera import Camera, NoRenderer
 from policy.robots.shipped import WALK
-from tests.helpers.few_evaluated import evaluate_few
+from tests.helpers import few_evaluated
 from tests.helpers.local_host import free_port
 from tests.helpers.readers_world import ROOT, make_readers_world
 
@@ -126,7 +126,7 @@ def test_the_commands_of_a_page_run(
     shutil.copytree(world, here, symlinks=True)
     monkeypatch.chdir(here)
     monkeypatch.syspath_prepend(str(here))
-    evaluate_few(monkeypatch)
+    few_evaluated.evaluate_few(monkeypatch)
     monkeypatch.setenv("HASH", next(here.glob("runs/demo/dataset/rollouts/*/*")).stem)
     with Dataset.open(here / "runs/clips").answers_copy() as store:
         monkeypatch.setenv("PAIR", store.pairs()[0].pair_id)
@@ -162,7 +162,7 @@ def _type(line: str, monkeypatch: pytest.MonkeyPatch) -> None:
             _answer(args)
     elif to:
         with Path(to).open("w") as file:
-            command = [sys.executable, "-m", "gaitpref", *args]
+            command = [sys.executable, "-m", few_evaluated.__name__, *args]
             subprocess.run(command, check=True, env=_environment(), stdout=file)
     else:
         # So few steps from data alone gain nothing, which is told by a 1.
@@ -201,7 +201,7 @@ def _answer(label: list[str]) -> None:
 def _serve(args: list[str]) -> None:
     """Start the server, see that it gives its page, and stop it by Ctrl-C."""
     port = free_port()
-    command = [sys.executable, "-m", "gaitpref", *args, "--port", str(port)]
+    command = [sys.executable, "-m", few_evaluated.__name__, *args, "--port", str(port)]
     server = subprocess.Popen(command, env=_environment(), start_new_session=True)
     try:
         scheme = "https" if "--cert" in args else "http"

@@ -60,7 +60,7 @@ def test_a_round_goes_on_with_what_the_one_before_remembers(
     """All of it, scored by the reward that was fitted since, step by step; the run
     tells its learner, and the same command finds nothing to do."""
     # Its films take longer than the loop.
-    monkeypatch.setattr(run_module, "write_report", lambda run: None)
+    monkeypatch.setattr(run_module, "write_report", lambda *_: None)
     cfg = _cfg()
     run_loop(tmp_path, cfg)
     told = " ".join(capsys.readouterr().err.split())

@@ -160,8 +160,10 @@ def test_those_of_others_go_out_and_come_back_and_walk_by_their_json(
     did when they were imported, within 0.1 m/s of what was measured of them."""
     policy = bring(understand(source), GO2, tmp_path / "in")
     assert policy.info.origin is not None
-    assert policy.info.origin.accepted
-    taken = policy.info.origin.acceptance[1].forward_m_s
+    stood, went = policy.info.origin.acceptance[:2]
+    assert stood.follows
+    assert went.follows
+    taken = went.forward_m_s
     assert taken == pytest.approx(0.45, abs=0.1)
     out = _exported(tmp_path / "in" / "policy.pt", tmp_path / "out")
     _comes_back(policy, out)
