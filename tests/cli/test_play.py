@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import re
 import subprocess
-import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -29,6 +28,7 @@ from policy.training.checkpoint import load_policy
 from policy.training.ppo import PpoCfg
 from policy.training.train import train
 from policy.training.train_cfg import TrainCfg
+from tests.helpers.ended_server import ends_well
 from tests.helpers.foreign_robots import Drawing, mjcf
 
 LIMIT_S = 120.0
@@ -137,28 +137,12 @@ def test_two_policies_are_driven_and_judged_on_one_page(
 ) -> None:
     """Both robots move in the same command; the page tells their speeds. The command is
     ended while it is open, and says nothing of a fault."""
-    command = [sys.executable, "-m", "gaitpref", "play", "--port", "0"]
-    arguments = ["--policy", policies[0], "--against", policies[1]]
+    arguments = ["play", "--policy", policies[0], "--against", policies[1]]
     arguments += ["--dataset", tmp_path / "set"]
-    with subprocess.Popen(
-        [*command, *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as server:
-        try:
-            assert server.stdout is not None
-            url = server.stdout.readline().split()[-1]
-            asyncio.run(_driven(url, server.terminate))
-            said, complained = server.communicate(timeout=LIMIT_S)
-        finally:
-            server.kill()
-    assert server.returncode == 0
-    assert "Traceback" not in said + complained
-    assert "Error" not in complained
+    ends_well(arguments, _driven, limit_s=LIMIT_S)
 
 
-async def _driven(url: str, end: Callable[[], None]) -> None:
+async def _driven(server: subprocess.Popen[str], url: str) -> None:
     async with asyncio.timeout(LIMIT_S):
         visitor = Visitor(url, None)
         page = asyncio.create_task(visitor.run())
@@ -175,7 +159,7 @@ async def _driven(url: str, end: Callable[[], None]) -> None:
             await visitor.press("Push")
             last = visitor.moved["robot_A"] + 150
             await _until(page, partial(_pushed, visitor, before + 0.2, last))
-        end()
+        server.terminate()
         await page
         assert visitor.close_code == 1001
 

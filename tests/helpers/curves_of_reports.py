@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 
 import pytest
-from matplotlib.axes import Axes
 
 from gaitpref.loop import run_report
 from gaitpref.report import answer_credit, pictures, trust_section
@@ -14,23 +13,19 @@ from gaitpref.report import answer_credit, pictures, trust_section
 _PARTS = (run_report, answer_credit, trust_section)
 
 
-def _blank(axes: Axes, alt: str = "") -> str:
-    return ""
-
-
-@contextmanager
-def blank() -> Iterator[None]:
+def blank() -> AbstractContextManager[None]:
     """A dozen of them stand in the report of every round."""
-    with pytest.MonkeyPatch.context() as patch:
-        for part in _PARTS:
-            patch.setattr(part, "svg_of", _blank)
-        yield
+    return _drawn_by(lambda axes, alt="": "")
+
+
+def drawn() -> AbstractContextManager[None]:
+    """As they are for everybody else."""
+    return _drawn_by(pictures.svg_of)
 
 
 @contextmanager
-def drawn() -> Iterator[None]:
-    """As they are for everybody else."""
+def _drawn_by(svg_of: Callable[..., str]) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         for part in _PARTS:
-            patch.setattr(part, "svg_of", pictures.svg_of)
+            patch.setattr(part, "svg_of", svg_of)
         yield

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import signal
 import subprocess
-import sys
+from functools import partial
 from pathlib import Path
 
 import aiohttp
@@ -15,6 +15,7 @@ import pytest
 from benchmarks.visitor import Visitor
 from benchmarks.walks import walking_dataset
 from labeling_ui.web.tokens import TokenStore
+from tests.helpers.ended_server import ends_well
 
 STAYING, COMING = 4, 4
 LIMIT_S = 60.0
@@ -29,41 +30,16 @@ def test_open_pages_and_those_just_coming_leave_no_traceback(
     walking_dataset(root, pairs=30)
     store = TokenStore(root)
     tokens = [store.add(f"rater{index}") for index in range(STAYING + COMING)]
-    command = [sys.executable, "-m", "gaitpref", "label", "--port", "0", "--dataset"]
-    with subprocess.Popen(
-        [*command, root], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as server:
-        try:
-            assert server.stdout is not None
-            url = server.stdout.readline().split()[-1]
-            asyncio.run(_stopped(server, url, tokens, number))
-            said, complained = server.communicate(timeout=LIMIT_S)
-        finally:
-            server.kill()
-    assert server.returncode == 0
-    assert "Traceback" not in said + complained
-    assert "Error" not in complained
+    ends_well(
+        ["label", "--dataset", root],
+        partial(_stopped, tokens=tokens, number=number),
+        limit_s=LIMIT_S,
+    )
 
 
 def test_watch_ends_while_pages_ask(tmp_path: Path) -> None:
     """About a run that has not begun; some ask right now, one holds its connection."""
-    command = [sys.executable, "-m", "gaitpref", "watch", tmp_path / "run"]
-    with subprocess.Popen(
-        [*command, "--port", "0"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as server:
-        try:
-            assert server.stdout is not None
-            url = server.stdout.readline().split()[-1]
-            asyncio.run(_watched(server, url))
-            said, complained = server.communicate(timeout=LIMIT_S)
-        finally:
-            server.kill()
-    assert server.returncode == 0
-    assert "Traceback" not in said + complained
-    assert "Error" not in complained
+    ends_well(["watch", tmp_path / "run"], _watched, limit_s=LIMIT_S)
 
 
 async def _watched(server: subprocess.Popen[str], url: str) -> None:
