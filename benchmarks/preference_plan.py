@@ -294,9 +294,10 @@ def cfg_of(
 
 
 def tiny(cfg: LoopCfg) -> LoopCfg:
-    """`cfg` with one round and next to no training."""
+    """`cfg` with one round, short episodes and next to no training."""
     return replace(
         cfg,
+        env=replace(cfg.env, episode_s=2.0),
         rounds=1,
         labels=12,
         steps=StepsCfg(base=1536, round=1536, last=1536),

@@ -186,8 +186,11 @@ def _references(
         # better is compared with.
         ways = (False,) if base is None else (False, True)
         places_of = {calm: out / ("calm" if calm else "noisy") for calm in ways}
+        beside = None
+        if base is not None:
+            beside = _beside_the_task(cfg, base, places.episodes)
         for calm, place in places_of.items():
-            _train_on_criterion(place, cfg, base, calm=calm)
+            _train_on_criterion(place, cfg, base, beside, calm=calm)
         policies = [load_policy(place / "policy.pt") for place in places_of.values()]
         score = _score(cfg, policies[0])
         measured = [
@@ -205,14 +208,19 @@ def _references(
 
 
 def _train_on_criterion(
-    out: Path, cfg: LoopCfg, base: Path | None, *, calm: bool
+    out: Path,
+    cfg: LoopCfg,
+    base: Path | None,
+    beside: tuple[PpoCfg, TotalReward] | None,
+    *,
+    calm: bool,
 ) -> None:
     xml = None if cfg.robot is None else Path(cfg.robot)
     setting = setting_of(base, xml)
     ppo = in_mirror(cfg.ppo, setting.robot) if cfg.method.mirror else cfg.ppo
     reward_fn = None
-    if base is not None:
-        ppo, reward_fn = _beside_the_task(cfg, base, ppo)
+    if beside is not None:
+        ppo, reward_fn = beside
     elif cfg.criterion != "task":
         context = criterion_context(setting.robot, cfg.env)
         score = score_of_criterion(load_criterion(cfg.criterion, context))
@@ -237,17 +245,17 @@ def _train_on_criterion(
 
 
 def _beside_the_task(
-    cfg: LoopCfg, base: Path, ppo: PpoCfg
+    cfg: LoopCfg, base: Path, episodes: int
 ) -> tuple[PpoCfg, TotalReward]:
     """PPO and reward where the criterion counts beside the walking reward, as a learned
     style does."""
     setting, policy = setting_of(base, None), load_policy(base)
     rows, lengths = rollout_features(
-        policy, setting.robot, setting.env, episodes=EPISODES, seed=REFERENCE_SEED
+        policy, setting.robot, setting.env, episodes=episodes, seed=REFERENCE_SEED
     )
-    score, tracking = _score(cfg, policy), cfg.method.tracking
+    score, tracking, ppo = _score(cfg, policy), cfg.method.tracking, cfg.ppo
     if cfg.method.mirror:
-        ppo = in_mirror(cfg.ppo, setting.robot, score, rows)
+        ppo = in_mirror(ppo, setting.robot, score, rows)
     return ppo, total_reward(
         _standardised(score, rows, lengths),
         setting.robot,

@@ -129,6 +129,27 @@ def test_states_of_mujoco_come_in_out_of_an_npz(
     require_alike(found, truth, told=True)
 
 
+def test_what_a_criterion_cannot_see_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A log has no actions: who looks for small changes of them skips, and is told
+    why; who looks at heights is not."""
+    for number, truth in enumerate(walked()[:2]):
+        place = tmp_path / f"walk{number}.npz"
+        np.savez(place, qpos=truth.qpos, qvel=truth.qvel, dt=0.02)
+        text = STATES + 'rate_hz = 50\nqpos = "qpos"\nqvel = "qvel"\n'
+        run("npz", place, text, capsys)
+    root = str(tmp_path / "set")
+    assert main(["pairs", "--dataset", root, "--count", "4", "--clip-s", "0.5"]) == 0
+    capsys.readouterr()
+    for criterion, told in (("smooth", True), ("crouch", False)):
+        assert main(["answer", "--dataset", root, "--criterion", criterion]) == 0
+        said = " ".join(capsys.readouterr().err.split())
+        skipped = "4 were skipped: of a clip that lacks what smooth looks at" in said
+        assert skipped == told
+        assert ("lack action, action_rate" in said) == told
+
+
 def test_lists_and_episodes_come_in_out_of_parquet(
     tmp_path: Path, robot: Robot, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -39,12 +39,14 @@ class Options:
 
 
 def small_cfg(*, seed: int = 0, base: str = "none") -> LoopCfg:
-    """Two rounds, 24 answers, networks of 16 units."""
+    """Two rounds, 24 answers, networks of 16 units, episodes of two seconds."""
     options = Loop(
         run=Path("unused"), criterion="task", rounds=2, labels=24, base=base, seed=seed
     )
+    cfg = resolve(options)
     return replace(
-        resolve(options),
+        cfg,
+        env=replace(cfg.env, episode_s=2.0),
         steps=StepsCfg(base=1536, round=1536, last=3072),
         evaluation_episodes=8,
         ppo=PpoCfg(num_envs=32, hidden_sizes=(16,)),

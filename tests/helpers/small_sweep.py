@@ -15,6 +15,7 @@ loop:
   labels: 12
   steps: {round: 1536, last: 1536}
   evaluation_episodes: 8
+  env: {episode_s: 2.0}
   ppo: {num_envs: 32, hidden_sizes: [16]}
   record: {episodes: 40, episode_s: 2.0}
 """

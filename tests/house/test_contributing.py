@@ -16,11 +16,18 @@ ROOT = Path(__file__).resolve().parents[2]
 BLOCK = re.compile(r"^```(diff|python)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 PACKAGES = ("benchmarks", "data", "gaitpref", "policy", "rewardmodel", "tests")
 SMALL = """
+import pytest
+from tests.helpers.curves_of_reports import blank
+from tests.helpers.few_evaluated import evaluate_few
+evaluate_few(pytest.MonkeyPatch())
 cfg = replace(
-    cfg, evaluation_episodes=4, record=replace(cfg.record, episodes=40, episode_s=2.0)
+    cfg,
+    evaluation_episodes=4,
+    env=replace(cfg.env, episode_s=2.0),
+    record=replace(cfg.record, episodes=40, episode_s=2.0),
 )
-print("""
-"""What stands in place of the last `print(`: fewer and shorter episodes."""
+with blank(): print("""
+"""What stands in place of the last `print(`: fewer and shorter episodes, no curves."""
 
 
 @pytest.fixture(scope="module")

@@ -29,6 +29,7 @@ from gaitpref import (
 )
 from policy import EnvCfg, PpoCfg, RecordCfg, TrainCfg, load_policy, load_robot, train
 from rewardmodel import load_reward
+from tests.helpers.few_evaluated import evaluate_few
 from tests.helpers.own_lookers import fewer_feet_down
 
 PACKAGES = (data, gaitpref, labeling_ui, policy, rewardmodel)
@@ -50,6 +51,7 @@ def small_policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def tiny(cfg: LoopCfg) -> LoopCfg:
     return replace(
         cfg,
+        env=replace(cfg.env, episode_s=2.0),
         rounds=1,
         labels=12,
         steps=StepsCfg(base=768, round=768, last=768),
@@ -60,7 +62,10 @@ def tiny(cfg: LoopCfg) -> LoopCfg:
 
 
 @pytest.mark.parametrize("name", ["own_criterion", "own_method"])
-def test_a_loop_of_ones_own_runs(tmp_path: Path, name: str) -> None:
+def test_a_loop_of_ones_own_runs(
+    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    evaluate_few(monkeypatch)
     cfg = tiny(example(name).cfg())
     page = run_loop(tmp_path / "run", cfg)
     assert page.exists()

@@ -53,6 +53,19 @@ def _simulated(command: options.Answer, dataset: Dataset) -> None:
     console.print(
         f"{count} pairs of {command.dataset} were answered by {command.criterion}"
     )
+    with dataset.answers() as store:
+        skipped = store.count(rater_id=rater, choice="skip")
+    missing = {
+        name
+        for entry in dataset.entries()
+        for name in entry.meta.extra.get("missing_features", "").split()
+    }
+    if skipped and missing:
+        console.print(
+            f"{skipped} were skipped: of a clip that lacks what {command.criterion} "
+            f"looks at nobody can tell, and episodes here lack "
+            f"{', '.join(sorted(missing))}"
+        )
 
 
 def _by_program(command: options.Answer, program: ProgramCfg, dataset: Dataset) -> None:

@@ -333,6 +333,8 @@ def _imported(action: options.Import, facts: dict[str, Any]) -> None:
     left_out, told = facts.pop("left_out"), facts.pop("told")
     for key in ("missing", "estimated"):
         facts[key] = ", ".join(facts[key]) or "nothing"
+    for key in ("asked_m_s", "seen_m_s"):
+        facts[key] = "not known" if facts[key] is None else facts[key]
     _say(False, facts)
     for kind, count in left_out.items():
         say(shown(f"left out: {kind}: {count:,}"))
