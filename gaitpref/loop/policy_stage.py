@@ -40,7 +40,6 @@ from .run_dir import (
     seed_of,
     trained_before,
 )
-from .show_stage import labels_kept
 
 
 class Interrupted(KeyboardInterrupt):
@@ -64,7 +63,7 @@ def policy_stage(
     """
     if round.policy.exists() or round.candidate.exists():
         return
-    judged = context.is_last and labels_kept(cfg.method, context)
+    judged = context.is_last and cfg.method.labels_kept(context)
     done = round.candidate if judged else round.policy.parent
     partial = partial_of(round)
     untrained = _untrained(cfg, round)

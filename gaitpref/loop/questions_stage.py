@@ -31,12 +31,7 @@ from .collect import Collector
 from .loop_cfg import LoopCfg
 from .people import People
 from .run_dir import Round, seed_of
-from .show_stage import (
-    labels_kept,
-    labels_planned,
-    pairs_of_both,
-    to_compare,
-)
+from .show_stage import pairs_of_both, to_compare
 
 GOLD_SHARE = 0.05
 """Pairs with a known answer to every pair that people are asked."""
@@ -67,8 +62,8 @@ def questions_stage(
     budget = cfg.method.budget
     count = budget.labels_of(
         context,
-        kept=labels_kept(cfg.method, context),
-        planned=labels_planned(cfg.method, context),
+        kept=cfg.method.labels_kept(context),
+        planned=cfg.method.labels_planned(context),
     )
     with dataset.answers() as store:
         if meanwhile := cfg.method.meanwhile:

@@ -36,27 +36,6 @@ _LEAST_CLIP_S = 0.1
 """A fall is seen in no time, and one who falls at once is to be judged too."""
 
 
-def labels_kept(method: Method, context: RoundContext) -> int:
-    """Answers that are kept for judging the last policy; more where answers err, of
-    those the first round left."""
-    if method.accept is None:
-        return 0
-    planned = labels_planned(method, context)
-    if not context.noisy:
-        return planned
-    wanted = method.accept.last_labels(context)
-    return method.budget.most_kept(context, wanted, planned=planned)
-
-
-def labels_planned(method: Method, context: RoundContext) -> int:
-    """Those that were to be kept when the first round asked, before anybody knew
-    whether answers err."""
-    if method.accept is None:
-        return 0
-    first = replace(context, noisy=None)
-    return method.budget.most_kept(first, method.accept.last_labels(first))
-
-
 def to_compare(
     method: Method, round: Round, context: RoundContext
 ) -> tuple[Policy, ...]:
@@ -65,7 +44,7 @@ def to_compare(
     """
     if method.accept is None:
         return ()
-    last = context.is_last and bool(labels_kept(method, context))
+    last = context.is_last and bool(method.labels_kept(context))
     if not last and not method.accept.judges(context):
         return ()
     before = load_policy(began_from(round)) if round.number else None

@@ -24,7 +24,7 @@ from .collect import Collector
 from .loop_cfg import LoopCfg
 from .people import People
 from .run_dir import Round, began_from
-from .show_stage import duel_of, labels_kept, pairs_of_both, shown_by, to_compare
+from .show_stage import duel_of, pairs_of_both, shown_by, to_compare
 
 
 def approval_stage(
@@ -74,7 +74,7 @@ def verdict_stage(
                 people=people,
             )
             contest = _Contest(
-                round, dataset, cfg, collector, labels_kept(cfg.method, context)
+                round, dataset, cfg, collector, cfg.method.labels_kept(context)
             )
             found = contest.verdict(accept)
         text = json.dumps(found.as_json(), indent=1)

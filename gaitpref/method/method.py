@@ -74,6 +74,23 @@ class Method:
         """What is fitted in the round of `context`."""
         return replace(self.reward, answers_err=context.noisy)
 
+    def labels_kept(self, context: RoundContext) -> int:
+        """Answers that are kept for judging the last policy; more where answers err, of
+        those the first round left."""
+        planned = self.labels_planned(context)
+        if self.accept is None or not context.noisy:
+            return planned
+        wanted = self.accept.last_labels(context)
+        return self.budget.most_kept(context, wanted, planned=planned)
+
+    def labels_planned(self, context: RoundContext) -> int:
+        """Those that were to be kept when the first round asked, before anybody knew
+        whether answers err."""
+        if self.accept is None:
+            return 0
+        first = replace(context, noisy=None)
+        return self.budget.most_kept(first, self.accept.last_labels(first))
+
 
 FROM_SCRATCH = Method(
     # Beside clips without noise, those with it teach that moving is bad.

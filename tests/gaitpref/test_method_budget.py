@@ -7,7 +7,6 @@ from dataclasses import replace
 import pytest
 
 from data.answers.answer_records import MIN_ANSWERS
-from gaitpref.loop.show_stage import labels_kept, labels_planned
 from gaitpref.method.budget import FrontLoaded
 from gaitpref.method.context import RoundContext
 from gaitpref.method.method import FROM_SCRATCH, STYLE, Method
@@ -68,13 +67,13 @@ def test_answers_that_turn_out_to_err_do_not_make_more_of_them(
     found = [
         method.budget.labels_of(
             context,
-            kept=labels_kept(method, context),
-            planned=labels_planned(method, context),
+            kept=method.labels_kept(context),
+            planned=method.labels_planned(context),
         )
         for context in (first, *later)
     ]
     assert sum(found) == labels
-    assert found[-1] >= labels_planned(method, first)
+    assert found[-1] >= method.labels_planned(first)
 
 
 def test_of_a_single_round_all_is_asked_at_once() -> None:

@@ -85,6 +85,10 @@ def test_answers_that_do_not_agree_train_nothing(
     assert not report["trust"]["deserves_training"]
     assert "do not agree" in (run / "report/index.html").read_text()
 
+    assert main(["method", "--run", str(run)]) == 0
+    decided = capsys.readouterr().out
+    assert "round 1: nothing was trained, because the answers do not agree" in decided
+
     on = ["--reward", str(run / "rounds/01/reward"), "--dataset", str(run / "dataset")]
     assert main(["trust", *on, "--json"]) == 0
     trust = json.loads(capsys.readouterr().out)

@@ -16,6 +16,7 @@ import pytest
 
 from data.answers.store import AnswerStore
 from data.datasets.dataset import Dataset
+from gaitpref.cli.main import main
 from gaitpref.cli.options.options import Loop
 from gaitpref.cli.shared.loop_arguments import resolve
 from gaitpref.loop.loop_cfg import RunError
@@ -78,6 +79,29 @@ def test_every_stage_leaves_its_files(undisturbed: Path) -> None:
     assert "http://" not in re.sub(
         r"http://(www.w3.org|purl.org|creativecommons.org)", "", page
     )
+
+
+def test_what_it_decided_on_the_way_is_told(
+    undisturbed: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By `gaitpref method --run`: of answers, trainings, and the end."""
+    assert main(["method", "--run", str(undisturbed)]) == 0
+    decided = capsys.readouterr().out.partition("on the way:\n")[2]
+    told = json.loads((undisturbed / "rounds/00/decided.json").read_text())["told"]
+    assert f"round 0: {told}" in decided
+    for number in (1, 2):
+        policy = load_policy(undisturbed / f"rounds/0{number}/policy/policy.pt")
+        line = f"round {number}: steps counted in the mirror too"
+        assert f"{line}, and its noise ended at a deviation of" in decided
+        assert f"{float(policy.std.mean()):.2f}" in decided
+    last = [p for p, *_ in _judgements(undisturbed)]
+    with Dataset.open(undisturbed / "dataset").answers() as store:
+        kept = [pair for pair in store.pairs(round=2) if pair.pair_id in last]
+    found = re.search(r"round 2: (\d+) answers were kept to judge its policy", decided)
+    assert found
+    assert 4 <= len(kept) <= int(found[1]) <= 8
+    verdict = json.loads((undisturbed / "rounds/02/verdict.json").read_text())
+    assert f"the run: {verdict['sentence']}" in decided
 
 
 def test_another_seed_gives_other_weights(undisturbed: Path, tmp_path: Path) -> None:

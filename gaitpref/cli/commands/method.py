@@ -18,9 +18,13 @@ from gaitpref.cli.shared.by_hand import METHODS
 from gaitpref.cli.shared.next_of_run import next_of_run
 from gaitpref.console.progress import console
 from gaitpref.console.terminal import say
+from gaitpref.loop.drift import deserves_training, why_not_trained
+from gaitpref.loop.loop_cfg import LoopCfg
 from gaitpref.loop.run_config import read_config
-from gaitpref.loop.run_dir import Round
+from gaitpref.loop.run_dir import Round, context_of
 from gaitpref.method.method import Method
+from policy.training.checkpoint import load_policy
+from policy.training.training_dir import POLICY_NAME
 from rewardmodel.cfg import FitCfg
 from rewardmodel.models.kinds import KINDS
 
@@ -74,7 +78,7 @@ def _print_both(command: options.Method) -> None:
 
 def _print_run(run: Path, *, as_json: bool) -> None:
     cfg = read_config(run)
-    decided = list(_decided_in(run, cfg.rounds))
+    decided = list(_decided_in(run, cfg))
     if as_json:
         plain = {"method": to_plain(cfg.method, whole=True), "decided": decided}
         say(json.dumps(plain, indent=1))
@@ -87,10 +91,12 @@ def _print_run(run: Path, *, as_json: bool) -> None:
         say(f"  {line}")
 
 
-def _decided_in(run: Path, rounds: int) -> Iterator[str]:
+def _decided_in(run: Path, cfg: LoopCfg) -> Iterator[str]:
     """What the finished rounds of a run decided, in words."""
-    for number in range(rounds + 1):
+    for number in range(cfg.rounds + 1):
         round = Round(run, number)
+        if number and round.report.exists():
+            yield f"round {number}: {_trained_in(round)}"
         if round.decided.exists():
             yield f"round {number}: {read_json(round.decided)['told']}"
         if round.approval.exists():
@@ -101,7 +107,22 @@ def _decided_in(run: Path, rounds: int) -> Iterator[str]:
                 f"{found['for_old']} against: training went on from {begins}"
             )
         if round.verdict.exists():
+            kept = cfg.method.labels_kept(context_of(cfg, round))
+            yield f"round {number}: {kept} answers were kept to judge its policy"
             yield f"the run: {read_json(round.verdict)['sentence']}"
+
+
+def _trained_in(round: Round) -> str:
+    """How the policy of a finished round was trained, or why it was not."""
+    if not deserves_training(round.before):
+        return (
+            f"nothing was trained, because the answers {why_not_trained(round.before)}"
+        )
+    candidate = round.candidate / POLICY_NAME
+    policy = load_policy(candidate if candidate.exists() else round.policy)
+    too = "counted" if policy.info.ppo.mirror else "did not count"
+    noise = float(policy.std.mean())
+    return f"steps {too} in the mirror too, and its noise ended at a deviation of {noise:.2f}"
 
 
 def settings_of(method: Method) -> Iterator[Setting]:
