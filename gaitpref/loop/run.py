@@ -100,8 +100,12 @@ def _run(
         if not (run / CONFIG_NAME).exists():
             require_teaching(cfg.program)
     claim(run, cfg, inputs.contents)
-    if not Round(run, cfg.rounds).report.exists():
-        note_start(run, command)
+    unfinished = not Round(run, cfg.rounds).report.exists()
+    if unfinished and (changed := note_start(run, command, ranks.size)):
+        console.print(
+            f"the run was begun otherwise ({changed}): it goes on, but its files will "
+            "not be those it would have come to"
+        )
     dataset = Dataset.create(run / "dataset", answers=answers)
     with (
         open_page(dataset) as visitors,

@@ -5,21 +5,26 @@ It decides nothing, and differs between runs that are equal otherwise.
 
 from __future__ import annotations
 
+import hashlib
 import importlib.metadata
 import json
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from data.errors import FileError
 from data.files.files import read_file, write_atomically
+from gaitpref import __version__
 
 JOURNAL_NAME = "journal.jsonl"
 _MOST_BYTES = 2**20
-_VERSIONS = ("gaitpref", "torch", "mujoco", "rsl-rl-lib")
+_VERSIONS = ("torch", "mujoco", "rsl-rl-lib")
+_DECIDING = ("rewardmodel", "policy", "gaitpref/method", "gaitpref/training")
+"""Packages whose code and constants decide how a run goes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +35,9 @@ class Start:
     command: str
     """As it was typed, with what differs from the defaults; empty from a program."""
     versions: Mapping[str, str]
+    """Of Python and packages; of gaitpref also what its code is, in eight letters."""
+    processes: int = 1
+    """That train together."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,15 +59,39 @@ class Journal:
         return (end - max(begun)).total_seconds() if begun else None
 
 
-def note_start(run: Path, command: str) -> None:
-    """Add that the run is begun or gone on with."""
-    versions = {"python": platform.python_version()}
+def note_start(run: Path, command: str, processes: int = 1) -> str:
+    """Add that the run is begun or gone on with; gives what is not as it was when it
+    was begun, of all that decides and that no setting tells."""
+    versions = {
+        "python": platform.python_version(),
+        "gaitpref": f"{__version__}+{_code()}",
+    }
     for name in _VERSIONS:
         try:
             versions[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
             continue
-    _add(run, {"what": "start", "command": command, "versions": versions})
+    begun = read_journal(run).starts[:1]
+    told = {"command": command, "versions": versions, "processes": processes}
+    _add(run, {"what": "start", **told})
+    now = {**versions, "processes": processes}
+    return ", ".join(
+        f"{name} {old} -> {now[name]}"
+        for start in begun
+        for name, old in {**start.versions, "processes": start.processes}.items()
+        if now.get(name, old) != old
+    )
+
+
+@cache
+def _code() -> str:
+    """Eight letters that are others where the code is that decides."""
+    root = Path(__file__).parents[2]
+    files = sorted(file for part in _DECIDING for file in (root / part).rglob("*.py"))
+    code = hashlib.sha256()
+    for file in files:
+        code.update(file.relative_to(root).as_posix().encode() + file.read_bytes())
+    return code.hexdigest()[:8]
 
 
 def note_round(run: Path, number: int) -> None:
@@ -77,7 +109,10 @@ def read_journal(run: Path) -> Journal:
             at = datetime.fromisoformat(entry["utc"]).astimezone(UTC)
             if entry["what"] == "start":
                 start = Start(
-                    at=at, command=str(entry["command"]), versions=entry["versions"]
+                    at=at,
+                    command=str(entry["command"]),
+                    versions=entry["versions"],
+                    processes=int(entry.get("processes", 1)),
                 )
                 starts.append(start)
             else:

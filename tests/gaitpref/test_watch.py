@@ -19,6 +19,7 @@ from typing import Any
 import pytest
 from torch.utils.tensorboard import SummaryWriter
 
+import gaitpref
 from data.datasets.dataset import Dataset
 from gaitpref.cli.commands.looking import watch as command
 from gaitpref.cli.options import options
@@ -123,6 +124,18 @@ def test_a_run_that_ended_is_shown_too(tmp_path: Path) -> None:
     found = RunReader(tmp_path / "demo").read()
     assert found["kind"] in ("loop", "unread")
     assert found["running"] is False
+
+
+def test_who_goes_on_otherwise_than_it_was_begun_is_told(tmp_path: Path) -> None:
+    """Of what decides and is no setting: versions, code, processes."""
+    assert journal.note_start(tmp_path, "gaitpref loop --run r") == ""
+    assert journal.note_start(tmp_path, "gaitpref loop --run r") == ""
+    file = tmp_path / journal.JOURNAL_NAME
+    (begun, *_) = journal.read_journal(tmp_path).starts
+    file.write_text(file.read_text().replace(begun.versions["torch"], "0.1"))
+    changed = journal.note_start(tmp_path, "", processes=2)
+    assert changed == f"torch 0.1 -> {begun.versions['torch']}, processes 1 -> 2"
+    assert begun.versions["gaitpref"].startswith(f"{gaitpref.__version__}+")
 
 
 def test_the_journal_tells_starts_and_durations(tmp_path: Path) -> None:

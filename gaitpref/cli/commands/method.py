@@ -121,8 +121,8 @@ def _trained_in(round: Round) -> str:
     candidate = round.candidate / POLICY_NAME
     policy = load_policy(candidate if candidate.exists() else round.policy)
     too = "counted" if policy.info.ppo.mirror else "did not count"
-    noise = float(policy.std.mean())
-    return f"steps {too} in the mirror too, and its noise ended at a deviation of {noise:.2f}"
+    noise = f"its noise ended at a deviation of {float(policy.std.mean()):.2f}"
+    return f"steps {too} in the mirror too, and {noise}"
 
 
 def settings_of(method: Method) -> Iterator[Setting]:
