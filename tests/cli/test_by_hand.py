@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from data.datasets.dataset import Dataset
 from data.files.files import read_json
 from gaitpref.cli.main import main
 from gaitpref.loop.loop_cfg import LoopCfg
@@ -78,6 +79,31 @@ def test_a_reward_is_fitted_as_the_loop_does(
         for folder in (tmp_path / "own", Round(fitted, 0).reward)
     )
     assert own == loops
+
+
+def test_questions_are_chosen_as_the_loop_does(
+    looped: tuple[Path, Path],
+    method: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """By the same rule, and who asks for more at a time than it would is told."""
+    data = shutil.copytree(looped[0] / "dataset", tmp_path / "set")
+    words = ["pairs", "--dataset", str(data), "--method", method]
+    words += ["--reward", str(Round(looped[0], 0).reward)]
+    batch = cfg_of(method).method.questions.batch
+    for count in (batch, batch + 1):
+        assert main([*words, "--count", str(count)]) == 0
+        said = " ".join(capsys.readouterr().err.split())
+        assert (f"a loop asks {batch} at a time" in said) == (count > batch)
+    with Dataset.open(data).answers() as store:
+        asked = {
+            pair.strategy for number in (1, 2) for pair in store.pairs(round=number)
+        }
+    chosen = {"scratch": {"disagreement", "uniform"}, "style": {"information"}}
+    assert asked == chosen[method]
+    assert main([*words, "--count", "1", "--strategy", "bald"]) == 2
+    assert f"--strategy beside --method {method}" in capsys.readouterr().err
 
 
 def test_a_policy_is_retrained_as_the_loop_does(

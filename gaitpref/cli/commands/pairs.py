@@ -11,7 +11,9 @@ import numpy as np
 
 from data.answers.answer_records import Pair
 from data.datasets.gone import pairs_gone
+from data.errors import GaitprefError
 from gaitpref.cli.options import options
+from gaitpref.cli.shared.by_hand import METHODS
 from gaitpref.cli.shared.dataset_argument import open_dataset
 from gaitpref.cli.shared.next_of_answers import next_answers
 from gaitpref.console.progress import console, counted
@@ -41,6 +43,11 @@ _MORE_OF_TEAMS = (
 
 def run(command: options.Pairs) -> int:
     """Run the command; gives the exit code."""
+    if command.method is not None and command.strategy is not None:
+        raise GaitprefError(
+            f"--strategy beside --method {command.method}: the method decides that; "
+            "leave one of the two out"
+        )
     dataset = open_dataset(command)
     model = None if command.reward is None else load_reward(command.reward)
     cut, rng = ClipCfg.of(command.clip_s), np.random.default_rng(command.seed)
@@ -63,6 +70,11 @@ def run(command: options.Pairs) -> int:
     console.print(f"{added} pairs were added to {command.dataset}{of_these}")
     if command.strategy is None and model is None:
         console.print(_AT_ONCE)
+    elif command.method is not None and command.count > _asked_by(command).batch:
+        console.print(
+            f"a loop asks {_asked_by(command).batch} at a time, and fits a reward to "
+            "the answers before the next"
+        )
     console.print(told)
     if share < FEW:
         teams = any(entry.meta.is_team for entry in dataset.entries())
@@ -82,7 +94,7 @@ def _chosen(
     round: int,
     rng: np.random.Generator,
 ) -> list[Pair]:
-    own = Questions()
+    own = _asked_by(command)
     strategy = command.strategy or ("uniform" if model is None else own.strategy)
     # Refused before anything is chosen at random instead.
     dataset = visible.dataset
@@ -95,9 +107,13 @@ def _chosen(
         known=known,
         model=model,
         round_number=round,
-        # As a loop from scratch asks, where nobody says otherwise.
         uniform_share=0.0 if command.strategy else own.uniform_share,
         strategy=strategy,
         told_apart=visible if visible.least > 0 else None,
         rng=rng,
     )
+
+
+def _asked_by(command: options.Pairs) -> Questions:
+    """How pairs are chosen: as from scratch, where nobody says otherwise."""
+    return METHODS[command.method or "scratch"].questions

@@ -38,6 +38,9 @@ class Pairs:
     open), those that stand for most others, or a determinantal batch that is both
     unsure and various. By default where --reward is given every fifth at random and
     the others by disagreement, as a loop from scratch asks, else all at random."""
+    method: Literal["scratch", "style"] | None = None
+    """Choose as a loop does that learns to walk from nothing or a style; with --reward,
+    after the first answers. A loop asks a few at a time and fits in between."""
     reward: Path | None = None
     """Learned reward whose ensemble is asked; disagreement, entropy, bald, improvement
     and kcenter-entropy need it, kcenter and dpp take it into account."""
