@@ -147,6 +147,16 @@ class Worth:
         return statistics.stdev(self.shares) / math.sqrt(len(self.shares))
 
     @property
+    def pairs(self) -> str:
+        """How many there are, and of how many the two rows are the same run: there the
+        decision never came into play."""
+        unmoved = sum(
+            (share, error) == (0.0, 0.0)
+            for share, error in zip(self.shares, self.errors_m_s, strict=True)
+        )
+        return f"{len(self.shares)}" + (f", {unmoved} alike" if unmoved else "")
+
+    @property
     def told(self) -> str:
         """The mean, with its standard error where there is one."""
         beside = "" if len(self.shares) < 2 else f" ± {self.standard_error:.3f}"
@@ -206,7 +216,7 @@ def markdown(found: Sequence[Worth]) -> str:
     ]
     lines += [
         f"| {LEFT_OUT[each.method]} (`{each.method}`) | {', '.join(each.places)} "
-        f"| {len(each.shares)} | {each.told} "
+        f"| {each.pairs} | {each.told} "
         f"| {statistics.fmean(each.errors_m_s):+.3f} m/s | {each.verdict} |"
         for each in found
     ]

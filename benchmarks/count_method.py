@@ -15,6 +15,7 @@ import re
 import subprocess
 import tokenize
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,10 @@ from rich.table import Table
 
 from data.files.files import write_atomically
 
+from .preference_table import write_between
+
 KEPT = Path("docs/results/method_count.json")
+PAGE = Path("docs/benchmarks.md")
 PACKAGES = ("gaitpref", "rewardmodel", "policy")
 LIBRARIES = ("data",)
 """Packages that settings may come from, and that are not counted themselves."""
@@ -295,9 +299,11 @@ def count(root: Path) -> dict[str, Any]:
 
 
 def commit_of(root: Path) -> str:
-    """The commit checked out at `root`."""
+    """The commit checked out at `root`; empty where none is."""
     command = ["git", "-C", str(root), "rev-parse", "HEAD"]
-    return subprocess.check_output(command, text=True).strip()
+    with suppress(OSError, subprocess.CalledProcessError):
+        return subprocess.check_output(command, text=True).strip()
+    return ""
 
 
 def show(found: dict[str, Any]) -> None:
@@ -313,11 +319,37 @@ def show(found: dict[str, Any]) -> None:
         Console().print(table)
 
 
+def table(kept: dict[str, Any]) -> str:
+    """What was counted of several checkouts, side by side, as Markdown."""
+    counts = list(kept.values())
+    rows = [
+        [f"settings of `{name}`, and under it", *(_settings(k, name) for k in counts)]
+        for name in SETTINGS
+    ]
+    rows += [
+        [figure.replace("_", " "), *(_of_packages(k, figure) for k in counts)]
+        for figure in counts[0][PACKAGES[0]]
+    ]
+    head = [["", *kept], ["---"] * (1 + len(kept))]
+    return "\n".join(f"| {' | '.join(row)} |" for row in head + rows)
+
+
+def _settings(counted: dict[str, Any], name: str) -> str:
+    found = counted["settings"][name]
+    return "-" if found is None else f"{found['fields']}, {found['leaves']}"
+
+
+def _of_packages(counted: dict[str, Any], figure: str) -> str:
+    return ", ".join(f"{counted[name][figure]:,}" for name in PACKAGES)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--root", type=Path, default=Path(), help="checkout to count")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.add_argument("--keep", metavar="NAME", help=f"write it into {KEPT} as NAME")
+    parser.add_argument(
+        "--keep", metavar="NAME", help=f"write it into {KEPT}, and {PAGE}, as NAME"
+    )
     args = parser.parse_args()
     found = count(args.root)
     if args.json:
@@ -328,6 +360,7 @@ def main() -> None:
         kept = json.loads(KEPT.read_text()) if KEPT.exists() else {}
         kept[args.keep] = {"commit": commit_of(args.root), **found}
         write_atomically(KEPT, (json.dumps(kept, indent=1) + "\n").encode())
+        write_between(PAGE, "count", table(kept))
 
 
 if __name__ == "__main__":

@@ -38,6 +38,7 @@ from policy.training.setup import setting_of
 from policy.training.train import train
 from policy.training.train_cfg import TrainCfg
 
+from .count_method import commit_of
 from .preference_fresh import on_fresh_pairs
 from .preference_plan import Cell, cfg_of, steps_of
 
@@ -127,6 +128,7 @@ def _row(
         "alarms": sum(len(each.get("trust", {}).get("alarms", ())) for each in reports),
         **on_fresh_pairs(run, cfg, _criterion(cfg, last)),
         "steps": steps_of(cfg),
+        "commit": commit_of(Path(__file__).parents[1]),
     }
 
 

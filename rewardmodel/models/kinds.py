@@ -1,4 +1,4 @@
-"""The kinds of reward model there are: one table, and nothing else asks for a name."""
+"""The kinds of reward model there are, in one table; `auto` chooses one of them."""
 
 from __future__ import annotations
 

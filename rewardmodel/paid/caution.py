@@ -1,16 +1,16 @@
-"""A reward that is less sure pays less.
+"""A linear reward that is less sure pays less, habit by habit.
 
 A policy looks for what the reward overrates. Where members fitted to resampled answers
-disagree, the answers do not say what a motion is worth; paying less there takes the
-gain out of leaving what was judged (lower confidence bound; for learned rewards Coste
-et al. 2023, "Reward Model Ensembles Help Mitigate Overoptimization").
+disagree, the answers do not say what a motion is worth (for learned rewards Coste et
+al. 2023, "Reward Model Ensembles Help Mitigate Overoptimization", who lower the whole
+reward).
 
-Where answers err, a linear reward is careful habit by habit: each weight is moved
-towards what was expected of it before any answer, all the way where it lies within some
-deviations of that over the members, and by less the surer it is, and effort is not paid
-for: what moves well takes more of it than what stands, and such answers cannot tell the
-two apart. A bound on the whole reward also pays less for a habit that is surely good
-and goes with others in doubt, so it prefers standing still.
+Where answers err, each weight is moved towards what was expected of it before any
+answer, all the way where it lies within some deviations of that over the members, and
+by less the surer it is, and effort is not paid for: what moves well takes more of it
+than what stands, and such answers cannot tell the two apart. A bound on the whole
+reward would also pay less for a habit that is surely good and goes with others in
+doubt, and so prefer standing still.
 
 Where they hardly err, a linear reward may charge in full and pay only what is surely
 liked. What is charged ends at nothing; of what is paid a policy can have more than any

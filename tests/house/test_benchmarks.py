@@ -383,6 +383,12 @@ def test_what_a_decision_is_worth_stands_in_the_method(tmp_path: Path) -> None:
     ablations.publish([*rows, *later], tmp_path)
     worth = (tmp_path / "method.md").read_text()
     assert "| 3 | +0.300 ± 0.000 | +0.000 m/s | open: 3 of 6 pairs |" in worth
+    # Where both rows are the same run the decision was not asked.
+    same = [each | {"method": "linear", "task": "pace"} for each in rows[:3]]
+    pace = [each | {"task": "pace"} for each in rows[:3]]
+    ablations.publish([*rows, *later, *same, *pace], tmp_path)
+    worth = (tmp_path / "method.md").read_text()
+    assert "| 6, 3 alike | +0.150 ± 0.067 | +0.000 m/s | stays |" in worth
     (tmp_path / "method.md").write_text("no place for it\n")
     with pytest.raises(GaitprefError, match="has no lines <!-- ablations: begin -->"):
         ablations.publish(rows, tmp_path)

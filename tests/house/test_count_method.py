@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.count_method import count, modules_of
+from benchmarks.count_method import count, modules_of, table
 
 SOURCES = {
     "rewardmodel/cfg.py": '''
@@ -119,6 +119,23 @@ def test_constants_questions_and_lines(checkout: Path) -> None:
     assert found["code_lines"] == 14 + 2 + 3 + 4 + 5
     lines = [len(SOURCES[name].splitlines()) for name in SOURCES if "reward" in name]
     assert found["lines"] == sum(lines)
+
+
+def test_two_checkouts_stand_side_by_side(checkout: Path) -> None:
+    """Fields and what is under them, packages one after another; what is not, is not."""
+    found = count(checkout)
+    none = {name: None for name in found["settings"]}
+    told = table({"before": found, "after": found | {"settings": none}})
+    assert told.startswith("|  | before | after |\n")
+    own = found["settings"]["FitCfg"]
+    assert (
+        f"| settings of `FitCfg`, and under it | {own['fields']}, {own['leaves']} | - |"
+        in told
+    )
+    assert (
+        f"| numbers in constants | 0, 6, {found['policy']['numbers_in_constants']} |"
+        in told
+    )
 
 
 def test_this_checkout_is_counted_from_the_command_line() -> None:
