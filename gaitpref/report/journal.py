@@ -10,6 +10,7 @@ import importlib.metadata
 import json
 import platform
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
@@ -18,11 +19,10 @@ from typing import Any
 
 from data.errors import FileError
 from data.files.files import read_file, write_atomically
-from gaitpref import __version__
 
 JOURNAL_NAME = "journal.jsonl"
 _MOST_BYTES = 2**20
-_VERSIONS = ("torch", "mujoco", "rsl-rl-lib")
+_VERSIONS = ("gaitpref", "torch", "mujoco", "rsl-rl-lib")
 _DECIDING = ("rewardmodel", "policy", "gaitpref/method", "gaitpref/training")
 """Packages whose code and constants decide how a run goes."""
 
@@ -62,15 +62,12 @@ class Journal:
 def note_start(run: Path, command: str, processes: int = 1) -> str:
     """Add that the run is begun or gone on with; gives what is not as it was when it
     was begun, of all that decides and that no setting tells."""
-    versions = {
-        "python": platform.python_version(),
-        "gaitpref": f"{__version__}+{_code()}",
-    }
+    versions = {"python": platform.python_version()}
     for name in _VERSIONS:
-        try:
+        with suppress(importlib.metadata.PackageNotFoundError):
             versions[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            continue
+    if "gaitpref" in versions:
+        versions["gaitpref"] += f"+{_code()}"
     begun = read_journal(run).starts[:1]
     told = {"command": command, "versions": versions, "processes": processes}
     _add(run, {"what": "start", **told})

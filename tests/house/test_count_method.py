@@ -122,7 +122,7 @@ def test_constants_questions_and_lines(checkout: Path) -> None:
 
 
 def test_two_checkouts_stand_side_by_side(checkout: Path) -> None:
-    """Fields and what is under them, packages one after another; what is not, is not."""
+    """Fields and what is under them, packages in a row; what there is not, has none."""
     found = count(checkout)
     none = {name: None for name in found["settings"]}
     told = table({"before": found, "after": found | {"settings": none}})
