@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 
 from data.datasets.dataset import Dataset
@@ -77,6 +77,7 @@ def verdict_stage(
                 round, dataset, cfg, collector, cfg.method.labels_kept(context)
             )
             found = contest.verdict(accept)
+        found = replace(found, stands=_stands(cfg, round, found.stays))
         text = json.dumps(found.as_json(), indent=1)
         write_atomically(round.verdict, text.encode())
     if round.policy.exists():
@@ -91,6 +92,14 @@ def verdict_stage(
     kept = read_file(Round(round.run, stays).policy, POLICY_BYTES)
     write_atomically(unfinished / POLICY_NAME, kept)
     replace_directory(unfinished, round.policy.parent)
+
+
+def _stands(cfg: LoopCfg, round: Round, stays: int) -> bool:
+    """Whether the policy that stays is a robot that was made to stand."""
+    own = Round(round.run, stays)
+    waits = own.candidate / POLICY_NAME
+    policy = load_policy(waits if waits.exists() else own.policy)
+    return bool(stays) and cfg.base == "none" and policy.info.steps == 0
 
 
 @dataclass(eq=False)

@@ -29,9 +29,14 @@ class Verdict:
     that lost; None: nobody was asked."""
     beside_before: Duel | None = None
     """The last policy beside the one it was trained from, where that is another."""
+    stands: bool = False
+    """Whether the one that stays is a robot that was made to stand, as nothing that was
+    trained is preferred: to stand is better than to fall, and no gait."""
 
     @property
     def word(self) -> Word:
+        if self.stands:
+            return "not better"
         if self.beside_first is None:
             return "not known" if self.stays else "not better"
         probably = self.beside_first.probably
@@ -42,6 +47,11 @@ class Verdict:
     @property
     def sentence(self) -> str:
         """On one line, for people."""
+        if self.stands:
+            return (
+                "not better than what it started from: the robot stands still, and no "
+                "policy that was trained is preferred to that"
+            )
         if self.word == "better":
             return f"better than what it started from: {self._answers}{self._dropped}"
         stays = "" if self.stays else ", which stays"
@@ -105,6 +115,7 @@ class Verdict:
             rounds=found["rounds"],
             beside_first=first,
             beside_before=before,
+            stands=found.get("stands", False),
         )
 
     @property

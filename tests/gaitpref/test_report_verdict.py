@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -92,5 +93,7 @@ def test_the_verdict_is_one_sentence(
     assert "runs/mine" in advice
     assert ("--labels" in advice) == (word != "better")
     assert ("gaitpref arena" in advice) == (word == "not known")
+    stands = replace(verdict, stands=True)
+    assert (stands.word, Verdict.from_json(stands.as_json())) == ("not better", stands)
     lost = stays == 0 and first is not None
     assert ("rounds/03/candidate/policy.pt" in advice) == lost

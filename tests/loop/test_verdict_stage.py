@@ -115,6 +115,26 @@ def test_the_better_of_the_two_stays(
     assert len(counts) == 1
 
 
+def test_a_robot_that_only_stands_is_no_better(
+    before_approval: Path, tmp_path: Path
+) -> None:
+    """Though more answers prefer that to falling: nothing that was trained is."""
+    run = tmp_path / "run"
+    shutil.copytree(before_approval, run)
+    with_one_that_stands(run, "old")
+    file = run / "rounds/01/policy/policy.pt"
+    payload = read_plain(file)
+    info = json.loads(payload["infos"]["gaitpref"]) | {"steps": 0}
+    payload["infos"]["gaitpref"] = json.dumps(info)
+    saved = io.BytesIO()
+    torch.save(payload, saved)
+    file.write_bytes(saved.getvalue())
+    run_loop(run, erring_cfg())
+    found = json.loads((run / "rounds/02/report.json").read_text())["verdict"]
+    assert (found["stays"], found["word"]) == (1, "not better")
+    assert "the robot stands still" in found["sentence"]
+
+
 class _Away:
     """A collector of answers that nobody gives."""
 
