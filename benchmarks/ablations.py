@@ -2,7 +2,8 @@
 
 `python -m benchmarks.ablations` takes days on two cores and can be interrupted
 anywhere, as `benchmarks.preferences` can, whose rows these are compared with.
-`--table-only` writes the table of the rows there are into docs/method.md.
+`--table-only` writes the table of the rows there are into docs/method.md, and what all
+runs said at their end into docs/benchmarks.md.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import tyro
 
 from data.errors import GaitprefError
 
+from . import preference_table, verdict_table
 from .preference_plan import Cell
 from .preference_table import Row, read_rows, write_between
 from .preferences import Options, run_cells
@@ -236,6 +238,13 @@ def publish(rows: Sequence[Row], docs: Path) -> None:
     write_between(docs / PAGE, "ablations", table)
 
 
+def publish_verdicts(rows: Sequence[Row], docs: Path) -> None:
+    """Write what runs said at their end into its page, and print it."""
+    table = verdict_table.markdown(verdict_table.ended(rows))
+    print(table)
+    write_between(docs / preference_table.PAGE, "verdicts", table)
+
+
 def main(options: Annotated[Ablations, tyro.conf.FlagCreatePairsOff]) -> int:
     """Run, publish; the exit code tells whether every row was finished."""
     run = Options(work=options.work, results=options.results, workers=options.workers)
@@ -243,6 +252,7 @@ def main(options: Annotated[Ablations, tyro.conf.FlagCreatePairsOff]) -> int:
     # Of two that lack nothing the one beside the others is of the method they are of.
     rows = [*read_rows(options.whole), *read_rows(options.results)]
     publish(rows, options.docs)
+    publish_verdicts(rows, options.docs)
     return 1 if failed else 0
 
 

@@ -24,6 +24,7 @@ from benchmarks import (
     robots,
     team,
     throughput,
+    verdict_table,
     walk,
 )
 from benchmarks.preference_plan import HELD_BACK, cfg_of, plan
@@ -364,6 +365,25 @@ def test_a_table_of_several_seeds(tmp_path: Path) -> None:
         1,
         1,
     ]
+
+
+def test_what_runs_said_is_counted_beside_how_they_ended() -> None:
+    """A row that stands in two places counts once; one without a verdict does not."""
+    row = {
+        "task": "trot", "answers": 20, "rater": "perfect", "robot": None, "seed": 0,
+        "method": "default", "start_return": 0.4, "return": 1.0, "verdict": "better",
+    }  # fmt: skip
+    rows = [
+        row, row, row | {"seed": 1, "verdict": "not known", "alarms": 2},
+        row | {"seed": 2, "verdict": None},
+        row | {"method": "linear", "return": 0.4},
+        row | {"method": "linear", "return": 0.1, "seed": 1, "verdict": "not better"},
+    ]  # fmt: skip
+    told = verdict_table.markdown(verdict_table.ended(rows)).splitlines()
+    assert told[2] == "| the loop as it is, ended better | 2 | 1 | 0 | 1 | 1 of 1 |"
+    end = "| with a decision left out, ended equal or worse | 2 | 1 | 1 | 0 | - |"
+    assert told[5] == end
+    assert told[-1] == "Of 4 runs 3 were decided, 2 of these rightly."
 
 
 def test_what_a_decision_is_worth_stands_in_the_method(tmp_path: Path) -> None:
