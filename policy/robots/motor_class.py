@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .robot import Robot
+from .servos import DAMPING_S
 
 STIFF = (0.7, 3.5)
 """N m/rad per kg of a robot, the stiffest of its servos: those that walk outside run 1
@@ -15,6 +16,12 @@ STRONG = (0.15, 2.5)
 """Torque limit of the strongest joint, as a share of weight times height of the base at
 home: 1.1 for a Go2 and 0.3 for an ANYmal."""
 GRAVITY_M_S2 = 9.81
+SOFT = 1.5
+"""Weight times height of the base at home, over the stiffness of the stiffest servo,
+from which on a robot learned to stand and not to walk: ANYmal C as Menagerie draws it
+has 2.2, and walks with 0.9; seven others that walk have 0.3 to 1.1."""
+_FIRM = 1.15
+"""Stiffness that is advised, in weights times heights a radian."""
 
 
 def unusual_motors(robot: Robot) -> list[str]:
@@ -32,6 +39,23 @@ def unusual_motors(robot: Robot) -> list[str]:
         )
         if told
     ]
+
+
+def soft_servos(robot: Robot) -> str | None:
+    """What to do where the servos are too soft to learn a walk with; None where they
+    are not."""
+    mass_kg = float(robot.mj_model.body_subtreemass[robot.base_body_id])
+    bears_n_m = mass_kg * GRAVITY_M_S2 * float(robot.home_qpos[2])
+    stiffest = float(robot.kp.max())
+    if bears_n_m / stiffest <= SOFT:
+        return None
+    kp = float(f"{_FIRM * bears_n_m:.2g}")
+    return (
+        f"the servos are soft for this weight: kp is up to {stiffest:.3g} N m/rad, "
+        f"where {mass_kg:.3g} kg on legs of {robot.home_qpos[2]:.2g} m make "
+        f"{bears_n_m:.3g} N m; with such a robot learned to stand. Try [servo] kp = "
+        f"{kp:g}, kd = {DAMPING_S * kp:g} in the TOML beside its model"
+    )
 
 
 def _stiffness(robot: Robot, mass_kg: float) -> str | None:

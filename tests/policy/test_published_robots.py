@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from policy.robots.differences import differences
-from policy.robots.motor_class import unusual_motors
+from policy.robots.motor_class import soft_servos, unusual_motors
 from policy.robots.robot import RobotError, load_robot, load_robot_xml
 from tests.helpers.foreign_robots import Drawing, mjcf, urdf
 
@@ -174,6 +174,13 @@ def test_motors_of_no_such_robot_are_told(tmp_path: Path) -> None:
     assert "the joints would swing" in warned("kp = 50\nkd = 0.4")
     strong = "kp = 50\nkd = 1\ntorque_limit = 900"
     assert "compare with the data sheet" in warned(strong)
+    # Stands, and gives way too much to learn a walk with.
+    robot = load_robot(path, physics_dt_s=DT_S)
+    mass_kg = float(robot.mj_model.body_subtreemass[robot.base_body_id])
+    for share, soft in ((0.6, True), (0.7, False)):
+        kp = share * 9.81 * mass_kg * float(robot.home_qpos[2])
+        robot.mj_model.actuator_gainprm[robot.actuator_ids, 0] = kp
+        assert (soft_servos(robot) is not None) == soft
     drawn = mujoco.MjSpec.from_string(mjcf(Drawing(actuator="none")))
     free = load_robot_xml(drawn.to_xml(), name="free", physics_dt_s=DT_S)
     assert "no limit of torque" in " ".join(unusual_motors(free))

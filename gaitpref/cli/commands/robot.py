@@ -13,7 +13,7 @@ from gaitpref.console.progress import console
 from gaitpref.console.terminal import say
 from gaitpref.report.robot_picture import draw
 from policy.env.env_cfg import EnvCfg
-from policy.robots.motor_class import unusual_motors
+from policy.robots.motor_class import soft_servos, unusual_motors
 from policy.robots.robot import Robot, load_robot
 
 
@@ -64,6 +64,8 @@ def describe(robot: Robot) -> str:
     if not robot.changes:
         lines.append("changed    nothing but sites and sensors, which were added")
     lines += (f"warning    {warning}" for warning in unusual_motors(robot))
+    if soft := soft_servos(robot):
+        lines.append(f"warning    {soft}")
     return "\n".join(lines)
 
 

@@ -39,6 +39,7 @@ from policy.extensions.kl_penalty import KlPenaltyCfg
 from policy.imported.observed import observed_as
 from policy.offpolicy.off_policy_runner import OffPolicy
 from policy.parallel.ranks import Ranks
+from policy.robots.motor_class import soft_servos
 from policy.rollouts.walking import from_rest
 from policy.training.checkpoint import load_policy
 from policy.training.ppo import ScoreFn
@@ -133,6 +134,8 @@ def _tell_standing(file: Path) -> None:
             f"without the noise of training it does not set off from rest at "
             f"{', '.join(standing)} m/s: train on, with --resume and more --steps"
         )
+        if soft := soft_servos(policy.robot()):
+            console.print(soft)
 
 
 def _engine(
