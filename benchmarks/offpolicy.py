@@ -28,7 +28,7 @@ import tyro
 
 from . import walk
 from .harness import Figure, median, publish
-from .offpolicy_plan import FAST, Options, earned, episodes_of
+from .offpolicy_plan import FAST, Options, earned, episodes_of, more_of
 from .offpolicy_styles import answers, offline
 
 GOALS = {
@@ -44,7 +44,7 @@ def to_walk(options: Options) -> dict[str, Figure]:
     steps: dict[str, list[float]] = {}
     for name, most, more in (
         ("ppo", options.ppo_steps, ()),
-        ("fastsac", options.fast_steps, (*FAST, *options.more)),
+        ("fastsac", options.fast_steps, (*FAST, *more_of(options))),
     ):
         steps[name] = _walks(options, name, most, more, figures)
     shares = [
@@ -86,7 +86,7 @@ def priorities(options: Options) -> dict[str, Figure]:
     returns: dict[str, list[float]] = {}
     # Those drawn evenly are the walks off-policy of the other part.
     for name, more in (("fastsac", ()), ("prioritised", ("--prioritised",))):
-        more = (*FAST, *options.more, *more)
+        more = (*FAST, *more_of(options), *more)
         _walks(options, name, options.fast_steps, more, figures)
         returns[name] = [
             earned(options, "task", options.work / name / f"seed-{seed}/policy.pt")
@@ -133,7 +133,7 @@ def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> None:
             labels=12,
             rounds=1,
             answered_steps=4_608,
-            more=("--updates-per-step", "0.01"),
+            more="--updates-per-step 0.01",
         )
     publish("off-policy", measured(options), GOALS, options.json)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -50,12 +51,18 @@ class Options:
     """Its rounds."""
     answered_steps: int = 100_000
     """Environment steps of each of its trainings."""
-    more: tuple[str, ...] = ()
-    """Further options of the off-policy `gaitpref train`."""
+    more: str = ""
+    """Further options of the off-policy `gaitpref train`, as one text:
+    --more="--actors 2"."""
     quick: bool = False
     """A small version that shows that everything runs; its figures mean nothing."""
     json: Path | None = None
     """File for the figures."""
+
+
+def more_of(options: Options) -> tuple[str, ...]:
+    """Further options, word by word."""
+    return tuple(shlex.split(options.more))
 
 
 def episodes_of(options: Options) -> int:

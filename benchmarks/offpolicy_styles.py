@@ -14,7 +14,7 @@ from gaitpref.cli.shared.off_policy import EXIT_NO_GAIN
 from gaitpref.console.terminal import EXIT_BAD_INPUT
 
 from .harness import Figure, gaitpref, median
-from .offpolicy_plan import FAST, Options, earned
+from .offpolicy_plan import FAST, Options, earned, more_of
 
 
 def offline(options: Options) -> dict[str, Figure]:
@@ -66,7 +66,7 @@ def _offline_row(options: Options, seed: int) -> Path:
         _once(
             row / f"{_name(weight)}-done",
             *("train", "--out", row / _name(weight), *reward, *chance, *FAST),
-            *("--offline", "--steps", str(options.offline_steps), *options.more),
+            *("--offline", "--steps", str(options.offline_steps), *more_of(options)),
             *("--replay", row / "set", "--clone-weight", str(weight)),
             # Where nothing is gained, or the data are left behind, this is a figure.
             well=(0, EXIT_NO_GAIN, EXIT_BAD_INPUT),

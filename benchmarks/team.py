@@ -16,7 +16,7 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import torch
 import tyro
@@ -39,7 +39,8 @@ from rewardmodel.team.team_fit import fit_team, rows_in
 
 from .harness import Figure, gaitpref, publish
 
-PAYS = ("shares", "same", "counterfactual", "truth", "two")
+Pay = Literal["shares", "same", "counterfactual", "truth", "two"]
+PAYS: tuple[Pay, ...] = ("shares", "same", "counterfactual", "truth", "two")
 """Ways to train; `two` has a policy for each robot, each paid its share."""
 GOALS = {
     "lazy_named": "all",
@@ -64,6 +65,9 @@ class Options:
     """Of these many the reward is measured; it is trained on the last."""
     episodes: int = 40
     """Recorded for the answers."""
+    pays: tuple[Pay, ...] = PAYS
+    """Ways to train; with none of them, `--pays`, the rows of answers and of lazy
+    robots are made alone."""
     work: Path = Path("runs/benchmark-team")
     """Where it is made; rows.json there holds what is done."""
     json: Path | None = None
@@ -80,6 +84,7 @@ def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> None:
             robots=8,
             answers=(12, 20),
             episodes=8,
+            pays=options.pays,
             work=options.work,
             json=options.json,
         )
@@ -123,7 +128,7 @@ def _seed(options: Options, seed: int, rows: Rows) -> None:
         gaitpref("team", "fit", "--dataset", dataset, "--out", reward)
     if not rows.has(seed=seed, kind="lazy"):
         rows.add({"seed": seed, "kind": "lazy", **lazy_named(reward, dataset)})
-    for pay in PAYS:
+    for pay in options.pays:
         if rows.has(seed=seed, kind=pay):
             continue
         out = work / pay
@@ -252,6 +257,8 @@ def summary(rows: Sequence[Row]) -> dict[str, Figure]:
             if key.startswith(name)
         ]
         figures[f"lazy_{name}"] = f"{sum(map(bool, found))} of {len(found)}"
+    for robot in (1, 2):
+        figures[f"lazy_less_{robot}"] = mean("lazy", f"less_{robot}")
     return figures
 
 

@@ -11,6 +11,8 @@ from data.episodes.episode_records import Episode, EpisodeMeta
 from data.errors import GaitprefError
 from data.files.plain import from_plain
 from policy.env.course import CourseCfg
+from policy.env.env_cfg import EnvCfg
+from policy.env.world import in_world
 from policy.options.choice_row import ChoiceReward
 from policy.robots.differences import differences
 from policy.robots.robot import Robot, load_robot_xml
@@ -94,18 +96,28 @@ def _robot_in(mjcf: str, name: str, physics_dt_s: float) -> Robot:
 def require_about(reward: ChoiceReward, meta: EpisodeMeta, where: str) -> None:
     """
     Raises:
-        GaitprefError: the reward is about another robot, or another rate.
+        GaitprefError: the reward is about another robot, course or rate.
     """
-    same = (reward.robot, reward.control_dt_s) == (meta.robot, meta.control_dt_s)
-    if reward.robot and not same:
-        raise GaitprefError(
-            f"this reward is about choices of {reward.robot} at "
-            f"{1 / reward.control_dt_s:g} Hz, and {where} shows {meta.robot} at "
-            f"{1 / meta.control_dt_s:g} Hz: give the reward that `gaitpref options` "
-            "wrote beside the policy that was recorded"
-        )
+    if not reward.robot:
+        return
+    if (reward.robot, reward.control_dt_s) != (meta.robot, meta.control_dt_s):
+        shown = f"{meta.robot} at {1 / meta.control_dt_s:g} Hz"
+    elif reward.model_sha256 not in ("", meta.model_sha256):
+        shown = f"another model of {meta.robot}, or another course"
+    else:
+        return
+    raise GaitprefError(
+        f"this reward is about choices of {reward.robot} at "
+        f"{1 / reward.control_dt_s:g} Hz, and {where} shows {shown}: give the reward "
+        "that `gaitpref options` wrote beside the policy that was recorded"
+    )
 
 
-def about(reward: ChoiceReward, robot: Robot, control_dt_s: float) -> ChoiceReward:
-    """`reward`, which says whose choices it is about."""
-    return replace(reward, robot=robot.name, control_dt_s=control_dt_s)
+def about(reward: ChoiceReward, robot: Robot, env: EnvCfg) -> ChoiceReward:
+    """`reward`, which says whose choices it is about, and where."""
+    return replace(
+        reward,
+        robot=robot.name,
+        control_dt_s=env.control_dt_s,
+        model_sha256=in_world(robot, env).model_sha256,
+    )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from data.datasets.dataset import Dataset
@@ -14,13 +15,15 @@ from policy.env.env_cfg import EnvCfg
 from policy.robots.robot import Robot, load_robot_xml
 from policy.team.pair_model import first_alone
 from rewardmodel.team.stood_still import StandingCfg
+from rewardmodel.team.team_reward import Walkers
 
 
 def first_team(dataset: Dataset) -> Episode:
     """An episode of the data set, which shows a team.
 
     Raises:
-        GaitprefError: it holds none, or one that shows a robot alone.
+        GaitprefError: it holds none, one that shows a robot alone, or teams of several
+            robots or rates.
     """
     entries = dataset.entries()
     if not entries:
@@ -34,12 +37,12 @@ def first_team(dataset: Dataset) -> Episode:
             "alone: keep teams in a data set of their own, made by `gaitpref team "
             "record`"
         )
-    rates = {entry.meta.control_dt_s for entry in entries}
-    if len(rates) > 1:
-        told = ", ".join(f"{1 / rate:g} Hz" for rate in sorted(rates))
+    walkers = {Walkers.of(entry.meta) for entry in entries}
+    if len(walkers) > 1:
         raise GaitprefError(
-            f"{dataset.root} holds teams that act at {told}: what a robot earns is "
-            "counted in steps of one rate; keep each in a data set of its own"
+            f"{dataset.root} holds teams of {_told(walkers)}: what a robot earns is "
+            "counted in steps of one robot at one rate; keep each in a data set of its "
+            "own"
         )
     return dataset.read(entries[0].sha256)
 
@@ -50,19 +53,44 @@ def require_alike(datasets: Sequence[Dataset]) -> None:
         GaitprefError: one holds no team, or teams of other robots or another rate than
             the first.
     """
-    metas = [first_team(dataset).meta for dataset in datasets]
-    first = metas[0]
-    for dataset, meta in zip(datasets, metas, strict=True):
-        one, two = (
-            (each.robot, each.model_sha256, each.control_dt_s) for each in (first, meta)
-        )
-        if one != two:
+    first, *others = [Walkers.of(first_team(dataset).meta) for dataset in datasets]
+    for dataset, walkers in zip(datasets[1:], others, strict=True):
+        if walkers != first:
             raise GaitprefError(
-                f"{dataset.root} holds teams of {meta.robot} at "
-                f"{1 / meta.control_dt_s:g} Hz, {datasets[0].root} of {first.robot} at "
-                f"{1 / first.control_dt_s:g} Hz: what a robot earns is counted in "
-                "steps of one robot at one rate; fit them apart"
+                f"{dataset.root} holds teams of {_beside(walkers, first)}, "
+                f"{datasets[0].root} of {first.words}: what a robot earns is counted "
+                "in steps of one robot at one rate; fit them apart"
             )
+
+
+def require_recorded(dataset: Dataset, walkers: Walkers) -> None:
+    """
+    Raises:
+        GaitprefError: the data set holds teams of other robots or another rate than
+            `walkers`, which are to be added.
+    """
+    for entry in dataset.entries():
+        if (there := Walkers.of(entry.meta)) != walkers:
+            raise GaitprefError(
+                f"{dataset.root} holds teams of {there.words}, and this policy walks "
+                f"{_beside(walkers, there)}: what a robot earns is counted in steps of "
+                "one robot at one rate; give another --dataset"
+            )
+
+
+def _told(walkers: Iterable[Walkers]) -> str:
+    counts = Counter(each.words for each in walkers)
+    return " and ".join(
+        words if count == 1 else f"{words} ({count} models of it)"
+        for words, count in sorted(counts.items())
+    )
+
+
+def _beside(walkers: Walkers, other: Walkers) -> str:
+    """`walkers` in words that tell them from `other`."""
+    if walkers.words == other.words:
+        return f"another model of {walkers.robot}"
+    return walkers.words
 
 
 def require_kind(dataset: Dataset, *, team: bool) -> None:

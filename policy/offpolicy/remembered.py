@@ -108,6 +108,8 @@ def _of_dataset(path: Path, place: Place, tell: Callable[[str], None]) -> Chunk:
 def _unfit(episode: Episode, env: QuadrupedEnv) -> str:
     """Why the steps of `episode` are none of `env`; empty where they are."""
     meta = episode.meta
+    if meta.is_team:
+        return f"it shows a team of two {meta.robot}, and this robot is alone"
     if meta.model_sha256 != env.robot.model_sha256:
         return f"it is of another robot or ground ({meta.robot})"
     if abs(meta.control_dt_s - env.step_dt) > 1e-9:

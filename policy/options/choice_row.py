@@ -81,6 +81,8 @@ class ChoiceReward:
     """Whose choices it is about; nothing in older files, of which nobody can tell."""
     control_dt_s: float = field(default=0.0, metadata=ADDED_LATER)
     """Time between two of its actions; 0 where `robot` is nothing."""
+    model_sha256: str = field(default="", compare=False, metadata=ADDED_LATER)
+    """Hash of this robot on its course, which changes nothing of what is paid."""
 
     def __call__(self, rows: Tensor) -> Tensor:
         """Reward per second [...] of rows [..., C]."""

@@ -34,6 +34,9 @@ from .train_cfg import TrainCfg
 from .training_dir import CHECKPOINTS_NAME, POLICY_NAME, RESUME_NAME, SUMMARY_NAME
 from .written import as_written
 
+_OTHER_REPLAY = "what --replay names holds other episodes or steps than it did then"
+"""In place of hashes, which say nothing of a data set that grew."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class TrainResult:
@@ -84,6 +87,10 @@ class Session:
         done = self.runner.current_learning_iteration
         return done * self.cfg.ppo.steps_per_iteration
 
+    @property
+    def _finished(self) -> bool:
+        return self.runner.current_learning_iteration >= self.cfg.iterations
+
     def resume(self) -> bool:
         """Go on from the state in the directory; False where there is none."""
         path = self.out / RESUME_NAME
@@ -96,7 +103,10 @@ class Session:
                 f"{path} is not the state of a training: give another --out, or the "
                 "directory that `gaitpref train` wrote"
             )
-        changed = differences(json.loads(state["identity"]), self.identity)
+        changed = [
+            _OTHER_REPLAY if each.startswith("replay") else each
+            for each in differences(json.loads(state["identity"]), self.identity)
+        ]
         if changed:
             more = f", and {len(changed) - 4} more" if len(changed) > 4 else ""
             raise PolicyError(
@@ -145,6 +155,7 @@ class Session:
                 name = f"step_{self.steps_before + stats.steps:010d}.pt"
                 self._save_policy(self.out / CHECKPOINTS_NAME / name, stats.steps)
             if stats.iteration % cfg.save_every == 0 or stopping:
+                self._save_summary(stats)
                 self._save_state()
             on_iteration(stats)
             return not stopping
@@ -161,14 +172,11 @@ class Session:
             if writer:
                 writer.close()
         steps = self._steps
-        finished = self.runner.current_learning_iteration >= cfg.iterations
+        finished = self._finished
+        if last is not None:
+            self._save_summary(last)
         self._save_state()
         self._save_policy(self.out / POLICY_NAME, steps)
-        if last is not None and ranks.is_first:
-            summary = {"steps": steps, "finished": finished, **last.scalars}
-            write_atomically(
-                self.out / SUMMARY_NAME, json.dumps(summary, indent=1).encode()
-            )
         # What comes next, on any rank, finds the files of this training.
         ranks.meet()
         return TrainResult(
@@ -207,6 +215,15 @@ class Session:
                 f"({ruined}); what was saved before is kept. Is the reward very large "
                 "somewhere? Else try another --seed"
             )
+
+    def _save_summary(self, stats: IterationStats) -> None:
+        """Before the state: what goes on from one that is finished measures nothing."""
+        if not self.ranks.is_first:
+            return
+        summary = {"steps": self._steps, "finished": self._finished, **stats.scalars}
+        write_atomically(
+            self.out / SUMMARY_NAME, json.dumps(summary, indent=1).encode()
+        )
 
     def _save_state(self) -> None:
         runner, learned = self.runner, self.runner.alg.save()

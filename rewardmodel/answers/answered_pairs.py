@@ -263,9 +263,15 @@ def _too_few(datasets: Sequence[Dataset], used: UsedAnswers, needed: int) -> str
         *used.left_out.told,
     ]
     besides = "".join(f", {words}" for words in others if words)
+    of_teams = any(e.meta.is_team for dataset in datasets for e in dataset.entries())
+    by_command = (
+        f"`gaitpref team answer --dataset {roots[0]}`"
+        if of_teams
+        else f"`gaitpref answer --dataset {roots[0]} --criterion C`"
+    )
     return (
         f"{' and '.join(roots)}: {used.preferences} of {used.collected} answers prefer "
         f"a clip and are not taken back by another{besides}; a fit needs at least "
         f"{needed}; collect {needed - used.preferences} more on the labeling page or "
-        f"with `gaitpref answer --dataset {roots[0]} --criterion C`"
+        f"with {by_command}"
     )

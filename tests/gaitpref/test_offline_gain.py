@@ -89,7 +89,8 @@ def test_the_command_says_it(
     tmp_path: Path, walk: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Beside the policy it began from; last that nothing was gained, and the exit code
-    is neither that of a success nor of a mistake. The policy is kept."""
+    is neither that of a success nor of a mistake. The policy is kept. Finished, it is
+    tried again by who goes on with it."""
     replay = _recorded(tmp_path / "set", walk)
     reward = ("--reward", "high_step", "--keep-task", "--clone-weight", "0.2")
     init = ("--init", walk, "--replay", replay, "--updates-per-step", "0.05")
@@ -98,6 +99,8 @@ def test_the_command_says_it(
     assert "tried, it earns" in said
     _, last = said.split("the data alone gained nothing")
     assert last.endswith("so that it tries what it learns")
+    assert _offline(tmp_path, *reward, *init, "--resume") == 1
+    assert " ".join(capsys.readouterr().err.split()).endswith(last)
     assert (tmp_path / "out" / "policy.pt").exists()
     was = json.loads(read_plain(tmp_path / "out" / "resume.pt")["identity"])
     assert was["algorithm"]["sac"]["clone_weight"] == 0.2

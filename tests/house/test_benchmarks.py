@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import subprocess
 import sys
 from dataclasses import replace
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import torch
+import tyro
 
 from benchmarks import (
     ablations,
@@ -19,6 +21,9 @@ from benchmarks import (
     harness,
     hour,
     newcomer,
+    offpolicy,
+    offpolicy_plan,
+    offpolicy_styles,
     options,
     preference_fresh,
     robots,
@@ -143,6 +148,61 @@ def test_off_policy_beside_ppo(tmp_path: Path) -> None:
     assert {path.name for path in done} == {"offline_clone_0.2-done", "online-done"}
 
 
+def test_every_line_of_off_policy_is_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each part with its option of two words, which is of the off-policy trainings
+    alone; and its figures are of what these come to."""
+    lines: list[list[str]] = []
+    walks: list[tuple[str, walk.Options]] = []
+
+    def trained(how: walk.Options, seed: int) -> walk.Outcome:
+        walks.append((how.work.name, how))
+        lines.append(["train", "--out", "o", "--reward", "task"])
+        lines[-1] += shlex.split(how.more)
+        # PPO in 900 steps, off-policy in 300, by priority in 200.
+        steps = {"ppo": 900, "fastsac": 300, "prioritised": 200}[how.work.name]
+        return walk.Outcome(9.0, steps, 0.1, 10.0)
+
+    def earned(options: object, reward: str, file: Path) -> float:
+        return 2.0 if "prioritised" in str(file) or "online" in str(file) else 1.5
+
+    def typed(*args: str | Path, well: object = ()) -> None:
+        line = [str(word) for word in args]
+        lines.append(line)
+        if line[0] == "record":
+            Path(line[line.index("--dataset") + 1]).mkdir(parents=True)
+        if line[0] == "train":
+            out = Path(line[line.index("--out") + 1])
+            out.mkdir(parents=True)
+            (out / "summary.json").write_text('{"offline/action_distance": 0.5}')
+        if line[0] == "loop":
+            run, end = Path(line[2]), 3.0 if "fastsac" not in line else 2.0
+            for number, mean in ((0, 1.0), (2, end)):
+                report = run / f"rounds/{number:02d}/report.json"
+                report.parent.mkdir(parents=True)
+                report.write_text(json.dumps({"evaluation": {"return_mean": mean}}))
+
+    monkeypatch.setattr(walk, "trained", trained)
+    for module in (offpolicy, offpolicy_styles):
+        monkeypatch.setattr(module, "earned", earned)
+    monkeypatch.setattr(offpolicy_styles, "gaitpref", typed)
+    args = ["--more=--actors 2", "--seeds", "0", "--work", str(tmp_path)]
+    found = offpolicy.measured(tyro.cli(offpolicy_plan.Options, args=args))
+    assert len(lines) == 4 + 1 + 3 + 1 + 2
+    for line in lines:
+        assert parse(line)
+        fast = "fastsac" in line and line[0] == "train"
+        assert ("--actors" in line) == fast
+        if fast:
+            assert line[line.index("--actors") + 1] == "2"
+    assert [name for name, _ in walks] == ["ppo", "fastsac", "fastsac", "prioritised"]
+    assert ["--prioritised" in how.more for _, how in walks] == [False] * 3 + [True]
+    assert found["steps_share_worst"] == pytest.approx(1 / 3)
+    assert found["return_gain_by_priority_median"] == 0.5
+    assert found["answers_share_median"] == 0.5
+
+
 def test_robots_of_others(tmp_path: Path) -> None:
     """A robot is trained, measured and published with the keys of the goals."""
     xml = tmp_path / "menagerie" / robots.ROBOTS["spot"]
@@ -253,14 +313,39 @@ def test_teams_are_summed_up_robot_by_robot() -> None:
                 for accuracy in (0.5, None, 0.7)
             ),
             {"kind": "lazy", "named_1": True, "named_2": False, "earns_less_1": True},
+            {"kind": "lazy", "less_1": 0.2},
+            {"kind": "lazy", "less_1": 0.4, "less_2": 0.1},
         ]
     )
+    less = [found[f"lazy_less_{robot}"] for robot in (1, 2)]
+    assert less == pytest.approx([0.3, 0.1])
     assert found["shares_gain"] == pytest.approx(0.8)
     stands = [found[f"shares_stands_{robot}"] for robot in (1, 2)]
     assert stands == pytest.approx([0.25, 0.7])
     assert found["accuracy_20"] == pytest.approx(0.6)
     assert found["lazy_named"] == "1 of 2"
     assert found["lazy_earns_less"] == "1 of 1"
+
+
+def test_lazy_robots_are_measured_without_a_training(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With no way to pay: rows of answers and of who is lazy, and no training."""
+    lines: list[tuple[str | Path, ...]] = []
+    monkeypatch.setattr(team, "gaitpref", lambda *args: lines.append(args))
+    for name, row in (
+        ("walked", {}),
+        ("foreseen", {"accuracy": 0.5}),
+        ("lazy_named", {"less_1": 0.2}),
+    ):
+        monkeypatch.setattr(team, name, lambda *_, row=row: row)
+    figures = tmp_path / "figures.json"
+    args = ["--seeds", "1", "--pays", "--work", str(tmp_path), "--json", str(figures)]
+    team.main(tyro.cli(team.Options, args=args))
+    kept = team.Rows(tmp_path / "rows.json").kept
+    assert [row["kind"] for row in kept] == ["before", *4 * ["answers"], "lazy"]
+    assert not [line for line in lines if line[:2] == ("team", "train")]
+    assert json.loads(figures.read_text())["lazy_less_1"] == 0.2
 
 
 def test_preferences(tmp_path: Path) -> None:

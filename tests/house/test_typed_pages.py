@@ -47,6 +47,8 @@ INSTEAD = {
     "s3://lab/gaits": "lab",
     "HASH": "$HASH",
     "gold PAIR": "gold $PAIR",
+    "runs/high --init runs/walk/policy.pt": f"runs/high --init {WALK}",
+    "runs/crouch --init runs/walk/policy.pt": f"runs/crouch --init {WALK}",
     "--steps 2000000": "--steps 256",
     "--steps 1200000": "--steps 512",
     "--labels 60": "",
@@ -79,7 +81,7 @@ ELSEWHERE = {
     "gaitpref options": "tests/policy/test_options.py learns to the end, a few steps",
     "gaitpref record --policy runs/choose": "tests/policy/test_options.py",
     "gaitpref pairs --dataset runs/judged": "tests/policy/test_options.py",
-    "gaitpref label --dataset runs/judged": "tests/policy/test_options.py",
+    "gaitpref label --dataset runs/judged": "tests/policy/test_options.py draws it",
     "gaitpref train --out runs/actors": "tests/policy/test_actors.py starts actors",
     "gaitpref train --out runs/cluster": "tests/policy/test_actors.py starts Ray",
 }

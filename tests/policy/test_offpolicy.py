@@ -18,27 +18,38 @@ from data.datasets.dataset import Dataset
 from data.errors import GaitprefError
 from data.features import FEATURE_DIM, column
 from gaitpref.cli.main import main
+from gaitpref.cli.options.options import Train
+from gaitpref.cli.shared.off_policy import off_policy_of
 from gaitpref.formats.logs.from_qpos import steps_from_qpos
+from gaitpref.options.gait_files import load_gaits
 from gaitpref.training.total_reward import total_reward
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import CommandCfg, EnvCfg, TerrainCfg
 from policy.env.known_terms import KnownTermsCfg
+from policy.env.own_law import imu_law
+from policy.env.team_cfg import TeamCfg
 from policy.offpolicy import ring as ring_module
 from policy.offpolicy.off_policy_runner import OffPolicy
 from policy.offpolicy.remembered import Place, rows_of_episode, side_by_side
-from policy.offpolicy.ring import Chunk, Ring
+from policy.offpolicy.ring import Batch, Chunk, Ring
+from policy.offpolicy.sac import Sac, half_mirrored
 from policy.offpolicy.sac_cfg import SacCfg
+from policy.parallel.ranks import Ranks
 from policy.robots.robot import Robot, load_robot
+from policy.robots.shipped import WALK
 from policy.rollouts.record import record
 from policy.rollouts.record_cfg import RecordCfg
+from policy.team.team_start import as_team
 from policy.training.checkpoint import holding_home, load_policy, read_plain
+from policy.training.mirror import mirror_of
 from policy.training.policy_error import PolicyError
 from policy.training.ppo import IterationStats, PpoCfg
-from policy.training.session import TrainResult
+from policy.training.session import Session, TrainResult
 from policy.training.setup import setting_of
 from policy.training.train import train
 from policy.training.train_cfg import TrainCfg
 from tests.helpers.foreign_robots import Drawing, mjcf
+from tests.helpers.retold_policies import getting_up
 
 ENV = EnvCfg(episode_s=0.4, commands=CommandCfg(resample_s=math.inf))
 PPO = PpoCfg(num_envs=4, steps_per_env=24, hidden_sizes=(16,))
@@ -303,13 +314,45 @@ def recorded(tmp_path_factory: pytest.TempPathFactory, reaching: Path) -> Path:
 
 
 def test_offline_it_learns_from_a_data_set_alone(
-    recorded: Path, robot: Robot, tmp_path: Path
+    recorded: Path, robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """No step is taken; summary.json says how far it went from what was done."""
+    """No step is taken; summary.json says how far it went from what was done.
+    Interrupted and resumed it ends with the same files, and only with the same
+    episodes."""
     lines: list[str] = []
     cfg = replace(SAC, clone_weight=2.0, updates_per_step=0.5)
     engine = OffPolicy(cfg=cfg, replay=(recorded,), offline=True, tell=lines.append)
     result = _trained(tmp_path, robot, 4, engine, reward_fn=_height)
+    cut = tmp_path / "cut"
+
+    def resumed(engine: OffPolicy = engine) -> TrainResult:
+        return _trained(cut, robot, 4, engine, reward_fn=_height, resume=True)
+
+    def interrupt(stats: IterationStats) -> None:
+        if stats.iteration == 2:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    first = _trained(cut, robot, 4, engine, reward_fn=_height, on_iteration=interrupt)
+    assert not first.finished
+    smaller = Dataset.create(tmp_path / "smaller")
+    smaller.add_from(Dataset.open(recorded), [e.sha256 for e in _entries(recorded)[1:]])
+    with pytest.raises(PolicyError, match="what --replay names holds other episodes"):
+        resumed(replace(engine, replay=(smaller.root,)))
+
+    def killed(session: Session, path: Path, steps: int) -> None:
+        raise ProcessLookupError
+
+    # Killed when the state says that it is finished, and the policy is not there.
+    with monkeypatch.context() as patch:
+        patch.setattr(Session, "_save_policy", killed)
+        with pytest.raises(ProcessLookupError):
+            resumed()
+    assert resumed().stats is None
+    for name in ("policy.pt", "resume.pt"):
+        assert (cut / name).read_bytes() == (tmp_path / name).read_bytes(), name
+    both = [json.loads((at / "summary.json").read_text()) for at in (tmp_path, cut)]
+    for name in ("steps", "finished", "offline/action_distance", "train/return"):
+        assert both[0][name] == both[1][name], name
     episodes = [Dataset.open(recorded).read(e.sha256) for e in _entries(recorded)]
     held = read_plain(tmp_path / "resume.pt")["ring"]
     steps = sum(len(each.action) for each in episodes)
@@ -410,6 +453,45 @@ def test_what_the_data_do_not_hold_is_refused(
         _trained(tmp_path / "c", robot, 1, OffPolicy(cfg=replace(SAC, memory=10**7)))
 
 
+def test_what_is_of_another_kind_is_refused(
+    reaching: Path, recorded: Path, robot: Robot, tmp_path: Path
+) -> None:
+    """A memory of PPO, of other environments; what sees other things; networks of
+    others among gaits, in a team, and of other sizes."""
+
+    def untrained(name: str, env: EnvCfg) -> Path:
+        cfg = TrainCfg(steps=0, env=env, ppo=PPO)
+        return train(tmp_path / name, robot, cfg).policy
+
+    imu = ENV.under(imu_law(robot, ENV, frames=1))
+    plain, blind = untrained("plain", ENV), untrained("blind", imu)
+    lying = getting_up(WALK, tmp_path / "lying.pt")
+    more = TrainCfg(steps=192, env=ENV, ppo=replace(PPO, num_envs=8))
+    unlike = TrainCfg(steps=96, env=imu, ppo=PPO)
+    for out, cfg, replay, said in (
+        ("a", more, plain.parent, "that training keeps no memory"),
+        ("b", more, reaching, "4 columns, one an environment; give --envs 4"),
+        ("c", unlike, recorded, "this policy sees something else"),
+    ):
+        engine = OffPolicy(cfg=SAC, replay=(replay,))
+        with pytest.raises(GaitprefError, match=said):
+            train(tmp_path / out, robot, cfg, engine=engine)
+    wide = OffPolicy(cfg=replace(SAC, critic_sizes=(24,)))
+    with pytest.raises(PolicyError, match=r"its critic does not fit: .*same sizes"):
+        _trained(tmp_path / "d", robot, 1, wide, init=reaching / "policy.pt")
+    fast = reaching / "policy.pt"
+    for policy, of_gaits, of_team in (
+        (fast, "is none of PPO's, as that of --algorithm", "and a team is trained by"),
+        (blind, "sees and acts under a law of its own", "does not see the velocity"),
+        (lying, "gets up and does not walk", ""),
+    ):
+        with pytest.raises(GaitprefError, match=of_gaits):
+            load_gaits({"walk": WALK, "other": policy})
+        if of_team:
+            with pytest.raises(PolicyError, match=of_team):
+                as_team(policy, TeamCfg())
+
+
 def test_a_log_that_lacks_nothing_but_what_a_policy_saw_is_refused(
     recorded: Path, robot: Robot, tmp_path: Path
 ) -> None:
@@ -496,3 +578,83 @@ def test_networks_are_as_wide_as_is_said(
     for given in (actor, critic):
         assert trained("ppo", *given, "--algorithm", "ppo") == 2
         assert "is about off-policy learning" in capsys.readouterr().err
+    for given, said in (
+        (("--critic-sizes", "100000000"), "--critic-sizes must be at most 4096"),
+        (("--actor-sizes", "16", "5000"), "--actor-sizes must be at most 4096"),
+        (("--exploration", "rnd"), "an exploration bonus and a KL penalty are PPO's"),
+        (("--kl-penalty", "fixed"), "an exploration bonus and a KL penalty are PPO's"),
+    ):
+        assert trained("ppo", *given) == 2
+        assert said in capsys.readouterr().err
+    command = Train(out=tmp_path, reward="task", algorithm="fastsac")
+    with pytest.raises(GaitprefError, match="start it without torchrun"):
+        off_policy_of(command, None, Ranks(rank=1, size=2), print)
+    with pytest.raises(GaitprefError, match="learns from all of them"):
+        off_policy_of(replace(command, most_lag=1), None, Ranks(), print)
+
+
+@pytest.mark.parametrize(
+    ("done", "entropy"), [(0.0, 0.4), (0.5, 0.4), (0.7, -0.3), (0.9, -1.0), (1.0, -1.0)]
+)
+def test_noise_comes_down_over_most_of_the_other_half(
+    done: float, entropy: float
+) -> None:
+    cfg = SacCfg(joint_entropy=0.4, last_joint_entropy=-1.0)
+    assert cfg.joint_entropy_at(done) == pytest.approx(entropy)
+
+
+@pytest.mark.parametrize(("wanted", "rises"), [(5.0, True), (-20.0, False)])
+def test_the_temperature_goes_where_the_noise_is_wanted(
+    wanted: float, rises: bool
+) -> None:
+    """Up while there is less than is wanted, down while there is more."""
+    torch.manual_seed(0)
+    learner = Sac(replace(SAC, actor_every=1), 48, torch.ones(12), (16,))
+    learner.joint_entropy = wanted
+    figures, _ = learner.update(_batch())
+    assert (float(figures["entropy"]) < 12 * wanted) == rises
+    assert (float(figures["temperature"]) > SAC.first_alpha) == rises
+
+
+def _batch() -> Batch:
+    return Batch(
+        obs=torch.randn(8, 48),
+        action=torch.randn(8, 12).tanh(),
+        gain=torch.randn(8),
+        later_obs=torch.randn(8, 48),
+        discount=torch.rand(8),
+        place=torch.arange(8),
+    )
+
+
+def test_half_of_a_batch_is_learned_from_in_the_mirror(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What was seen, done and led to; with `--mirror`, and what is paid stays."""
+    mirror, batch = mirror_of(robot), _batch()
+    mirrored = half_mirrored(batch, mirror)
+    for name, image in (
+        ("obs", mirror.obs),
+        ("action", mirror.action),
+        ("later_obs", mirror.obs),
+    ):
+        before, after = getattr(batch, name), getattr(mirrored, name)
+        assert torch.equal(after[:4], image(before[:4]))
+        assert not torch.equal(after[:4], before[:4])
+        assert torch.equal(after[4:], before[4:])
+    assert torch.equal(mirrored.gain, batch.gain)
+    seen: list[Tensor] = []
+
+    def learned(self: Sac, given: Batch) -> tuple[dict[str, Tensor], Tensor]:
+        seen.append(given.obs)
+        return {}, given.gain
+
+    monkeypatch.setattr(Ring, "sample", lambda *_, **__: batch)
+    monkeypatch.setattr(Ring, "learned", lambda *_: None)
+    monkeypatch.setattr(Sac, "update", learned)
+    for on in (True, False):
+        cfg = TrainCfg(steps=96, env=ENV, ppo=replace(PPO, mirror=on))
+        runner = OffPolicy(cfg=SAC)(robot, cfg, 0)
+        runner.alg.learn(runner.ring, 1)
+    assert torch.equal(seen[0], mirrored.obs)
+    assert torch.equal(seen[1], batch.obs)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
+import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,10 +18,12 @@ from data.episodes.choices import choices_of, told_choices
 from data.episodes.clips import Clip
 from data.errors import GaitprefError
 from gaitpref.cli.main import main
+from gaitpref.film.shot import shot_of
 from gaitpref.options.choice_clips import rows_of_episode
 from gaitpref.options.choice_explained import OfChoices
 from gaitpref.options.choice_fit import as_reward, fit_choices
 from gaitpref.options.choice_rater import answer_choices, wisher_of
+from gaitpref.options.choice_sets import Asked, course_of
 from gaitpref.options.choice_storage import load_choices
 from gaitpref.options.gait_files import Gaits, load_gaits, named_files
 from gaitpref.options.measure import alone, measure
@@ -32,10 +32,14 @@ from gaitpref.options.train_options import (
     OptionsTraining,
     train_options,
 )
+from labeling_ui.page.footfall_svg import footfalls
+from labeling_ui.scene.clip_motion import load_motion
 from policy.env.course import CourseCfg, Lane, Obstacle, course_heights, stands_on
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import CommandCfg
+from policy.env.team_cfg import TeamCfg
 from policy.options.choice_row import (
+    CHANGES,
     PROGRESS,
     TASK,
     ChoiceReward,
@@ -48,9 +52,11 @@ from policy.robots.hints import RobotError
 from policy.robots.shipped import WALK
 from policy.rollouts.record import record
 from policy.rollouts.record_cfg import RecordCfg
-from policy.training.checkpoint import load_policy, read_plain, saved_bytes
+from policy.team.team_start import as_team
+from policy.training.checkpoint import PolicyError, load_policy, read_plain
 from policy.training.export_policy import export
 from rewardmodel.fitting.tables import fit_table
+from tests.helpers.retold_policies import heavier, slower
 
 BAR = CourseCfg(
     obstacles=(Obstacle(kind="bar", start_m=0.7, length_m=0.3),), length_m=1.6
@@ -258,8 +264,11 @@ def test_who_finishes_is_paid_on_by_a_reward_without_a_level(gaits: Gaits) -> No
     assert fallen.seconds < 2.5
 
 
-def test_a_policy_that_chooses_is_recorded_with_what_ran(chosen: Path) -> None:
-    """And what a rater is asked about can be computed from the episode alone."""
+def test_a_policy_that_chooses_is_recorded_with_what_ran(
+    chosen: Path, tmp_path: Path
+) -> None:
+    """And what a rater is asked about can be computed from the episode alone; the page
+    and a film write over a clip which gait runs when."""
     cfg = RecordCfg(episodes=2, episode_s=1.5, noisy_share=1.0)
     episode, other = record(chosen, cfg, seed=0)
     said = choices_of(episode.meta.extra, episode.num_steps)
@@ -275,6 +284,24 @@ def test_a_policy_that_chooses_is_recorded_with_what_ran(chosen: Path) -> None:
     np.testing.assert_array_equal(rows[:, 4:8].sum(axis=1), said.gait)
     moved = episode.qpos[-1, 0] - episode.qpos[0, 0]
     assert rows[:, -2].sum() * 0.02 == pytest.approx(moved, abs=1e-4)
+    dataset = Dataset.create(tmp_path / "set")
+    entry, _ = dataset.add_episodes([episode, other])
+    clip = Clip(entry.sha256, 5, 45)
+    ran_there = [said.names[gait] for gait in said.gait[clip.rows]]
+    assert set(ran_there) == set(said.names)
+    motion = load_motion(dataset, clip)
+    told = [name for name, a, b in motion.gaits for _ in range(a, b)]
+    assert told == ran_there
+    page = footfalls(motion, motion, motion.duration_s)
+    for name, first, last in motion.gaits:
+        share = 100 / clip.steps
+        place = f"left:{first * share:.2f}%;width:{(last - first) * share:.2f}%"
+        assert len(re.findall(f'"{name}" style="{place}[^>]*>{name}<', page)) == 2
+    captions = shot_of(episode, clip, caption="it").captions(50.0, clip.steps)
+    assert captions == [f"it  {name}" for name in ran_there]
+    assert main(["pairs", "--dataset", str(dataset.root), "--count", "1"]) == 0
+    with dataset.answers() as store:
+        assert len(store.pairs()) == 1
 
 
 def test_a_wish_about_choices_is_fitted_from_answers(
@@ -375,6 +402,10 @@ def test_the_command_says_what_is_wrong_in_one_line(
         ([*both, "--wish", "speed=1"], "no column 'speed'; there are: a:open"),
         ([*both, "--wish", "power_w=much"], "give NAME=NUMBER"),
         ([*both, "--bar-m", "0.1"], "raise bar_m to at least"),
+        ([*both, "--step-m", "0.2"], "lower step_m to at most"),
+        ([*both, "--policy", f"b={WALK}"], "'b' is there twice"),
+        ([*both, "--speed-m-s", "3"], "must lie in [0.1, 2], got 3"),
+        ([*both, "--dataset", "set", "--wish", "power_w=-1"], "are two raters"),
         ([*both, "--slope-rad", "0.9"], "feet slip"),
         ([*both, "--interrupt", "-1"], "interrupt_margin must be at least 0"),
         ([*both, "--answers", "50"], "--wish gives them; leave it out"),
@@ -458,21 +489,42 @@ def test_answers_about_something_else_are_refused(
         assert said in line
         assert "answers about th" in line
     assert not (tmp_path / "out/policy.pt").exists()
+    wish = ["--wish", "changes_per_s=-1", "--answers", "20", "--seed", "5"]
+    out = ["--out", str(wished / "wished")]
+    assert main(["options", *given, *SHORT, *wish, *out]) == 2
+    assert "shows other gaits, another course, speed" in capsys.readouterr().err
 
 
 def test_a_reward_of_choices_is_about_one_robot_at_one_rate(wished: Path) -> None:
-    """One of an older file says of none, and is read as ever."""
+    """And one course; one of an older file says of none, and is read as ever."""
     dataset = Dataset.open(wished / "wished/dataset")
     clip = Clip(dataset.entries()[0].sha256, 0, 5)
     reward = load_choices(wished / "wished")
     OfChoices(reward).side(dataset, clip)
+    assert reward.model_sha256 == dataset.entries()[0].meta.model_sha256
     for other, said in (
         (replace(reward, robot="spot"), "choices of spot at 50 Hz, and .* shows go1"),
         (replace(reward, control_dt_s=0.04), "go1 at 25 Hz, and .* go1 at 50 Hz"),
+        (replace(reward, model_sha256="0" * 64), "model of go1, or another course"),
     ):
         with pytest.raises(GaitprefError, match=said):
             OfChoices(other).side(dataset, clip)
+    OfChoices(replace(reward, model_sha256="")).side(dataset, clip)
     OfChoices(replace(reward, robot="", control_dt_s=0.0)).side(dataset, clip)
+
+
+def test_answers_are_about_a_course_that_is_told(wished: Path, gaits: Gaits) -> None:
+    dataset = Dataset.open(wished / "wished/dataset")
+    episode = dataset.read(dataset.entries()[0].sha256)
+    (bar,) = course_of(episode).obstacles
+    farther = replace(
+        course_of(episode), obstacles=(replace(bar, start_m=bar.start_m + 0.1),)
+    )
+    with pytest.raises(GaitprefError, match="its obstacles lie elsewhere"):
+        Asked(gaits.robot, 0.02, farther).require(episode)
+    nowhere = replace(episode, meta=replace(episode.meta, extra={}))
+    with pytest.raises(GaitprefError, match="says of no course that it was on"):
+        Asked(gaits.robot, 0.02, farther).require(nowhere)
 
 
 def test_a_liking_for_changes_is_paid() -> None:
@@ -480,49 +532,56 @@ def test_a_liking_for_changes_is_paid() -> None:
     assert reward.change_cost(0.02) == pytest.approx(-1.0)
 
 
-def test_a_training_goes_on_bit_for_bit(gaits: Gaits, tmp_path: Path) -> None:
+FIXED = ChoosingCfg(termination="fixed", length_s=1.0)
+
+
+@pytest.mark.parametrize(
+    ("choosing", "paid", "steps"),
+    [
+        (FIXED, TASK, 50),
+        # What is learned of where a gait may end is of each look.
+        (ChoosingCfg(termination="learned"), TASK, 10),
+        # Who is paid for changes leaves a gait at every look.
+        (replace(FIXED, interrupt_margin=0.1), {CHANGES: 1.0}, 10),
+    ],
+    ids=["fixed", "learned", "interrupted"],
+)
+def test_a_training_goes_on_bit_for_bit(
+    gaits: Gaits,
+    tmp_path: Path,
+    choosing: ChoosingCfg,
+    paid: dict[str, float],
+    steps: int,
+) -> None:
+    """However gaits end: it is learned from what ran as long as they say, and ends are
+    learned where they are."""
     whole, cut = tmp_path / "whole", tmp_path / "cut"
-    reward = task_of(gaits)
-    assert train_options(whole, gaits, small(steps=960), reward)
+    cfg = replace(small(steps=960), choosing=choosing)
+    reward = written_reward(paid, gaits.names, "paid")
+    assert train_options(whole, gaits, cfg, reward)
     # As long for what chance does by how far a training is.
-    assert train_options(cut, gaits, small(steps=960), reward, most_looks=3) is False
+    assert train_options(cut, gaits, cfg, reward, most_looks=3) is False
     assert not (cut / "policy.pt").exists()
-    assert train_options(cut, gaits, small(steps=960), reward)
+    assert train_options(cut, gaits, cfg, reward)
     policies = [(each / "policy.pt").read_bytes() for each in (whole, cut)]
     assert policies[0] == policies[1]
+    ran_for = read_plain(whole / "resume.pt")["learner"]["memory"]
+    assert set(ran_for["steps"][~ran_for["over"]].tolist()) == {steps}
+    before = OptionsTraining(gaits, cfg, reward).model.state_dict()
+    after = read_plain(whole / "policy.pt")["actor_state_dict"]
+    kept = torch.equal(before["chooser.ends.0.weight"], after["chooser.ends.0.weight"])
+    assert kept == (choosing.termination == "fixed")
+    assert not torch.equal(
+        before["chooser.values.0.weight"], after["chooser.values.0.weight"]
+    )
     with pytest.raises(GaitprefError, match="other settings"):
-        train_options(cut, gaits, small(steps=960, seed=4), reward)
+        train_options(cut, gaits, replace(cfg, seed=4), reward)
 
 
 def test_it_says_why_it_cannot_be_exported(chosen: Path, tmp_path: Path) -> None:
     with pytest.raises(GaitprefError, match="export the policy files"):
         export(load_policy(chosen), tmp_path / "out")
     assert not (tmp_path / "out").exists()
-
-
-def slower(file: Path, out: Path) -> Path:
-    """The policy of `file` at 40 Hz."""
-    return retold(file, out, lambda told: told["env"].update(substeps=5))
-
-
-def heavier(file: Path, out: Path) -> Path:
-    """The policy of `file`, of a robot whose trunk weighs 4 kg more."""
-
-    def load(told: dict[str, Any]) -> None:
-        before = told["robot_mjcf"]
-        told["robot_mjcf"] = before.replace('mass="5.204"', 'mass="9.204"')
-        assert told["robot_mjcf"] != before
-
-    return retold(file, out, load)
-
-
-def retold(file: Path, out: Path, change: Callable[[dict[str, Any]], None]) -> Path:
-    """The policy of `file`, which says something else of itself."""
-    payload = read_plain(file)
-    told = json.loads(payload["infos"]["gaitpref"])
-    change(told)
-    out.write_bytes(saved_bytes({**payload, "infos": {"gaitpref": json.dumps(told)}}))
-    return out
 
 
 def test_gaits_that_cannot_follow_one_another_are_told(
@@ -535,6 +594,8 @@ def test_gaits_that_cannot_follow_one_another_are_told(
         load_gaits({"walk": WALK, "slow": slow})
     with pytest.raises(GaitprefError, match="chooses among gaits itself"):
         load_gaits({"walk": WALK, "both": chosen})
+    with pytest.raises(PolicyError, match="chooses among frozen gaits, which PPO"):
+        as_team(chosen, TeamCfg())
     with pytest.raises(GaitprefError, match="1 policies leave nothing to choose"):
         named_files(("walk=a.pt",))
 

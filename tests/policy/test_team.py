@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -54,6 +55,7 @@ from rewardmodel.team.pair_habits import PAIR_NAMES, describe_pair
 from rewardmodel.team.stood_still import StandingCfg, had_stood
 from rewardmodel.team.team_reward import TeamReward, Walkers
 from rewardmodel.team.team_storage import TEAM_FACTS, load_team, save_team
+from tests.helpers.retold_policies import heavier, slower
 
 STANDING = StandingCfg(height_m=0.28)
 
@@ -514,21 +516,44 @@ def test_a_reward_of_other_teams_pays_nobody(
 
 
 def test_sets_of_other_teams_are_not_mixed(
-    dataset: Dataset, episodes: Sequence[Episode], tmp_path: Path
+    dataset: Dataset,
+    episodes: Sequence[Episode],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Nor are teams and robots alone, whichever came first."""
-    other = Dataset.create(tmp_path / "slow")
-
-    def slow(episode: Episode) -> Episode:
-        meta = replace(episode.meta, control_dt_s=0.04)
-        mate = episode.mate and replace(
-            episode.mate, meta=replace(episode.mate.meta, control_dt_s=0.04)
+    for kind, change, words, both in (
+        ("slow", slower, "go1 at 40 Hz", "go1 at 40 Hz and go1 at 50 Hz: "),
+        ("heavy", heavier, "another model of go1", "go1 at 50 Hz (2 models of it): "),
+    ):
+        policy, root = tmp_path / f"{kind}.pt", tmp_path / kind
+        policy.write_bytes(as_team(change(WALK, tmp_path / "alone.pt"), TeamCfg()))
+        assert (
+            main(shlex.split(f"team record --policy {policy} --dataset {dataset.root}"))
+            == 2
         )
-        return replace(episode, meta=meta, mate=mate)
-
-    other.add_episodes([slow(episodes[0])])
-    with pytest.raises(GaitprefError, match=r"at 25 Hz, .* at 50 Hz: .*them apart"):
-        require_alike([dataset, other])
+        assert f"and this policy walks {words}: " in capsys.readouterr().err
+        record_in = f"team record --policy {policy} --dataset {root} --episodes 1"
+        for _ in range(2):
+            assert main(shlex.split(f"{record_in} --episode-s 0.1")) == 0
+        other = Dataset.open(root)
+        with pytest.raises(GaitprefError, match=f"teams of {words}, .* fit them apart"):
+            require_alike([dataset, other])
+        capsys.readouterr()
+        for line, said in (
+            (f"team fit --dataset {root} --out {root}-reward", "`gaitpref team answer"),
+            (
+                f"train --reward task --algorithm fastsac --replay {root} --steps 4 "
+                f"--envs 4 --out {root}-trained",
+                "it shows a team of two go1",
+            ),
+        ):
+            assert main(shlex.split(line)) == 2
+            assert said in capsys.readouterr().err
+        # One further down the list, as an older version wrote it.
+        other.add_episodes(episodes[:1])
+        with pytest.raises(GaitprefError, match=re.escape(f"holds teams of {both}")):
+            first_team(other)
     alone = Dataset.create(tmp_path / "alone")
     require_kind(alone, team=True)
     with pytest.raises(GaitprefError, match="show teams: keep one robot alone in"):

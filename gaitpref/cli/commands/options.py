@@ -77,7 +77,8 @@ def _learn(
         complain("stopped; the same command goes on")
         return EXIT_INTERRUPTED
     policy_file = command.out / POLICY_NAME
-    save_choices(about(reward, gaits.robot, gaits.env.control_dt_s), command.out)
+    env = load_policy(policy_file).info.env
+    save_choices(about(reward, gaits.robot, env), command.out)
     with counted("comparing it with each gait alone, steps") as tell:
         rows = measured(policy_file, gaits, reward, tell=tell)
     console.print(table(rows, gaits.names))

@@ -36,6 +36,7 @@ from gaitpref.team.team_sets import (
     first_team,
     require_alike,
     require_kind,
+    require_recorded,
     robot_of_teams,
     standing_of,
 )
@@ -49,7 +50,7 @@ from policy.team.pair_model import pair_of
 from policy.team.team_env import team_runner
 from policy.team.team_record import LAZY, TeamRecordCfg, record_team
 from policy.team.team_start import as_team
-from policy.training.checkpoint import PolicyError, PolicyInfo, load_policy
+from policy.training.checkpoint import Policy, PolicyError, PolicyInfo, load_policy
 from policy.training.ppo import PpoCfg, ScoreFn
 from policy.training.train import train
 from policy.training.train_cfg import TrainCfg
@@ -156,10 +157,12 @@ def _require_fitted(model: TeamReward, init: Path) -> None:
     Raises:
         GaitprefError: the reward is of other robots than those that would be trained.
     """
-    policy = load_policy(init)
+    model.require(_walkers_of(load_policy(init)), str(init))
+
+
+def _walkers_of(policy: Policy) -> Walkers:
     both, _ = pair_of(policy.robot())
-    rate = policy.info.env.control_dt_s
-    model.require(Walkers(both.name, both.model_sha256, rate), str(init))
+    return Walkers(both.name, both.model_sha256, policy.info.env.control_dt_s)
 
 
 def _start(command: options.TeamTrain) -> Path:
@@ -230,6 +233,8 @@ def _record(command: options.TeamRecord) -> None:
     )
     dataset = Dataset.create(command.dataset)
     require_kind(dataset, team=True)
+    if dataset.entries():
+        require_recorded(dataset, _walkers_of(policy))
     with counted(f"recording {cfg.episodes} episodes, steps") as tell:
         recorded = list(
             record_team(policy, cfg, seed=command.seed, round=command.round, tell=tell)

@@ -104,7 +104,7 @@ def _train(command: options.Train, ranks: Ranks) -> int:
     if not result.finished:
         return told_stopped(result.steps) if ranks.is_first else EXIT_INTERRUPTED
     console.print(f"the policy is {result.policy}")
-    if command.offline and result.stats is not None:
+    if command.offline:
         code = told_offline(
             command, result, setting.robot, cfg.env, reward_fn, console.print
         )

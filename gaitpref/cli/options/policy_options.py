@@ -10,7 +10,7 @@ import tyro
 
 from policy.offpolicy.sac_cfg import OFFLINE_CLONE_WEIGHT, SacCfg
 
-from .bounds import AtLeast, Count, CountOrZero, Seed
+from .bounds import AtLeast, Count, CountOrZero, Seed, Width
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,10 +124,10 @@ class Train:
     resume.pt too."""
     updates_per_step: float = SacCfg.updates_per_step
     """With --algorithm fastsac: updates for each environment step."""
-    actor_sizes: tuple[Count, ...] = ()
+    actor_sizes: tuple[Width, ...] = ()
     """With --algorithm fastsac: widths of the hidden layers of a new policy; 128 128 by
     default."""
-    critic_sizes: tuple[Count, ...] = SacCfg.critic_sizes
+    critic_sizes: tuple[Width, ...] = SacCfg.critic_sizes
     """With --algorithm fastsac: those of each critic."""
     prioritised: bool = False
     """With --algorithm fastsac: learn more often from steps the critics err about; with

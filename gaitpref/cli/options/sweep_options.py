@@ -10,7 +10,7 @@ import tyro
 
 from policy.offpolicy.sac_cfg import SacCfg
 
-from .bounds import Count, Seed
+from .bounds import Count, Seed, Width
 from .reward_options import Erring
 
 
@@ -46,10 +46,10 @@ class Looping:
     """What trains: PPO, or soft actor-critic, which goes on with the memory of the
     round before, scored by the new reward, finds its own noise, and takes many times as
     long a step: give fewer --steps."""
-    actor_sizes: tuple[Count, ...] = ()
+    actor_sizes: tuple[Width, ...] = ()
     """With --algorithm fastsac and no policy to begin with: widths of the hidden layers
     of the policy; 128 128 by default."""
-    critic_sizes: tuple[Count, ...] = SacCfg.critic_sizes
+    critic_sizes: tuple[Width, ...] = SacCfg.critic_sizes
     """With --algorithm fastsac: widths of the hidden layers of each critic."""
     device: Literal["cpu", "cuda"] = "cpu"
     """Where policies are trained: the processor, or an NVIDIA GPU, for which the extra

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from data.errors import GaitprefError
+from data.files.files import read_json
 from gaitpref.cli.options import options
 from gaitpref.cli.shared.training_command import refuse_unasked
 from gaitpref.console.terminal import EXIT_BAD_INPUT
@@ -20,9 +21,10 @@ from policy.robots.robot import Robot
 from policy.training.checkpoint import load_policy
 from policy.training.ppo import ScoreFn
 from policy.training.session import TrainResult
+from policy.training.training_dir import SUMMARY_NAME
 
 EXIT_NO_GAIN = 1
-_DISTANCE = "offline/action_distance"
+_DISTANCE, _RETURN = "offline/action_distance", "train/return"
 
 
 def off_policy_of(
@@ -93,13 +95,13 @@ def told_offline(
     tell: Callable[[str], None],
 ) -> int:
     """Tell how far a policy went from the data it was learned from, and what that was
-    worth, what is wrong last; gives the exit code."""
-    stats = result.stats
-    assert stats is not None
-    before = stats.mean_return if command.init is None else load_policy(command.init)
+    worth, what is wrong last; gives the exit code, the same however often a training
+    that is finished is gone on with."""
+    found = read_json(result.policy.with_name(SUMMARY_NAME))
+    before = found[_RETURN] if command.init is None else load_policy(command.init)
     after = load_policy(result.policy)
     gain = offline_gain(before, after, robot, env, reward_fn)
-    distance = stats.scalars[_DISTANCE]
+    distance = found[_DISTANCE]
     if distance >= TOO_FAR:
         tell(gain.words)
         tell(
