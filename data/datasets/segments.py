@@ -112,12 +112,13 @@ def read_segments(path: Path) -> Segments:
         ".csv": _from_csv,
         ".parquet": _from_parquet,
     }
-    if path.suffix not in readers:
+    end = path.suffix.lower()
+    if end not in readers:
         raise TableError(
             f"{path}: segments come as {', '.join(readers)}, not {path.suffix!r}"
         )
     try:
-        return readers[path.suffix](read_file(path, TABLE_BYTES))
+        return readers[end](read_file(path, TABLE_BYTES))
     except _DAMAGE as error:
         told = f"there is no {error}" if isinstance(error, KeyError) else error
         raise TableError(

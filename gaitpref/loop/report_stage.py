@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from data.datasets.dataset import Dataset
@@ -29,6 +30,9 @@ from rewardmodel.models.storage import load_reward
 from .drift import trust_of_round
 from .loop_cfg import LoopCfg
 from .run_dir import Round, began_from, seed_of
+
+_RUN = Path("RUN")
+"""The run's directory, in what is advised."""
 
 
 def began_with(cfg: LoopCfg, round: Round) -> float:
@@ -85,6 +89,10 @@ def report_stage(
     ):
         if file.exists():
             result[name] = read_json(file)
+    if "verdict" in result:
+        # Wherever the run is by then: the page and `watch` put in its place.
+        advice = Verdict.from_json(result["verdict"]).advice(_RUN)
+        result["verdict"] = {**result["verdict"], "advice": advice}
     rose = False
     if round.number:
         trained_against = measured(load_reward(round.before.reward))
@@ -99,7 +107,11 @@ def report_stage(
     )
     if round.number == cfg.rounds:
         result["groups"] = who_agrees(
-            dataset, unchecked=cfg.unchecked, where=f"round {round.number}: "
+            dataset,
+            unchecked=cfg.unchecked,
+            # The wish of a program never changes.
+            alone=cfg.rater == "human",
+            where=f"round {round.number}: ",
         )
     write_atomically(round.report, json.dumps(result, indent=1).encode())
     evaluation = result["evaluation"]

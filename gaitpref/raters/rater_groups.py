@@ -10,6 +10,8 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
+from pathlib import Path
+from shlex import quote
 from typing import Any
 
 import torch
@@ -30,8 +32,11 @@ _ENOUGH_TO_TELL = 12
 
 def grouping_of(pairs: AnsweredPairs, where: str = "") -> Grouping:
     """The groups of those who answered `pairs`; `where` is said before what is done."""
-    told = f"{where}comparing the wishes of {len(set(pairs.raters))} raters"
-    with counted(told) as tell:
+    raters = len(set(pairs.raters))
+    doing = f"{where}comparing the wishes of {raters} raters"
+    if raters == 1:
+        doing = f"{where}looking whether the rater's wish has changed"
+    with counted(doing) as tell:
         return group_raters(pairs, STYLE.reward, seed=0, tell=tell)
 
 
@@ -43,7 +48,7 @@ def told_of_groups(dataset: Dataset) -> tuple[dict[str, Any], list[str]]:
     """
     pairs = load_pairs([dataset], unchecked=True)
     found = grouping_of(pairs)
-    lines = list(_lines(found))
+    lines = told(found, dataset.root)
     values = {
         "groups": [
             {
@@ -59,18 +64,29 @@ def told_of_groups(dataset: Dataset) -> tuple[dict[str, Any], list[str]]:
     return values, lines
 
 
-def who_agrees(dataset: Dataset, *, unchecked: bool, where: str = "") -> list[str]:
-    """Who of several raters wants the same, and what, in lines; nothing where fewer
-    than two gave enough answers to tell. `where` is said before what is done."""
+def who_agrees(
+    dataset: Dataset, *, unchecked: bool, alone: bool, where: str = ""
+) -> list[str]:
+    """Who of several raters wants the same, and what, in lines; nothing of those who
+    gave too few answers to tell.
+
+    Args:
+        dataset: With the answers.
+        unchecked: Whether programs count that do not agree with people.
+        alone: Whether it is told of a single rater, too, that the wish has changed.
+        where: Said before what is done.
+    """
     try:
         pairs = load_pairs([dataset], unchecked=unchecked)
     except RewardError:
         return []
     given = Counter(pairs.raters)
     enough = [given[rater] >= _ENOUGH_TO_TELL for rater in pairs.raters]
-    if len({r for r, kept in zip(pairs.raters, enough, strict=True) if kept}) < 2:
+    raters = len({r for r, kept in zip(pairs.raters, enough, strict=True) if kept})
+    if raters == 0 or (raters == 1 and not alone):
         return []
-    return list(_lines(grouping_of(pairs.subset(torch.tensor(enough)), where)))
+    found = grouping_of(pairs.subset(torch.tensor(enough)), where)
+    return list(_changes(found)) if raters == 1 else told(found, dataset.root)
 
 
 def answers_for(pairs: AnsweredPairs, whom: Sequence[str]) -> AnsweredPairs:
@@ -128,7 +144,12 @@ def answers_for(pairs: AnsweredPairs, whom: Sequence[str]) -> AnsweredPairs:
     return part
 
 
-def _lines(found: Grouping) -> Iterator[str]:
+def told(found: Grouping, dataset: Path) -> list[str]:
+    """What was found of the raters of `dataset`, in lines."""
+    return [*_groups(found, dataset), *_changes(found)]
+
+
+def _groups(found: Grouping, dataset: Path) -> Iterator[str]:
     if len(found.groups) == 1:
         (group,) = found.groups
         yield f"all want the same: {_names(group)}"
@@ -140,15 +161,20 @@ def _lines(found: Grouping) -> Iterator[str]:
             yield f"    {_wants(group)}"
         first = found.groups[0].raters[0]
         yield (
-            f"`gaitpref fit --for {GROUP}{first}` learns what one group wants, without "
-            f"--for what most want"
+            f"`gaitpref fit --dataset {quote(str(dataset))} --out REWARD --for "
+            f"{quote(GROUP + first)}` learns what one group wants, without --for what "
+            "most want"
         )
     if found.untold:
         yield f"with too few answers to be compared: {', '.join(found.untold)}"
+
+
+def _changes(found: Grouping) -> Iterator[str]:
     for each in found.changed:
         yield (
             f"{each.rater} seems to want something else since answer {each.after + 1} "
-            f"(odds {_odds(each.log_odds)} to 1)"
+            f"(odds {_odds(each.log_odds)} to 1), and a fit learns from both: to teach "
+            f"what {each.rater} wants now, begin another data set or run"
         )
 
 

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from rewardmodel.models.fit_report import FitReport
 
+NEWEST = "the newest clips' pairs"
+"""Of what the order is open, where a reward is of gaits."""
 
-def fit_summary(report: FitReport) -> str:
-    """A fit in one line."""
+
+def fit_summary(report: FitReport, of: str = NEWEST) -> str:
+    """A fit in one line; `of` is whose order is told to be open."""
     held_out = "too few answers within a fold to measure it"
     if report.held_out_accuracy is not None and report.held_out_interval is not None:
         low, high = report.held_out_interval
@@ -17,11 +20,11 @@ def fit_summary(report: FitReport) -> str:
     return (
         f"fitted {report.answers} answers in {report.seconds:.1f} s, "
         f"accuracy {held_out}{'; ' if report.agreement is not None else ''}"
-        f"{what_remains(report)}"
+        f"{what_remains(report, of)}"
     )
 
 
-def what_remains(report: FitReport) -> str:
+def what_remains(report: FitReport, of: str = NEWEST) -> str:
     """Whether more answers would help, in words; nothing where it was not measured."""
     if report.agreement is None or report.open_share is None:
         return ""
@@ -29,6 +32,6 @@ def what_remains(report: FitReport) -> str:
     if report.enough:
         verdict = "more answers will not help now"
     return (
-        f"{verdict} (the order of {report.open_share:.0%} of the newest clips' pairs "
+        f"{verdict} (the order of {report.open_share:.0%} of {of} "
         f"is open, rank correlation {report.agreement:.2f})"
     )

@@ -57,7 +57,7 @@ def _capitalised(text: str) -> str:
 
 
 def groups_section(rounds: list[dict[str, Any]]) -> str:
-    """Who agrees with whom, and about what; nothing of a single rater."""
+    """Who agrees with whom, and about what; of a single rater, a change of wish."""
     if not (lines := rounds[-1].get("groups")):
         return ""
     told = (

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from gaitpref.loop.run_config import CONFIG_NAME, read_config
 from gaitpref.loop.run_dir import Round
 from gaitpref.loop.run_report import PAGE_NAME
 from gaitpref.report.journal import Journal, read_journal
+from gaitpref.report.verdict import Verdict
 from policy.training.training_dir import POLICY_NAME, RESUME_NAME
 
 from .event_files import RETURN, TRACKING, Scalars
@@ -117,10 +118,16 @@ class RunReader:
                 for report in reports
                 for reason in report.get("trust", {}).get("alarms", ())
             ],
-            "verdict": next(
-                (r["verdict"]["sentence"] for r in reports if r.get("verdict")), None
-            ),
+            **self._verdict(reports),
         }
+
+    def _verdict(self, reports: Sequence[dict[str, Any]]) -> dict[str, str | None]:
+        """What the run came to, and what to do next; nothing before its end."""
+        found = next((r["verdict"] for r in reports if r.get("verdict")), None)
+        if found is None:
+            return {"verdict": None, "advice": None}
+        verdict = Verdict.from_json(found)
+        return {"verdict": verdict.sentence, "advice": verdict.advice(self._run)}
 
     def _progress(
         self,

@@ -58,6 +58,16 @@ def remaining(model: RewardModel, pairs: AnsweredPairs) -> Remaining:
     )
     fell = torch.cat([newest.left.fell, newest.right.fell]).float()
     learned = returns + model.provenance.cfg.fall_logit * fell
+    return order_left(returns, learned)
+
+
+def order_left(returns: Tensor, learned: Tensor) -> Remaining:
+    """What members disagree about, of clips with these returns.
+
+    Args:
+        returns: [M, C] of the clips.
+        learned: [M, C] the same without what no answer taught.
+    """
     left, right = torch.triu_indices(returns.shape[1], returns.shape[1], 1)
     # Half where a member has no opinion: an order nobody knows is open.
     lead = returns[:, left] - returns[:, right]

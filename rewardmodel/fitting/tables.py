@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, get_args
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -37,6 +38,7 @@ from rewardmodel.prepared.prepared import Prepared, PreparedClips
 from rewardmodel.scorer import Scorer
 
 from .fit_reward import report_of
+from .stopping import enough, order_left
 
 TableKind = Literal["linear", "gp", "mlp"]
 TABLE_KINDS: tuple[TableKind, ...] = get_args(TableKind)
@@ -47,6 +49,8 @@ _SHARES = (0.02, 0.1, 0.2, 0.3, 0.5, 0.7, 0.95)
 """Of random answers that a rater may have, each as probable."""
 _MOST_BYTES = 4 * 2**30
 """What the steps of all answers may take in memory."""
+_MOST_ORDERED = 500
+"""Segments whose order says whether more answers would help, of more as many."""
 _LEAST_FORESEEN = 10
 """Preferences of a rater, foreseen by models, below which nothing is said of errors."""
 
@@ -151,7 +155,23 @@ def fit_table(
     kept = [answer for answer, was in zip(answers, asked.tolist(), strict=True) if was]
     report = replace(report, raters=_raters(kept, foreseen, report.temperature))
     names = (*segments.names, *(f"{name} squared" for name in segments.names))
-    return TableReward(names, fitted.normaliser, fitted.scorer, fitted.cfg, report)
+    reward = TableReward(names, fitted.normaliser, fitted.scorer, fitted.cfg, report)
+    return replace(reward, report=_with_remaining(reward, segments))
+
+
+def _with_remaining(reward: TableReward, segments: Segments) -> FitReport:
+    """The report of `reward` with what there is left to ask about segments."""
+    count = len(segments.ids)
+    chosen = np.linspace(0, count - 1, min(count, _MOST_ORDERED)).astype(int)
+    ids = tuple(segments.ids[place] for place in chosen)
+    returns = reward.of_members(Segments(ids, segments.names, segments.rows[chosen]))
+    left = order_left(returns, returns)
+    return replace(
+        reward.report,
+        agreement=left.agreement,
+        open_share=left.open_share,
+        enough=enough(left, reward.report),
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -53,7 +53,8 @@ class FitReport:
     among the held-out answers."""
     agreement: float | None = None
     """Mean rank correlation, over pairs of ensemble members, of the returns of the
-    newest round's clips: 1 where no order of clips is left to be learned."""
+    newest round's clips, or of a table's segments: 1 where no order of these is left to
+    be learned."""
     open_share: float | None = None
     """Pairs of these clips of which not all members prefer the same one."""
     enough: bool = False

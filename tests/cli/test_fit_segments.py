@@ -88,7 +88,8 @@ def test_every_format_gives_the_same_segments(folder: Path) -> None:
     npz, *others = (
         read_segments(folder / f"s.{end}") for end in ("npz", "csv", "parquet")
     )
-    for other in others:
+    (folder / "S.CSV").write_bytes((folder / "s.csv").read_bytes())
+    for other in (*others, read_segments(folder / "S.CSV")):
         assert (other.ids, other.names) == (npz.ids, npz.names)
         np.testing.assert_allclose(other.rows, npz.rows, atol=1e-5)
     assert npz.valid.sum() == SEGMENTS * STEPS - 20
@@ -127,13 +128,20 @@ def test_the_command_writes_what_it_found(
     assert weights["tilt squared"] < -3 * abs(weights["noise squared"])
     with (out / "segments.csv").open() as file:
         assert len(list(csv.DictReader(file))) == SEGMENTS
-    assert json.loads((out / "report.json").read_text())["answers"] == 240
-    assert main([*command, *labels, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["model"] == "linear"
+    report = json.loads((out / "report.json").read_text())
+    assert report["answers"] == 240
+    assert 0.5 < report["agreement"] < 1.0
+    assert 0.0 < report["open_share"] < 1.0
+    assert "of the segments' pairs is open" in " ".join(told.split())
+    assert "prefers the" not in told
+    assert main([*command, *labels, "--json", "--for", "ada"]) == 0
+    of_ada = json.loads(capsys.readouterr().out)
+    assert (of_ada["model"], of_ada["answers"]) == ("linear", 120)
     for wrong, told in (
         (command, "--segments and --labels go together"),
         ([*command, *labels, "--model", "posterior"], "sees a robot's gait"),
         ([*command, *labels, "--method", "style"], "--method is about data sets"),
+        ([*command, *labels, "--for", "eve"], "there are ada, bob (groups are of"),
         (["fit", "--out", str(out)], "give --dataset DIR, or --segments"),
     ):
         assert main(wrong) == 2
@@ -243,6 +251,21 @@ def test_of_a_rater_with_few_answers_nothing_is_said(folder: Path) -> None:
     once = replace(answers[0], rater="eve", target=1 - answers[0].target)
     report = fit_table(segments, [*answers, once], "linear", seed=0).report
     assert [name for name, _ in report.raters] == ["ada", "bob"]
+
+
+def test_who_always_says_left_is_named(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A table does not say whether sides are drawn by lot, so it is no alarm."""
+    head, *lines = (folder / "answers.csv").read_text().splitlines()[:61]
+    left = [line.replace(",right,", ",left,") for line in lines]
+    (folder / "left.csv").write_text("\n".join([head, *left]))
+    command = ["fit", "--segments", str(folder / "s.csv"), "--json"]
+    command += ["--labels", str(folder / "left.csv"), "--out", str(folder / "out")]
+    assert main(command) == 0
+    sentence = json.loads(capsys.readouterr().out)["sentence"]
+    assert "ada prefers the left segment in 30 of 30 answers: where" in sentence
+    assert not sentence.startswith("ALARM")
 
 
 def test_what_a_spreadsheet_saves_is_read(folder: Path) -> None:

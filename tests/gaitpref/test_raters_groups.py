@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 import torch
 
+from data.datasets.dataset import Dataset
 from gaitpref.cli.main import main
-from gaitpref.raters.rater_groups import answers_for, who_agrees
+from gaitpref.raters import rater_groups
+from gaitpref.raters.rater_groups import answers_for, told, who_agrees
 from gaitpref.report.trust_section import groups_section
 from rewardmodel import FitCfg
 from rewardmodel.answers.answered_pairs import AnsweredPairs
@@ -61,6 +63,10 @@ def test_two_wishes_are_two_groups_and_who_guesses_is_in_one_of_them() -> None:
     assert of_cyd.wanted[0].how == "more"
     assert found.changed == ()
     assert found.group_of("eve") is None
+    lines = told(found, Path("my set"))
+    assert lines[0] == "2 groups want different things:"
+    hint = "`gaitpref fit --dataset 'my set' --out REWARD --for group:ada`"
+    assert hint in lines[-1]
 
 
 def test_one_wish_is_one_group() -> None:
@@ -70,17 +76,28 @@ def test_one_wish_is_one_group() -> None:
     assert found.groups[0].answers == 3 * EACH
 
 
-def test_a_taste_that_changes_is_noticed() -> None:
-    """In the order the answers were given in, and not where nobody knows it."""
+def test_a_taste_that_changes_is_noticed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the order the answers were given in, and not where nobody knows it. A report
+    says it of somebody who answers alone, too, and what to do."""
     pairs = answers_of((best_height, one_foot), seed=4)
     pairs = replace(
         pairs,
         raters=("ada",) * len(pairs),
         times=tuple(f"2030-01-01T00:{row:02d}" for row in range(len(pairs))),
     )
-    (changed,) = group_raters(pairs, POSTERIOR, seed=0).changed
+    found = group_raters(pairs, POSTERIOR, seed=0)
+    (changed,) = found.changed
     assert changed.rater == "ada"
     assert changed.after == EACH
+    monkeypatch.setattr(rater_groups, "load_pairs", lambda *_, **__: pairs)
+    monkeypatch.setattr(rater_groups, "grouping_of", lambda *_: found)
+    dataset = Dataset.create(tmp_path / "set")
+    (line,) = who_agrees(dataset, unchecked=True, alone=True)
+    assert line.startswith(f"ada seems to want something else since answer {EACH + 1}")
+    assert line.endswith("begin another data set or run")
+    assert who_agrees(dataset, unchecked=True, alone=False) == []
     assert not group_raters(replace(pairs, times=()), POSTERIOR, seed=0).changed
 
 
@@ -139,19 +156,29 @@ def test_the_commands_say_who_wants_what(
     (name,) = group["raters"]
     assert main(["raters", "--dataset", root, "groups"]) == 0
     assert f"all want the same: {name}" in capsys.readouterr().out
-    fit = ["fit", "--dataset", root, "--out", str(tmp_path / "reward")]
+    fill(dataset, "eve", lambda number, likes, left: "a" if likes else "b")
+    reward = str(tmp_path / "reward")
+    fit = ["fit", "--dataset", root, "--out", reward]
     assert main([*fit, "--for", name]) == 0
-    assert main([*fit, "--for", "nobody"]) == 2
-    assert "--for nobody: no such rater" in capsys.readouterr().err
+    told = " ".join(capsys.readouterr().err.split())
+    assert f"trust --reward {reward} --dataset {root} --for ada`" in told
+    trust = ["trust", "--dataset", root, "--reward", reward, "--json", "--for"]
+    assert main([*trust, name]) == 0
+    of_ada = json.loads(capsys.readouterr().out)
+    assert of_ada["answers_are_those_fitted"]
+    assert of_ada["alarm"] is None
+    for command in ([*fit, "--for"], trust):
+        assert main([*command, "nobody"]) == 2
+        assert "--for nobody: no such rater" in capsys.readouterr().err
 
 
 def test_a_report_says_who_agrees(tmp_path: Path) -> None:
     """Of two who answered enough; in words that a page may hold."""
     dataset = gaits(tmp_path / "set", 40)
     fill(dataset, "ada", lambda number, likes, left: "a" if likes else "b")
-    assert who_agrees(dataset, unchecked=True) == []
+    assert who_agrees(dataset, unchecked=True, alone=False) == []
     fill(dataset, "<bob>", lambda number, likes, left: "a" if likes else "b")
-    lines = who_agrees(dataset, unchecked=True)
+    lines = who_agrees(dataset, unchecked=True, alone=False)
     assert lines[0] == "all want the same: <bob>, ada"
     page = groups_section([{"groups": lines}])
     assert "all want the same: &lt;bob&gt;, ada<br>&emsp;" in page

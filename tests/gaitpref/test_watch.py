@@ -26,7 +26,9 @@ from gaitpref.cli.options import options
 from gaitpref.loop.run_config import claim
 from gaitpref.loop.run_dir import Round
 from gaitpref.loop.run_inputs import inputs_of
+from gaitpref.method.acceptance import Duel
 from gaitpref.report import journal
+from gaitpref.report.verdict import Verdict
 from gaitpref.watch.event_files import RETURN, Scalars
 from gaitpref.watch.run_stage import place_in
 from gaitpref.watch.run_state import RunReader
@@ -124,6 +126,22 @@ def test_a_run_that_ended_is_shown_too(tmp_path: Path) -> None:
     found = RunReader(tmp_path / "demo").read()
     assert found["kind"] in ("loop", "unread")
     assert found["running"] is False
+
+
+def test_what_a_run_came_to_is_shown_with_what_to_do_next(run: Path) -> None:
+    """At the place where the run is, wherever it was made."""
+    assert RunReader(run).read()["verdict"] is None
+    surely = Duel(for_new=4, for_old=0)
+    verdict = Verdict(stays=2, rounds=2, beside_first=surely)
+    names = ("return_mean", "return_ci95", "tracking_error_m_s", "falls_per_minute")
+    report = {"round": 2, "evaluation": dict.fromkeys(names, 1.0)}
+    place = Round(run, 2).report
+    place.parent.mkdir(parents=True)
+    told = {**verdict.as_json(), "advice": verdict.advice(Path("RUN"))}
+    place.write_text(json.dumps({**report, "verdict": told}))
+    found = RunReader(run).read()
+    assert found["verdict"] == verdict.sentence
+    assert f"--base {run}/rounds/02/policy/policy.pt" in found["advice"]
 
 
 def test_who_goes_on_otherwise_than_it_was_begun_is_told(tmp_path: Path) -> None:

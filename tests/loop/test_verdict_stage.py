@@ -103,6 +103,8 @@ def test_the_better_of_the_two_stays(
         assert (before.for_new >= before.for_old) == (stands == "new")
         page = (run / "report/index.html").read_text()
         assert html.escape(found["sentence"]) in page
+        played = "play --policy RUN/rounds/02/policy/policy.pt --against RUN/rounds/00"
+        assert played in found["advice"]
         assert ("preferred that to the last" in page) == (stands == "old")
         # As a process leaves it that is killed when all is answered.
         for unfinished in ("verdict.json", "report.json"):

@@ -7,6 +7,7 @@ they are not installed.
 from __future__ import annotations
 
 import json
+import shlex
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -124,9 +125,10 @@ def _fit_alone(command: options.Fit) -> None:
             + (", and none measures the reward" if share >= HARDLY_LOOKS else "")
         )
     given = f"--reward {command.out} --dataset {command.dataset[0]}"
+    of_whom = f" --for {shlex.join(command.whom)}" if command.whom else ""
     console.next(
-        f"`gaitpref trust {given}` says how far to believe it, `gaitpref train "
-        f"--method style {given} --init POLICY --out NEW` trains on it"
+        f"`gaitpref trust {given}{of_whom}` says how far to believe it, `gaitpref "
+        f"train --method style {given} --init POLICY --out NEW` trains on it"
     )
 
 

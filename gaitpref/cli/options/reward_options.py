@@ -144,7 +144,8 @@ class Fit:
     did not pay."""
     whom: Annotated[tuple[str, ...], tyro.conf.arg(name="for", metavar="RATER")] = ()
     """Learn what some raters want: their names, or group:RATER for all who want what
-    that one does; `gaitpref raters groups` shows them. By default what most want."""
+    that one does; `gaitpref raters groups` shows them. By default what most want.
+    With --segments, names that stand in the .csv file."""
     unchecked: bool = False
     """Learn from answers of programs too that do not agree with people, or were never
     compared with them; `gaitpref raters compare` shows it."""
@@ -187,6 +188,9 @@ class Trust:
     """Data set directory with answers."""
     policy: Path | None = None
     """Policy file to compare with the judged clips."""
+    whom: Annotated[tuple[str, ...], tyro.conf.arg(name="for", metavar="RATER")] = ()
+    """Hold against it only what some raters say, as `gaitpref fit --for` learns from
+    them alone: their names, or group:RATER."""
     answers: str | None = None
     """postgresql://USER@HOST/DATABASE that keeps pairs and answers; the data set's own
     file by default."""

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, replace
 from io import StringIO
 from pathlib import Path
 from typing import Any, cast
 
-from data.datasets.segments import Segments, read_answers, read_segments
+from data.answers.rater_habits import RARE, Sides
+from data.datasets.segments import (
+    Segments,
+    TableAnswer,
+    read_answers,
+    read_segments,
+)
 from data.errors import GaitprefError
 from data.files.files import require_directory, whole_directory, write_atomically
 from gaitpref.cli.options import options
@@ -49,7 +55,6 @@ def fit_segments(command: options.Fit) -> None:
         )
     for name, given in (
         ("--method", command.method),
-        ("--for", command.whom),
         ("--semi-supervised", command.semi_supervised),
         ("--doubted-below", command.doubted_below),
         ("--round", command.round),
@@ -61,7 +66,7 @@ def fit_segments(command: options.Fit) -> None:
             raise GaitprefError(f"{name} is about data sets: leave it out")
     require_directory(command.out, _NAMES)
     segments = read_segments(command.segments)
-    answers = read_answers(command.labels, segments)
+    answers = _answers_for(read_answers(command.labels, segments), command)
     kind = cast(TableKind, command.model)
     told = f"fitting {kind} to {len(answers)} answers, models"
     with counting_bar(told, models_fitted(TABLE_FIT)) as bar:
@@ -74,11 +79,15 @@ def fit_segments(command: options.Fit) -> None:
         )
     _write(reward, segments, command.out)
     report = reward.report
-    sentence = findings_of_fit(report, ()).sentence
+    findings = findings_of_fit(report, ())
+    one_sided = tuple(_one_sided(answers))
+    findings = replace(findings, against=(*findings.against, *one_sided))
+    sentence = findings.sentence
     if command.json:
         print(json.dumps({"model": kind, **asdict(report), "sentence": sentence}))
         return
-    console.print(f"{kind}: {fit_summary(report)}; what it found is in {command.out}")
+    told = fit_summary(report, "the segments' pairs")
+    console.print(f"{kind}: {told}; what it found is in {command.out}")
     if report.held_out_ece is not None:
         console.print(
             f"calibration error {report.held_out_ece:.2f}, at temperature "
@@ -90,6 +99,39 @@ def fit_segments(command: options.Fit) -> None:
             f"{rater}: {share:.0%} of the answers are taken for random"
             + (", who hardly looks" if share >= HARDLY_LOOKS else "")
         )
+
+
+def _answers_for(answers: list[TableAnswer], command: options.Fit) -> list[TableAnswer]:
+    """The answers of the raters whom the command names; of all where it names none.
+
+    Raises:
+        GaitprefError: somebody gave no answer, or a group is meant.
+    """
+    known = sorted({answer.rater for answer in answers})
+    for name in command.whom:
+        if name not in known:
+            raise GaitprefError(
+                f"--for {name}: no such rater answered in {command.labels}; there are "
+                f"{', '.join(known)} (groups are of data sets, whose habits have names)"
+            )
+    return [a for a in answers if not command.whom or a.rater in command.whom]
+
+
+def _one_sided(answers: Sequence[TableAnswer]) -> Iterator[str]:
+    """Raters who prefer one side as hardly anybody does where sides are drawn by lot,
+    in words; whether they are, a table does not say."""
+    for rater in sorted({answer.rater for answer in answers}):
+        own = [a.target for a in answers if a.rater == rater and a.target != 0.5]
+        left = sum(target > 0.5 for target in own)
+        sides = Sides(rater, left, len(own) - left, shuffled=True)
+        if sides.one_sided:
+            side = "left" if sides.left > sides.right else "right"
+            times = max(sides.left, sides.right)
+            yield (
+                f"{rater} prefers the {side} segment in {times} of {len(own)} answers: "
+                f"where sides are drawn by lot, less than one in {round(1 / RARE)} of "
+                "those who look does"
+            )
 
 
 def _write(reward: TableReward, segments: Segments, directory: Path) -> None:

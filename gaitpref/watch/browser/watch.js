@@ -188,7 +188,9 @@ function show(found) {
     return box;
   }));
   at("verdict").hidden = !found.verdict;
-  at("verdict").textContent = found.verdict ? `The run: ${found.verdict}.` : "";
+  at("verdict").textContent = found.verdict
+    ? `The run: ${found.verdict}. Next: ${found.advice}.`
+    : "";
   const alarms = found.alarms || [];
   at("alarms").hidden = !alarms.length;
   at("alarms").querySelector("ul").replaceChildren(...alarms.map((text) => element("li", text)));

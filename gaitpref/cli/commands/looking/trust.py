@@ -9,6 +9,7 @@ from gaitpref.cli.options import options
 from gaitpref.cli.shared.dataset_argument import open_dataset
 from gaitpref.console.progress import console, counted
 from gaitpref.console.terminal import say
+from gaitpref.raters.rater_groups import answers_for
 from gaitpref.report.calibration_plot import reliability_plot
 from gaitpref.report.findings import about_raters, findings_of_trust
 from gaitpref.report.fit_summary import what_remains
@@ -30,6 +31,8 @@ def run(command: options.Trust) -> int:
     model = load_reward(command.reward)
     with counted("reading answers, clips") as tell:
         judged = load_pairs([open_dataset(command)], unchecked=True, tell=tell)
+    if command.whom:
+        judged = answers_for(judged, command.whom)
     told = f"foreseeing {len(judged)} answers without their episodes, models"
     with counted(told) as tell:
         foreseen = foresee(model, judged, seed=command.seed, tell=tell)
