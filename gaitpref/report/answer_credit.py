@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -96,8 +97,21 @@ def answers_section(
         f"<h2>What moved the reward of round {max(numbers)} in the newest answers</h2>"
         "<p>What the left clip, A, is paid more than the right one, shared out by the "
         "steps of both, by habits, and by gaits or robots where there are several; "
-        "each row adds up to the whole.</p>"
+        f"each row adds up to the whole.{_whys_told(answered)}</p>"
         f'<div class="curves">{figures}</div>'
+    )
+
+
+def _whys_told(answered: Sequence[tuple[Pair, Answer]]) -> str:
+    """How many answers say what decided them, and what; nothing where none does."""
+    preferring = [answer for _, answer in answered if answer.choice in ("a", "b")]
+    whys = Counter(answer.why for answer in preferring if answer.why)
+    if not whys:
+        return ""
+    named = ", ".join(f"{why} {times}" for why, times in whys.most_common())
+    return (
+        f" Of {len(preferring)} answers that prefer a clip {whys.total()} say what "
+        f"decided: {named}."
     )
 
 

@@ -62,6 +62,8 @@ class RaterFigures:
     """Answers within two seconds."""
     left: Share
     """Preferences for the clip shown left; a half is fair."""
+    why: Share
+    """Preferences beside which it is said what decided them; nobody has to."""
     self_consistency: Share
     """Own pairs, asked again with the sides swapped, that got the same answer."""
     gold: Share
@@ -119,13 +121,15 @@ def _figures(
     answers = [answer for _, answer in own]
     times_s = [time_s for answer in answers if (time_s := _time_s(answer)) is not None]
     sides = [prefers_left(answer) for answer in answers]
+    preferences = len(sides) - sides.count(None)
     return RaterFigures(
         rater_id=name,
         answers=len(answers),
         per_hour=_per_hour(answers),
         median_s=statistics.median(times_s) if times_s else None,
         fast=Share(sum(time_s < FAST_S for time_s in times_s), len(times_s)),
-        left=Share(sides.count(True), sides.count(True) + sides.count(False)),
+        left=Share(sides.count(True), preferences),
+        why=Share(sum(bool(answer.why) for answer in answers), preferences),
         self_consistency=_self_consistency(answers),
         gold=gold_share(own),
         agreement=agreement_of(shared, raters),

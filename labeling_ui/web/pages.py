@@ -177,6 +177,11 @@ def _figure_rows(figures: RaterFigures) -> list[tuple[str, str, str]]:
             "of your preferences; sides are drawn by lot, so about 50 % is fair",
         ),
         (
+            "Said why",
+            share(figures.why),
+            "of your preferences, with one tap on what decided; you need not",
+        ),
+        (
             "Agrees with yourself",
             share(figures.self_consistency),
             "same answer when a pair came back with the sides swapped",

@@ -142,11 +142,12 @@ def test_a_report_draws_whatever_reward_there_is(place: Path, tmp_path: Path) ->
     with dataset.answers() as store:
         store.add_rater("ann", "human", {})
         store.add_pairs([pair])
-        store.add_answer(answer)
+        store.add_answer(replace(answer, why="feet"))
     with drawn():
         section = answers_section(tmp_path, [{"round": 0, "fit": {"answers": 1}}])
     assert "robot 1" in section
     assert "ann: B is better" in section
+    assert "Of 1 answers that prefer a clip 1 say what decided: feet 1." in section
     given = ["--reward", str(place / "team-reward"), "--dataset", str(place / "teams")]
     assert (
         main(["explain", *given, "--count", "1", "--out", str(tmp_path / "why")]) == 0

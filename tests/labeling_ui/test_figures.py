@@ -11,6 +11,7 @@ from data.answers.store import AnswerStore
 from data.episodes.clips import Clip
 from labeling_ui.questions.rater_figures import (
     Row,
+    Share,
     all_figures,
     alpha,
     figures,
@@ -100,6 +101,16 @@ def test_a_habit_of_the_left_side_shows() -> None:
     ]
     found = figures(rows, "ada").left
     assert (found.hits, found.of) == (2, 3)
+
+
+def test_how_often_a_reason_is_said_shows() -> None:
+    """Of three preferences; who calls both equal has none to say."""
+    rows = [row("ada", 0, 1.0, why="feet"), *(row("ada", n, 1.0) for n in (1, 2))]
+    found = figures([*rows, row("ada", 3, 0.5)], "ada")
+    assert found.why == Share(1, 3)
+    assert "33% of 3" in figures_page(found, can_leave=False)
+    (line,) = (line for line in table_of([found]) if line.startswith("ada"))
+    assert "33% of 3" in line
 
 
 def test_consistency_compares_the_clips_not_the_sides() -> None:
