@@ -98,7 +98,8 @@ def on_fresh_pairs(
     """Accuracy and calibration error of a run's last fit on pairs drawn at random.
 
     Accuracy is about what the criterion prefers, calibration about what the rater would
-    answer. None where there is no preference.
+    answer, beside what a calibrated reward would show on as many. None where there is
+    no preference.
     """
     model = load_reward(run / f"rounds/{cfg.rounds - 1:02d}/reward")
     pairs = fresh_pairs(run, cfg, criterion)
@@ -107,4 +108,5 @@ def on_fresh_pairs(
     return {
         "fresh_accuracy": accuracy.share if accuracy else None,
         "fresh_ece": found.ece if found else None,
+        "fresh_ece_by_chance": found.ece_by_chance if found else None,
     }

@@ -67,9 +67,23 @@ RATERS = {
     "stochastic30": RaterCfg(beta=1.0),
     "mistakes40": RaterCfg(mistakes=0.4),
     "why80": RaterCfg(why="posture"),
+    "mistakes20why80": RaterCfg(mistakes=0.2, why="posture"),
 }
 Change = Callable[[Method], Method]
 """What is changed of a method."""
+PEERS: dict[str, dict[str, Any]] = {
+    "prefppo": {},
+    "surf": {
+        "semi_supervised": SemiSupervisedCfg(
+            confidence=0.99, error_share=0.0, pairs_per_answer=4
+        )
+    },
+    "rime": {"label_filter": LabelFilterCfg()},
+}
+"""What others' methods have beside networks on raw rows."""
+_CROPS = {"surf": 0.75}
+_RATES = {"": 1.0, "-rate-third": 1 / 3, "-rate-triple": 3.0}
+"""Times the published learning rate, for a fair search."""
 
 METHODS: dict[str, Change] = {
     "default": lambda method: method,
@@ -114,17 +128,24 @@ METHODS: dict[str, Change] = {
     "even": lambda method: _asked_evenly(method),
     "trusting": lambda method: _fitting(method, adapt=False),
     "weight-1": lambda method: replace(method, weight=1.0),
-    # Others' methods on the same walks, clips, steps and answers, with the settings of
-    # their papers: B-Pref (arXiv 2111.03026), SURF (2203.10050), RIME (2402.17257).
-    "prefppo": lambda method: _as_published(method),
-    "surf": lambda method: _as_published(
-        method,
-        models=(RawCfg(min_crop=0.75),),
-        semi_supervised=SemiSupervisedCfg(
-            confidence=0.99, error_share=0.0, pairs_per_answer=4
-        ),
-    ),
-    "rime": lambda method: _as_published(method, label_filter=LabelFilterCfg()),
+    # Others' methods on the same walks, clips, steps and answers: B-Pref (arXiv
+    # 2111.03026), SURF (2203.10050), and answers filtered after RIME (2402.17257).
+    # Networks, likelihood and the opinions of SURF are as they publish them. Not theirs
+    # are the share of the answers asked for first, which no paper gives for so few, and
+    # the first walk: what B-Pref trains without any answer is left out. Of RIME it is
+    # the idea alone: answers that rewards of other folds give less than 0.2 count as
+    # random; none is turned round, no divergence has a threshold that falls, and no
+    # reward begins where another ended.
+    **{
+        f"{name}{rate}": lambda method, name=name, times=times: _as_published(
+            method,
+            models=(_raw(times, _CROPS.get(name, 1.0)),),
+            **PEERS[name],
+        )
+        for name in PEERS
+        for rate, times in _RATES.items()
+    },
+    # The network of this project with its defaults, as good as they were made here.
     "prefppo-tuned": lambda method: replace(
         method,
         questions=Questions(),
@@ -152,6 +173,11 @@ def _as_published(method: Method, **fit: Any) -> Method:
         accept=None,
         tracking=None,
     )
+
+
+def _raw(times: float, min_crop: float) -> RawCfg:
+    usual = RawCfg()
+    return replace(usual, learning_rate=times * usual.learning_rate, min_crop=min_crop)
 
 
 def _asking(method: Method, **changes: Any) -> Method:
@@ -204,7 +230,8 @@ class Cell:
         return self.task in FROM_SCRATCH
 
 
-_BUDGETS = (
+Row = tuple[str, int, str, int]
+_BUDGETS: tuple[Row, ...] = (
     ("walk", 100, "perfect", 5),
     ("walk", 40, "perfect", 5),
     ("walk", 100, "mistakes20", 3),
@@ -224,6 +251,66 @@ _BUDGETS = (
 """Task, answers, rater and number of seeds."""
 
 
+SCRATCH_ONLY = ("not-sure", "no-caution")
+"""Methods that change a decision which styles do not have."""
+_CURVED = ("high_step", "crouch", "trot")
+_JUDGED = ("crouch", "high_step", "trot", "low_energy", "lean")
+_BESIDE = ("walk", "high_step", "trot")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figure:
+    """Rows that are run where their figure is named."""
+
+    rows: tuple[Row, ...]
+    """As of the rows that are run by default."""
+    methods: tuple[str, ...] = ("default",)
+    first_seed: int = 0
+
+
+FIGURES = {
+    "answers": Figure(
+        rows=(
+            *(("walk", few, "perfect", 5) for few in (20, 40, 70, 100)),
+            *(
+                (task, few, rater, 5)
+                for task in _CURVED
+                for few in (10, 20, 40, 60)
+                for rater in ("perfect", "why80")
+            ),
+        )
+    ),
+    "erring": Figure(
+        rows=(
+            ("walk", 40, "mistakes20", 5),
+            ("walk", 150, "stochastic30", 5),
+            *(
+                (task, 60, rater, 3)
+                for task in _JUDGED
+                for rater in ("mistakes20", "stochastic30")
+            ),
+            *((task, 20, "mistakes20why80", 3) for task in _CURVED),
+        )
+    ),
+    "peers": Figure(
+        rows=tuple(
+            (task, answers, rater, 3)
+            for task in _BESIDE
+            for answers in (40, 100, 500)
+            for rater in ("perfect", "mistakes20")
+        ),
+        methods=("default", *PEERS, "prefppo-tuned"),
+    ),
+    "rates": Figure(
+        rows=tuple((task, 100, "perfect", 2) for task in _BESIDE),
+        methods=tuple(f"{name}{rate}" for name in PEERS for rate in _RATES),
+        first_seed=100,
+    ),
+}
+"""Share against answers with and without reasons, raters who err, others' methods on
+the same answers, and the search of their learning rates on seeds of its own."""
+
+
 def plan(
     *,
     tasks: tuple[str, ...] = (),
@@ -232,17 +319,22 @@ def plan(
     answers: tuple[int, ...] = (),
     robot: str | None = None,
     seeds: int | None,
+    figure: str | None = None,
 ) -> list[Cell]:
     """The cells to run: first seeds first, so that every row soon has a figure.
 
+    Methods are left out on tasks they change nothing of.
+
     Args:
         tasks: Only these; by default all that are not held back.
-        methods: Only these; by default `default`.
+        methods: Only these; by default `default`, or those of the figure.
         raters: Only these; by default all.
         answers: Only rows with so many; by default all.
         robot: Name of another robot than the one that ships.
         seeds: At most so many of every row.
+        figure: The rows of a figure, in place of those that run by default.
     """
+    named = FIGURES[figure] if figure else Figure(rows=_BUDGETS)
     chosen = tasks or tuple(task for task in TASKS if task not in HELD_BACK)
     cells = [
         Cell(
@@ -253,14 +345,21 @@ def plan(
             seed=seed,
             robot=robot,
         )
-        for task, labels, rater, count in _BUDGETS
+        for task, labels, rater, count in named.rows
         if task in chosen
         and rater in (raters or RATERS)
         and (not answers or labels in answers)
-        for method in methods or ("default",)
-        for seed in range(count if seeds is None else min(count, seeds))
+        for method in methods or named.methods
+        if task in FROM_SCRATCH or method not in SCRATCH_ONLY
+        for seed in _seeds(
+            named.first_seed, count if seeds is None else min(count, seeds)
+        )
     ]
     return sorted(cells, key=lambda cell: cell.seed)
+
+
+def _seeds(first: int, count: int) -> range:
+    return range(first, first + count)
 
 
 def cfg_of(

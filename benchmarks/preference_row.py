@@ -109,6 +109,7 @@ def _row(
     ]
     *_, before, ended = reports
     fit = before["fit"]
+    calibrated = before.get("trust", {}).get("calibrated") or {}
     return {
         **asdict(cell),
         "criterion": cfg.criterion,
@@ -123,6 +124,7 @@ def _row(
         "accuracy": fit["held_out_accuracy"],
         "at_random_accuracy": fit["at_random_accuracy"],
         "ece": fit["held_out_ece"],
+        "ece_by_chance": calibrated.get("ece_by_chance"),
         "answers_used": fit["answers"],
         "verdict": ended.get("verdict", {}).get("word"),
         "alarms": sum(len(each.get("trust", {}).get("alarms", ())) for each in reports),

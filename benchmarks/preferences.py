@@ -19,7 +19,7 @@ from gaitpref.console.progress import console, counting_bar
 from gaitpref.executor.choose_executor import choose_executor
 from gaitpref.executor.pieces import Piece
 
-from .preference_plan import METHODS, RATERS, TASKS, Cell, plan
+from .preference_plan import FIGURES, METHODS, RATERS, TASKS, Cell, plan
 from .preference_row import Places, forget, run_cell
 from .preference_table import publish_rows, read_rows
 
@@ -34,6 +34,10 @@ class Options:
     """Only these; by default the loop as it is."""
     raters: tuple[str, ...] = ()
     """Only these; by default all."""
+    figure: str | None = None
+    """Rows of a figure in place of those that run by default: `answers`, `erring`,
+    `peers` or `rates`. Days on two cores; --tasks, --raters, --answers, --methods and
+    --seeds choose among them."""
     answers: tuple[int, ...] = ()
     """Only rows with so many answers; by default all."""
     robot: tuple[str, Path] | None = None
@@ -113,6 +117,7 @@ def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> int:
         ("task", options.tasks, TASKS),
         ("method", options.methods, METHODS),
         ("rater", options.raters, RATERS),
+        ("figure", filter(None, (options.figure,)), FIGURES),
     ):
         for name in asked:
             if name not in known:
@@ -128,6 +133,7 @@ def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> int:
             answers=options.answers,
             robot=options.robot[0] if options.robot else None,
             seeds=options.seeds,
+            figure=options.figure,
         )
         if options.quick:
             cells = list({cell.task: cell for cell in reversed(cells)}.values())

@@ -3,8 +3,9 @@
 They were written before descriptors, models or questions were tuned on the benchmark
 that uses them, and must stay as they are: what is fitted to them proves nothing.
 
-The `sparse` model sees single feet and which way the trunk leans, for all feet and both
-directions alike; it came after both were seen to fail with the table of habits.
+What styles are fitted with (`rewardmodel/posterior`) sees single feet and which way the
+nose points, for all feet and both directions alike; it came after both were seen to
+fail with the table of habits.
 
 Shapes: F feature columns.
 """

@@ -31,7 +31,9 @@ PUBLISHED_LABELS = (
 )
 PUBLISHED_ROWS = (
     "the HDF5 files of D4RL are listed in "
-    "https://github.com/Farama-Foundation/D4RL, d4rl/gym_mujoco/__init__.py"
+    "https://github.com/Farama-Foundation/D4RL, d4rl/infos.py, and newer ones in the "
+    "__init__.py of each suite: d4rl/gym_mujoco, d4rl/locomotion (AntMaze), "
+    "d4rl/hand_manipulation_suite (Adroit), d4rl/kitchen"
 )
 USUAL_STEPS = 100
 """Steps of a segment where no file name says it, as in Preference Transformer."""

@@ -92,7 +92,7 @@ Exploration = Descending | PutBack
 
 
 def pays_for_rate(model: RewardModel) -> bool:
-    """Whether the rate of steps is among the few things a sum of curves is about."""
+    """Whether the rate of steps is among the few things that a style is paid for."""
     heights = model.payer.heights
     if heights is None:
         return False

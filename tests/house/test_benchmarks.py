@@ -32,7 +32,14 @@ from benchmarks import (
     verdict_table,
     walk,
 )
-from benchmarks.preference_plan import HELD_BACK, cfg_of, plan
+from benchmarks.preference_plan import (
+    FIGURES,
+    HELD_BACK,
+    METHODS,
+    SCRATCH_ONLY,
+    cfg_of,
+    plan,
+)
 from benchmarks.preference_table import EARLIER, MARK, between, publish_rows, together
 from benchmarks.wishes import carried_right_foot, nose_up_when_slow
 from data.errors import GaitprefError
@@ -40,6 +47,7 @@ from data.features import FEATURE_DIM, column
 from gaitpref.cli.main import parse
 from gaitpref.loop.presets import loop_cfg
 from gaitpref.loop.run import run_loop
+from gaitpref.method.method import FROM_SCRATCH, STYLE
 from gaitpref.raters.criteria import load_criterion
 from gaitpref.raters.criterion_scores import criterion_context
 from gaitpref.raters.rater_cfg import RaterCfg
@@ -50,6 +58,7 @@ from policy.training.ppo import PpoCfg
 from policy.training.train import train
 from policy.training.train_cfg import TrainCfg
 from rewardmodel.descriptors.table import describe
+from rewardmodel.extensions_cfg import RawCfg
 from tests.helpers.foreign_robots import Drawing, mjcf
 from tests.helpers.small_loop import small_cfg
 
@@ -368,6 +377,10 @@ def test_preferences(tmp_path: Path) -> None:
     page = (tmp_path / "benchmarks.md").read_text()
     assert "| nose_up, 150 answers | 1 |" in page
     assert (tmp_path / "images/preferences.svg").stat().st_size > 1000
+    for path in results.glob("*.json"):
+        known = json.loads(path.read_text())
+        for name in ("ece", "fresh_ece"):
+            assert (known[name] is None) == (known[f"{name}_by_chance"] is None), name
     # From one start with one seed, they differ in what they were trained on.
     walk, brisk = (
         load_policy(next(work.glob(f"true-{task}-*/noisy/policy.pt")))
@@ -508,6 +521,46 @@ def test_the_held_back_task_is_not_run_by_chance() -> None:
     assert [cell.seed for cell in cells] == sorted(cell.seed for cell in cells)
 
 
+def test_every_method_is_one_of_the_sides_it_is_named_for() -> None:
+    """A plan leaves out what changes a decision that styles lack."""
+    for name, method in METHODS.items():
+        of_style = name not in SCRATCH_ONLY
+        assert bool(plan(tasks=("high_step",), methods=(name,), seeds=1)) == of_style
+        method(FROM_SCRATCH)
+        if of_style:
+            method(STYLE)
+            continue
+        with pytest.raises(ValueError, match="is of rewards of kind linear"):
+            method(STYLE)
+
+
+def test_every_figure_has_its_rows() -> None:
+    """A loop can be asked each; none is run where no figure is named, and rates are
+    searched on seeds that no table has."""
+    usual = {cell.name for cell in plan(seeds=None)}
+    for name, figure in FIGURES.items():
+        cells = plan(figure=name, seeds=None)
+        assert {cell.method for cell in cells} == set(figure.methods)
+        counts = sum(count for *_, count in figure.rows)
+        assert len({cell.name for cell in cells}) == len(figure.methods) * counts
+        assert not {cell.name for cell in cells} <= usual
+    for scratch in (True, False):
+        asked = (
+            c for c in plan(figure="answers", seeds=1) if c.from_scratch == scratch
+        )
+        fewest = min(asked, key=lambda cell: cell.answers)
+        cfg_of(fewest, None if scratch else WALK, quick=False)
+    peers = plan(figure="peers", answers=(500,), seeds=None)
+    assert {cell.method for cell in peers} > {"prefppo", "surf", "rime"}
+    assert {cell.rater for cell in peers} == {"perfect", "mistakes20"}
+    rates = [
+        METHODS[name](FROM_SCRATCH).reward.settings_of(RawCfg).learning_rate
+        for name in FIGURES["rates"].methods
+    ]
+    assert sorted(set(rates)) == pytest.approx([1e-4, 3e-4, 9e-4])
+    assert min(cell.seed for cell in plan(figure="rates", seeds=None)) == 100
+
+
 def test_who_has_to_get_up_begins_lying() -> None:
     """And no task reward is kept, which would teach it without any answer."""
     (cell,) = plan(tasks=("get_up",), seeds=1)
@@ -611,3 +664,5 @@ def test_fresh_pairs_are_answered_as_the_rater_does(tmp_path: Path) -> None:
     again = preference_fresh.on_fresh_pairs(tmp_path / "run", cfg, criterion)
     assert found["fresh_accuracy"] == again["fresh_accuracy"]
     assert found["fresh_ece"] != again["fresh_ece"]
+    by_chance = [each["fresh_ece_by_chance"] or 0.0 for each in (found, again)]
+    assert all(0.0 < share < 0.1 for share in by_chance)
