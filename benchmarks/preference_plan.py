@@ -131,7 +131,7 @@ METHODS: dict[str, Change] = {
     # Others' methods on the same walks, clips, steps and answers: B-Pref (arXiv
     # 2111.03026), SURF (2203.10050), and answers filtered after RIME (2402.17257).
     # Networks, likelihood and the opinions of SURF are as they publish them. Not theirs
-    # are the share of the answers asked for first, which no paper gives for so few, and
+    # are the share of the answers asked for first (a quarter, which has no source) and
     # the first walk: what B-Pref trains without any answer is left out. Of RIME it is
     # the idea alone: answers that rewards of other folds give less than 0.2 count as
     # random; none is turned round, no divergence has a threshold that falls, and no
