@@ -103,8 +103,6 @@ def test_the_better_of_the_two_stays(
         assert (before.for_new >= before.for_old) == (stands == "new")
         page = (run / "report/index.html").read_text()
         assert html.escape(found["sentence"]) in page
-        played = "play --policy RUN/rounds/02/policy/policy.pt --against RUN/rounds/00"
-        assert played in found["advice"]
         assert ("preferred that to the last" in page) == (stands == "old")
         # As a process leaves it that is killed when all is answered.
         for unfinished in ("verdict.json", "report.json"):
@@ -135,6 +133,10 @@ def test_a_robot_that_only_stands_is_no_better(
     found = json.loads((run / "rounds/02/report.json").read_text())["verdict"]
     assert (found["stays"], found["word"]) == (1, "not better")
     assert "the robot stands still" in found["sentence"]
+    # Wherever the run is by then.
+    assert (
+        "look at the clips that the reward likes best in RUN/report" in found["advice"]
+    )
 
 
 class _Away:
