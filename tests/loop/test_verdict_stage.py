@@ -30,8 +30,11 @@ KEPT = 7
 
 
 def erring_cfg() -> LoopCfg:
-    """Answers enough to see that a fifth of them is wrong."""
-    return replace(small_cfg(seed=3), labels=70, simulated=RaterCfg(mistakes=0.2))
+    """Answers enough to see that a fifth of them is wrong, and a first policy that was
+    trained on episodes long enough to be worse than one that stands."""
+    cfg = small_cfg(seed=3)
+    long = replace(cfg.env, episode_s=10.0)
+    return replace(cfg, env=long, labels=70, simulated=RaterCfg(mistakes=0.2))
 
 
 def judging(cfg: LoopCfg, accept: Compared) -> LoopCfg:
