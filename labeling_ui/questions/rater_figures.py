@@ -121,15 +121,17 @@ def _figures(
     answers = [answer for _, answer in own]
     times_s = [time_s for answer in answers if (time_s := _time_s(answer)) is not None]
     sides = [prefers_left(answer) for answer in answers]
-    preferences = len(sides) - sides.count(None)
+    preferences = [
+        a for a, side in zip(answers, sides, strict=True) if side is not None
+    ]
     return RaterFigures(
         rater_id=name,
         answers=len(answers),
         per_hour=_per_hour(answers),
         median_s=statistics.median(times_s) if times_s else None,
         fast=Share(sum(time_s < FAST_S for time_s in times_s), len(times_s)),
-        left=Share(sides.count(True), preferences),
-        why=Share(sum(bool(answer.why) for answer in answers), preferences),
+        left=Share(sides.count(True), len(preferences)),
+        why=Share(sum(bool(a.why) for a in preferences), len(preferences)),
         self_consistency=_self_consistency(answers),
         gold=gold_share(own),
         agreement=agreement_of(shared, raters),

@@ -53,8 +53,8 @@ def soft_servos(robot: Robot) -> str | None:
     return (
         f"the servos are soft for this weight: kp is up to {stiffest:.3g} N m/rad, "
         f"where {mass_kg:.3g} kg on legs of {robot.home_qpos[2]:.2g} m make "
-        f"{bears_n_m:.3g} N m; with such a robot learned to stand. Try [servo] kp = "
-        f"{kp:g}, kd = {DAMPING_S * kp:g} in the TOML beside its model"
+        f"{bears_n_m:.3g} N m; a robot with such servos learned to stand. Try [servo] "
+        f"kp = {kp:g}, kd = {DAMPING_S * kp:g} in the TOML beside its model"
     )
 
 

@@ -8,6 +8,7 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -54,6 +55,11 @@ def wild(path: Path) -> bytes:
     payload = read_plain(path)
     actor = payload["actor_state_dict"]
     actor[[name for name in actor if name.startswith("mlp.")][-2]] *= 50.0
+    return saved(payload)
+
+
+def saved(payload: dict[str, Any]) -> bytes:
+    """The file of a policy that was changed."""
     file = io.BytesIO()
     torch.save(payload, file)
     return file.getvalue()
@@ -129,9 +135,7 @@ def test_a_robot_that_only_stands_is_no_better(
     payload = read_plain(file)
     info = json.loads(payload["infos"]["gaitpref"]) | {"steps": 0}
     payload["infos"]["gaitpref"] = json.dumps(info)
-    saved = io.BytesIO()
-    torch.save(payload, saved)
-    file.write_bytes(saved.getvalue())
+    file.write_bytes(saved(payload))
     run_loop(run, erring_cfg())
     found = json.loads((run / "rounds/02/report.json").read_text())["verdict"]
     assert (found["stays"], found["word"]) == (1, "not better")
