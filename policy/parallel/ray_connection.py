@@ -21,10 +21,13 @@ _CONNECT_S = 5.0
 _ANSWER_S = 30.0
 _STORE_BYTES = 300 * 2**20
 """Little passes through the store; by default Ray takes a third of the memory."""
-_QUIET = {
+_SETTINGS = {
     "RAY_USAGE_STATS_ENABLED": "0",
     # It would warn that a default changes for tasks without a GPU.
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
+    # Actors are half of a training: at Ray's niceness of 15 anything else at work here
+    # would leave the learner waiting for them.
+    "RAY_worker_niceness": "0",
 }
 
 
@@ -51,7 +54,7 @@ def connected(address: str, *, cores: int) -> Iterator[Any]:
     Raises:
         RayError: there is none, or it is of other versions.
     """
-    for name, value in _QUIET.items():
+    for name, value in _SETTINGS.items():
         os.environ.setdefault(name, value)
     ray = importlib.import_module("ray")
     if is_connected():

@@ -13,7 +13,7 @@ import pytest
 @contextmanager
 def one_ray() -> Iterator[None]:
     """Started once, whoever asks for one meanwhile uses it."""
-    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
+    os.environ |= {"RAY_USAGE_STATS_ENABLED": "0", "RAY_worker_niceness": "0"}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         ray = pytest.importorskip("ray")

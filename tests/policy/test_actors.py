@@ -46,7 +46,7 @@ SMALL = {"num_cpus": 1, "include_dashboard": False, "object_store_memory": 80 * 
 def cluster() -> Iterator[Any]:
     """Two machines of one core each, on this one."""
     utils = pytest.importorskip("ray.cluster_utils")
-    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
+    os.environ |= {"RAY_USAGE_STATS_ENABLED": "0", "RAY_worker_niceness": "0"}
     made = utils.Cluster(initialize_head=True, head_node_args=SMALL)
     try:
         yield made
