@@ -4,13 +4,14 @@
 
 Each is done here, and as two pieces in two processes. What is counted is time of cores,
 so that a busy machine does not matter: two idle cores need at least half of what both
-processes took.
+processes took, and once in a run the imports of what they are copied from.
 """
 
 from __future__ import annotations
 
-import resource
 import shutil
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -84,18 +85,19 @@ def evaluated(path: Path, episodes: int, seed: int) -> int:
     return int(lengths.sum())
 
 
-def cores_s(work: Callable[[], Any]) -> float:
-    """Time of cores that a call takes, in this process and in those it starts."""
+def cores_s(work: Callable[..., Any], *args: Any) -> float:
+    """Time of cores that a call takes in this process."""
+    start_s = time.process_time()
+    work(*args)
+    return time.process_time() - start_s
 
-    def spent_s() -> float:
-        own, others = map(
-            resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
-        )
-        return own.ru_utime + own.ru_stime + others.ru_utime + others.ru_stime
 
-    start_s = spent_s()
-    work()
-    return spent_s() - start_s
+def imports_s() -> float:
+    """Time of cores until a process could do any of this."""
+    told = "import benchmarks.pieces, time; print(time.process_time())"
+    command = [sys.executable, "-c", told]
+    done = subprocess.run(command, stdout=subprocess.PIPE, check=True)
+    return float(done.stdout)
 
 
 def stage_figures(
@@ -103,14 +105,16 @@ def stage_figures(
 ) -> dict[str, Figure]:
     """A stage of `count` episodes or fits: here, and halved in two processes."""
     halves = [
-        Piece(name=f"{name} {n}", function=function, args=(path, count // 2, n))
+        Piece(
+            name=f"{name} {n}", function=cores_s, args=(function, path, count // 2, n)
+        )
         for n in range(2)
     ]
     start_s = time.perf_counter()
-    in_processes_s = cores_s(lambda: in_order(Processes(workers=2), halves))
+    in_processes_s = sum(in_order(Processes(workers=2), halves))
     wall_s = time.perf_counter() - start_s
     return {
-        f"{name}_here_s": cores_s(lambda: function(path, count, 0)),
+        f"{name}_here_s": cores_s(function, path, count, 0),
         f"{name}_two_processes_s": in_processes_s / 2,
         f"{name}_two_processes_wall_s": wall_s,
     }
@@ -132,7 +136,8 @@ def training_s(options: Options) -> float:
     steps = 3_072 if options.quick else TRAINED_STEPS
     cfg = TrainCfg(steps=steps, env=policy.info.env, ppo=policy.info.ppo)
     out = options.work / "train"
-    return 10 * cores_s(lambda: train(out, policy.robot(), cfg, init=options.policy))
+    robot = policy.robot()
+    return 10 * cores_s(lambda: train(out, robot, cfg, init=options.policy))
 
 
 def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> None:
@@ -147,6 +152,7 @@ def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> None:
     figures |= stage_figures("evaluation", evaluated, options.policy, episodes)
     whole_s = training_s(options)
     stages_s = sum(float(figures[f"{name}_here_s"] or 0.0) for name in STAGES)
+    figures["imports_s"] = imports_s()
     figures["training_s"] = whole_s
     figures["stages_share"] = stages_s / (stages_s + whole_s)
     publish("pieces", figures, GOALS, options.json)

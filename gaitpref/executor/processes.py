@@ -1,7 +1,7 @@
 """Pieces in processes of this machine, one process a piece.
 
-A fresh process costs some seconds of imports, and gives a piece the state, the memory
-and the GPU it would have alone.
+Each is copied from one that has only imported what pieces need, which takes seconds and
+is done once. So a piece has the state, the memory and the GPU it would have alone.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Generator, Sequence
@@ -22,6 +23,8 @@ from gaitpref.console.deaf_children import deaf_children
 from .gpu_slots import Place, Slots, require_gpus, visible_gpus
 from .pieces import DEVICES, Outcome, Piece, attempt, cores, died, unpacked
 
+# Copies of this process would inherit torch's threads in an unknown state.
+_COPIES = multiprocessing.get_context("forkserver")
 _STOP_S = 15.0
 """How long a process may take to save what it was at."""
 _LEAVE_S = 5.0
@@ -48,6 +51,8 @@ class Processes:
         gpus = self._gpus(pieces)
         require_gpus(pieces, len(gpus), "this machine")
         slots = Slots(self.workers, gpus)
+        # Who started a process of this kind before has chosen for good.
+        _COPIES.set_forkserver_preload(sorted({_home(p) for p in pieces}))
         waiting = [_Job(piece, piece.packed()) for piece in pieces]
         running: list[_Child] = []
         try:
@@ -82,6 +87,12 @@ class _Job:
     tries: int = 0
 
 
+def _home(piece: Piece) -> str:
+    """The module of its function, also where that is the program itself."""
+    name, program = piece.function.__module__, sys.modules["__main__"].__spec__
+    return program.name if name == "__main__" and program else name
+
+
 def _fitting(waiting: Sequence[_Job], slots: Slots) -> list[tuple[_Job, Place]]:
     """Jobs that a place was taken for; one that waits for a GPU is not overtaken by
     another that needs one."""
@@ -107,12 +118,11 @@ class _Child:
 
     @classmethod
     def start(cls, job: _Job, place: Place) -> Self:
-        # Forked children would inherit torch's threads in an unknown state.
-        context = multiprocessing.get_context("spawn")
-        here, there = context.Pipe(duplex=False)
-        process = context.Process(
+        here, there = _COPIES.Pipe(duplex=False)
+        environment = {**os.environ, DEVICES: ",".join(place.gpus)}
+        process = _COPIES.Process(
             target=_work,
-            args=(there, job.packed, ",".join(place.gpus)),
+            args=(there, job.packed, environment),
             name=job.piece.name,
         )
         with deaf_children():
@@ -160,13 +170,17 @@ def _stop(running: Sequence[_Child]) -> None:
         child.pipe.close()
 
 
-def _work(pipe: connection.Connection, packed: bytes, gpus: str) -> None:
+def _work(
+    pipe: connection.Connection, packed: bytes, environment: dict[str, str]
+) -> None:
     """Run a piece, in its process."""
     # It hears no Ctrl-C: who started this says when it ends.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    # Before anything is unpacked that could look for GPUs.
-    os.environ[DEVICES] = gpus
+    # Before anything is unpacked that could look for GPUs. What it is copied from has
+    # the environment of its own beginning.
+    os.environ.clear()
+    os.environ.update(environment)
     try:
         pipe.send_bytes(attempt(packed))
     except (KeyboardInterrupt, BrokenPipeError):

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -161,11 +161,26 @@ def sweeping(words: Sequence[str]) -> Iterator[subprocess.Popen[bytes]]:
 
 
 def children(parent: int) -> list[int]:
-    """Processes of loops that a sweep has started."""
-    found = []
-    for pid in Path(f"/proc/{parent}/task/{parent}/children").read_text().split():
-        # One may end while it is looked at.
-        with suppress(FileNotFoundError, ProcessLookupError):
-            if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes():
-                found.append(int(pid))
-    return found
+    """Processes of loops that a sweep has started: copies of a child of its own."""
+    return [
+        loop
+        for child in _started_by(parent)
+        if b"forkserver" in _command(child)
+        for loop in _started_by(child)
+    ]
+
+
+def _started_by(parent: int) -> list[int]:
+    # One may end while it is looked at.
+    try:
+        text = Path(f"/proc/{parent}/task/{parent}/children").read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return []
+    return [int(pid) for pid in text.split()]
+
+
+def _command(pid: int) -> bytes:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    except (FileNotFoundError, ProcessLookupError):
+        return b""

@@ -34,6 +34,8 @@ def run(command: options.Policy) -> int:
     if (command.out / POLICY_NAME).exists():
         raise LawError(f"{command.out} holds a policy already: give another --out")
     robot = robot_of(known, command.robot)
+    # Who cannot write there learns it before the minute that the trial takes.
+    command.out.mkdir(parents=True, exist_ok=True)
     with counted("trying the policy on the robot, steps") as tell:
         policy = bring(known, robot.xml, command.out, tell)
     origin = policy.info.origin
