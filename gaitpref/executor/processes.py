@@ -9,7 +9,6 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-import sys
 import threading
 import time
 from collections.abc import Generator, Sequence
@@ -52,7 +51,7 @@ class Processes:
         require_gpus(pieces, len(gpus), "this machine")
         slots = Slots(self.workers, gpus)
         # Who started a process of this kind before has chosen for good.
-        _COPIES.set_forkserver_preload(sorted({_home(p) for p in pieces}))
+        _COPIES.set_forkserver_preload(sorted({p.function.__module__ for p in pieces}))
         waiting = [_Job(piece, piece.packed()) for piece in pieces]
         running: list[_Child] = []
         try:
@@ -85,12 +84,6 @@ class _Job:
     piece: Piece
     packed: bytes
     tries: int = 0
-
-
-def _home(piece: Piece) -> str:
-    """The module of its function, also where that is the program itself."""
-    name, program = piece.function.__module__, sys.modules["__main__"].__spec__
-    return program.name if name == "__main__" and program else name
 
 
 def _fitting(waiting: Sequence[_Job], slots: Slots) -> list[tuple[_Job, Place]]:
