@@ -16,7 +16,7 @@ import tyro
 
 from data.errors import GaitprefError
 from gaitpref.console.progress import console, counting_bar
-from gaitpref.executor.choose_executor import choose_executor
+from gaitpref.executor.choose_executor import choose_executor, cores_each
 from gaitpref.executor.pieces import Piece
 
 from .preference_plan import FIGURES, METHODS, RATERS, TASKS, Cell, plan
@@ -46,7 +46,7 @@ class Options:
     seeds: int | None = None
     """At most so many of every row."""
     workers: int | None = None
-    """Rows run side by side, each on one core; by default one a core."""
+    """Rows run side by side, which share the cores; by default one a core."""
     ray: str | None = None
     """In place of processes: HOST:PORT of a Ray cluster that runs them, `auto` for the
     one that runs here, `local` for one of this machine's cores."""
@@ -78,15 +78,17 @@ def run_cells(cells: list[Cell], options: Options) -> int:
         quick=options.quick,
     )
     places.results.mkdir(parents=True, exist_ok=True)
+    unfinished = [cell for cell in cells if not places.result(cell).exists()]
+    cores = cores_each(len(unfinished), jobs=options.workers, ray=options.ray)
     left = [
         Piece(
             name=cell.name,
             function=run_cell,
             args=(cell, places),
             log=places.log(cell),
+            cores=cores,
         )
-        for cell in cells
-        if not places.result(cell).exists()
+        for cell in unfinished
     ]
     of_name = {cell.name: cell for cell in cells}
     executor = choose_executor(jobs=options.workers, ray=options.ray)

@@ -210,7 +210,7 @@ class QuadrupedVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         threads: int = 0,
         render_mode: str | None = None,
     ) -> None:
-        """Make `num_envs` environments on `threads` threads, by default all CPUs.
+        """Make `num_envs` environments on `threads` threads, by default one a core.
 
         The other arguments are those of `QuadrupedGymEnv`.
         """

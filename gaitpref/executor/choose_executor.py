@@ -1,4 +1,4 @@
-"""Which executor a command uses."""
+"""Which executor a command uses, and what each piece has of it."""
 
 from __future__ import annotations
 
@@ -22,3 +22,15 @@ def choose_executor(*, jobs: int | None, ray: str | None) -> Executor:
             "number of processes besides"
         )
     return RayTasks(address=ray)
+
+
+def cores_each(pieces: int, *, jobs: int | None, ray: str | None) -> int:
+    """Cores of each of so many pieces that run by what `choose_executor` gives.
+
+    Those of this machine are shared by the pieces side by side. Of a cluster, whose
+    machines differ, each has one.
+    """
+    if ray is not None:
+        return 1
+    here = cores()
+    return max(1, here // max(1, min(pieces, here if jobs is None else jobs)))

@@ -7,7 +7,6 @@ pieces is handed an `Executor`; only a command chooses which.
 
 from __future__ import annotations
 
-import os
 import pickle
 import traceback
 from collections.abc import Callable, Generator, Sequence
@@ -16,6 +15,8 @@ from pathlib import Path
 from typing import Any, Protocol, Self
 
 from data.errors import GaitprefError
+from policy.parallel.cores import cores as cores
+from policy.parallel.cores import given_cores
 
 from .piece_log import said_into
 
@@ -51,8 +52,10 @@ class Piece:
     args: tuple[Any, ...] = ()
     """Picklable, as is what the function gives."""
     gpus: float = 0.0
-    """Share of a GPU it needs, as 0.5, or a whole number of them; with 0 it sees none.
-    Every piece has a core besides."""
+    """Share of a GPU it needs, as 0.5, or a whole number of them; with 0 it sees
+    none."""
+    cores: int = 1
+    """Cores it may keep busy; what comes of it does not depend on that."""
     log: Path | None = None
     """File that what it says is added to; None: it speaks where its process does."""
 
@@ -61,7 +64,7 @@ class Piece:
 
     def packed(self) -> bytes:
         """What the process needs that runs it."""
-        return pickle.dumps((self.function, self.args, self.log))
+        return pickle.dumps((self.function, self.args, self.log, self.cores))
 
 
 @dataclass(frozen=True)
@@ -117,8 +120,8 @@ def attempt(packed: bytes) -> bytes:
     """Run what `Piece.packed` gave, in the process that is meant for it; its value, or
     its failure, for `unpacked`."""
     try:
-        function, args, log = pickle.loads(packed)
-        with said_into(log):
+        function, args, log, share = pickle.loads(packed)
+        with said_into(log), given_cores(share):
             return pickle.dumps(function(*args))
     except (Exception, SystemExit) as error:
         return pickle.dumps(Failure.of(error))
@@ -136,8 +139,3 @@ def died(piece: Piece, how: str, tries: int) -> Outcome:
     """What came of a piece whose process died in every one of `tries` tries."""
     often = "" if tries == 1 else f", in each of {tries} tries"
     return Outcome(piece=piece, failure=Failure(f"its process {how}{often}"))
-
-
-def cores() -> int:
-    """Cores this process may use."""
-    return len(os.sched_getaffinity(0))

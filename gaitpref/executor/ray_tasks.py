@@ -24,7 +24,7 @@ _STOP_S = 15.0
 
 @dataclass(frozen=True, kw_only=True)
 class RayTasks:
-    """An `Executor` of Ray tasks, each with one core."""
+    """An `Executor` of Ray tasks."""
 
     address: str
     """As of `connected`."""
@@ -50,7 +50,7 @@ class RayTasks:
             left = {
                 task.options(
                     name=piece.name,
-                    num_cpus=1,
+                    num_cpus=piece.cores,
                     num_gpus=piece.gpus,
                     max_retries=self.retries,
                 ).remote(work, here, piece.gpus): piece

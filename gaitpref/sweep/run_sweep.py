@@ -33,7 +33,12 @@ class SweepResult:
 
 
 def run_sweep(
-    root: Path, cells: Sequence[SweepCell], executor: Executor, *, gpus: float = 1.0
+    root: Path,
+    cells: Sequence[SweepCell],
+    executor: Executor,
+    *,
+    gpus: float = 1.0,
+    cores: int = 1,
 ) -> SweepResult:
     """Run every cell to its end, as far as it goes.
 
@@ -42,6 +47,7 @@ def run_sweep(
         cells: What is run, in this order.
         executor: Who runs it.
         gpus: Share of a GPU for each cell that trains on one.
+        cores: Cores for each cell.
 
     Raises:
         SweepError: the directory is something else, or a cell cannot be run at all.
@@ -49,7 +55,7 @@ def run_sweep(
     """
     places = SweepDir(root.absolute())
     contents = contents_of(cells)
-    pieces = {cell.name: _piece(cell, places, gpus) for cell in cells}
+    pieces = {cell.name: _piece(cell, places, gpus, cores) for cell in cells}
     with only_writer(places.root, console.print):
         _begin(places, cells)
         failures = _of_others(places, cells, contents)
@@ -126,12 +132,13 @@ def _tell(count: int, left: int, failed: int) -> None:
     console.print(f"{count} loops{skipped}; {left} to run")
 
 
-def _piece(cell: SweepCell, places: SweepDir, gpus: float) -> Piece:
+def _piece(cell: SweepCell, places: SweepDir, gpus: float, cores: int) -> Piece:
     return Piece(
         name=cell.name,
         function=run_cell,
         args=(places.run(cell.name), cell.cfg),
         gpus=gpus if cell.on_gpu else 0.0,
+        cores=cores,
         log=places.log(cell.name),
     )
 

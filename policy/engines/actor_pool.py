@@ -6,6 +6,7 @@ taken, so that there are never more rollouts than actors.
 
 from __future__ import annotations
 
+import pickle
 import socket
 import time
 from collections.abc import Callable, Mapping
@@ -46,27 +47,29 @@ def seed_of_actor(seed: int, actor: int, sequence: int) -> int:
 
 
 class RemoteActor:
-    """An actor in a process of its own, which also says where it is."""
+    """An actor in a process of its own, on a machine with the learner's versions."""
 
-    def __init__(self, plan: Plan, wanted: dict[str, str]) -> None:
-        self._actor, self._wanted = plan.begin(), wanted
-        self._is_checked = False
+    def __init__(self, plan: bytes, wanted: dict[str, str]) -> None:
+        self._plan, self._wanted = plan, wanted
+        self._actor: Any = None
 
-    def require_same_versions(self) -> None:
-        """
+    def begin(self) -> None:
+        """Begin, if it has not.
+
         Raises:
-            ActorsError: its machine has others than the learner's.
+            ActorsError: its machine has other versions than the learner's.
         """
-        if not self._is_checked:
+        if self._actor is None:
             require_same_versions(self._wanted, versions(), socket.gethostname())
-            self._is_checked = True
+            # Only now: other versions may not even read it.
+            self._actor = pickle.loads(self._plan).begin()
 
     def collect(
         self, method: str, weights: Weights, version: int, sequence: int
     ) -> Sent:
         """What the method of that name collects with `weights`."""
-        # One that was replaced may be elsewhere.
-        self.require_same_versions()
+        # Nobody has waited for one that replaces another.
+        self.begin()
         return getattr(self._actor, method)(weights, version, sequence)
 
 
@@ -259,13 +262,12 @@ class ActorPool:
         seat.handle = self._started(actor)
 
     def _started(self, actor: int) -> Any:
-        return self._kind.remote(
-            self._plan(actor, self._sequences[actor]), self._versions
-        )
+        plan = self._plan(actor, self._sequences[actor])
+        return self._kind.remote(self._ray.cloudpickle.dumps(plan), self._versions)
 
     def _wait_for_all(self) -> None:
         errors = self._ray.exceptions
-        asked = [seat.handle.require_same_versions.remote() for seat in self._seats]
+        asked = [seat.handle.begin.remote() for seat in self._seats]
         while True:
             placed, waiting = self._ray.wait(
                 asked, num_returns=len(asked), timeout=_SILENCE_S
@@ -279,8 +281,17 @@ class ActorPool:
             except errors.RayTaskError as error:
                 raise error.cause from None
             except errors.RayActorError as error:
-                reason = " ".join(str(error).split())
-                raise ActorsError(
-                    f"an actor cannot begin ({reason[-200:]}): `ray status` tells "
-                    "whether that Ray still runs, and what it has left"
-                ) from None
+                raise _cannot_begin(error) from None
+
+
+def _cannot_begin(error: Exception) -> ActorsError:
+    reason = " ".join(str(error).split())
+    told = f"an actor cannot begin ({reason[-200:]})"
+    if "No module named" in reason:
+        return ActorsError(
+            f"{told}: install gaitpref on every machine of that Ray, as here, by "
+            "`pip install -e '.[scale]' -c constraints.txt`"
+        )
+    return ActorsError(
+        f"{told}: `ray status` tells whether that Ray still runs, and what it has left"
+    )

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import importlib.metadata
-import os
 import platform
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
+from policy.parallel.cores import cores as own_cores
 from policy.parallel.ray_connection import LOCAL, connected, is_connected
 
 from .actors_cfg import ActorsCfg, ActorsError
@@ -24,7 +24,7 @@ def ray_for(cfg: ActorsCfg) -> Iterator[Any]:
         ActorsError: it has fewer cores than there are actors.
         RayError: nothing answers at the address, or its versions differ.
     """
-    cores = cfg.cores or len(os.sched_getaffinity(0))
+    cores = cfg.cores or own_cores()
     if cfg.address in (None, LOCAL) and not is_connected():
         # Starting one takes seconds.
         _require_cores(cores, cfg)
@@ -34,9 +34,12 @@ def ray_for(cfg: ActorsCfg) -> Iterator[Any]:
 
 
 def versions() -> dict[str, str]:
-    """What must be the same on all machines, by name."""
-    found = {name: importlib.metadata.version(name) for name in _PACKAGES}
-    return {"Python": platform.python_version(), **found}
+    """What must be the same on all machines, by name, as far as it is installed."""
+    found = {"Python": platform.python_version()}
+    for name in _PACKAGES:
+        with suppress(importlib.metadata.PackageNotFoundError):
+            found[name] = importlib.metadata.version(name)
+    return found
 
 
 def require_same_versions(

@@ -20,6 +20,8 @@ from torch import distributed as dist
 
 from data.errors import GaitprefError, RankLost
 
+from .cores import cores
+
 _TIMEOUT = timedelta(minutes=10)
 """How long a rank waits for another in the middle of a training; one that dies is
 noticed at once."""
@@ -48,10 +50,8 @@ class Ranks:
 
     @property
     def threads(self) -> int:
-        """Threads this one may simulate with; 0 is one for each CPU."""
-        if self.here == 1:
-            return 0
-        return max(1, (os.cpu_count() or 1) // self.here)
+        """Threads this one may simulate with: its share of this machine's cores."""
+        return max(1, cores() // self.here)
 
     def share_of(self, num_envs: int) -> int:
         """How many of `num_envs` environments each rank has.

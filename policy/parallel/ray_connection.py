@@ -11,7 +11,6 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 from data.errors import GaitprefError
@@ -74,7 +73,9 @@ def connected(address: str, *, cores: int) -> Iterator[Any]:
         with _own_signals():
             ray.init(address=address, **settings)
     except (ConnectionError, RuntimeError, ValueError, SystemExit) as error:
-        # What speaks another protocol on that port ends Ray with SystemExit.
+        # What speaks another protocol on that port ends Ray with SystemExit; of other
+        # versions it is half connected by now.
+        ray.shutdown()
         raise RayError(_reason(error, address)) from None
     try:
         yield ray
@@ -116,8 +117,8 @@ def _require_answer(address: str) -> None:
             f"{port}` starts one there"
         ) from None
     # What listens there may be something else.
-    script = Path(sys.executable).with_name("ray")
-    asked = [str(script), "health-check", "--skip-version-check", "--address", address]
+    asked = [sys.executable, "-m", "ray.scripts.scripts", "health-check"]
+    asked += ["--skip-version-check", "--address", address]
     try:
         healthy = not subprocess.run(
             asked, capture_output=True, timeout=_ANSWER_S, check=False

@@ -58,7 +58,7 @@ def record(
         round: Stored with every episode.
         policies: Used instead of those found on disk; the newest first.
         commands: Asked for instead of the few that are recorded.
-        threads: Of the simulator (0: all CPUs); the episodes are the same.
+        threads: Of the simulator (0: as of `BatchSim`); the episodes are the same.
         tell: Gets the control steps that are done, of as many as there are at most.
     """
     if policies is None:

@@ -13,6 +13,7 @@ import torch
 from mujoco.batch import Batch, SimulationError
 from torch import Tensor
 
+from policy.parallel.cores import cores
 from policy.robots.bare import bare_model
 from policy.robots.robot import Robot
 
@@ -38,7 +39,8 @@ class BatchSim:
     """`Sim` on `mujoco.batch.Batch`: one simulation is one row of MuJoCo's state."""
 
     def __init__(self, robot: Robot, num_envs: int, *, threads: int = 0) -> None:
-        """Make `num_envs` simulations on `threads` threads (0: all CPUs)."""
+        """Make `num_envs` simulations on `threads` threads, by default one for
+        each core this process has."""
         # Without a handler MuJoCo writes MUJOCO_LOG.TXT into the working directory.
         mujoco.set_mju_user_warning(logger.debug)
         self.robot = robot
@@ -46,7 +48,7 @@ class BatchSim:
         self.num_envs = num_envs
         self.device = torch.device("cpu")
         self._mj_model = bare_model(robot.mjcf, robot.mj_model)
-        self._batch = batch = Batch(self._mj_model, num_envs, threads)
+        self._batch = batch = Batch(self._mj_model, num_envs, threads or cores())
         self._qpos, self._qvel = batch.bind("qpos"), batch.bind("qvel")
         self._ctrl = batch.bind("ctrl")
         self._torque = batch.bind("qfrc_actuator")

@@ -59,7 +59,7 @@ class SimCfg:
 
 def make_sim(robot: Robot, num_envs: int, cfg: SimCfg, *, threads: int = 0) -> Sim:
     """`num_envs` simulations of robots that are all alike, on `threads` threads of the
-    processor (0: all CPUs) where that is what runs them.
+    processor (0: as of `BatchSim`) where that is what runs them.
 
     Raises:
         SimError: see `SimCfg.require`; or the robot has parts it does not know.
@@ -70,7 +70,7 @@ def make_sim(robot: Robot, num_envs: int, cfg: SimCfg, *, threads: int = 0) -> S
     cfg.require()
     from .warp_sim import WarpSim
 
-    return WarpSim(robot, num_envs, device=cfg.device)
+    return WarpSim(robot, num_envs, device=_own(cfg.device))
 
 
 def make_varied_sim(
@@ -86,7 +86,13 @@ def make_varied_sim(
     cfg.require()
     from .varied_warp import VariedWarpSim
 
-    return VariedWarpSim(robot, num_envs, device=cfg.device)
+    return VariedWarpSim(robot, num_envs, device=_own(cfg.device))
+
+
+def _own(device: Device) -> str:
+    """`device` by its full name: of several GPUs the one this process trains on, where
+    Warp by itself might take the first."""
+    return device if device == "cpu" else f"cuda:{torch.cuda.current_device()}"
 
 
 def _require_warp() -> None:

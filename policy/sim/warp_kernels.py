@@ -7,13 +7,14 @@ gone through without starting any.
 
 from __future__ import annotations
 
-import os
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import warp as wp
+
+from policy.parallel.cores import cores
 
 Kinds = dict[int | None, set[Any]]
 """Modules of kernels by the threads of a block they are started with."""
@@ -31,7 +32,7 @@ def compile_kernels(work: Callable[[], None], device: str) -> None:
             device=device,
             modules=list(modules),
             block_dim=threads,
-            max_workers=os.cpu_count(),
+            max_workers=cores(),
         )
 
 

@@ -67,7 +67,7 @@ def made_worlds(
     Args:
         mj_model: The model.
         num_envs: How many worlds.
-        device: `cpu` or `cuda`.
+        device: `cpu` or as `cuda:0`.
         own: Fields of the model that every world has for itself.
 
     Raises:

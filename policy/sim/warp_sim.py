@@ -34,7 +34,7 @@ class WarpSim:
     """`Sim` on `mujoco_warp`; every call works on all worlds at once."""
 
     def __init__(self, robot: Robot, num_envs: int, *, device: str = "cpu") -> None:
-        """Make `num_envs` worlds on `device`, `cpu` or `cuda`.
+        """Make `num_envs` worlds on `device`, `cpu` or as `cuda:0`.
 
         Raises:
             SimError: the robot has parts that MuJoCo Warp does not know.

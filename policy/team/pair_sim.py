@@ -26,7 +26,8 @@ class PairSim(BatchSim):
     """`Sim` of N robots, two and two in one of N / 2 worlds of MuJoCo's batch."""
 
     def __init__(self, robot: Robot, num_envs: int, *, threads: int = 0) -> None:
-        """Make the worlds of `num_envs` robots on `threads` threads (0: all CPUs)."""
+        """Make the worlds of `num_envs` robots on `threads` threads, as of
+        `BatchSim`."""
         if num_envs % 2:
             raise SimError(f"teams of two need an even number of robots: {num_envs}")
         first, second = pair_of(robot)

@@ -23,6 +23,7 @@ from data.remote.place import Place
 from data.remote.sharing import pull, push
 from tests.data.test_dataset import META
 from tests.data.test_episode import assert_same, make_episode
+from tests.helpers.required import needed
 
 LARGE = f"<mujoco><!-- {'1.25 ' * 200_000} --></mujoco>"
 OTHER = LARGE.replace("1.25", "2.25")
@@ -108,7 +109,7 @@ def through_transfer(dataset: Dataset, folder: Path) -> Dataset:
 
 
 def through_a_place(dataset: Dataset, folder: Path) -> Dataset:
-    pytest.importorskip("fsspec", reason="the extra remote is not installed")
+    needed("fsspec", "FSSPEC")
     place = Place(str(folder / "place"))
     push(dataset, place)
     assert push(dataset, place).files == 0

@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import pytest
-from fsspec.implementations.local import LocalFileSystem
 
 from data.answers.answer_records import Answer, Pair
 from data.answers.lines import to_lines
@@ -30,13 +29,14 @@ from tests.data.test_dataset import META
 from tests.data.test_decay import make_dataset
 from tests.data.test_episode import make_episode
 from tests.helpers import s3
+from tests.helpers.required import needed
 
 NOW = "2030-01-31T12:00:00Z"
 MANY = 150
 """Episodes, so that a kill falls in between."""
 Environment = Mapping[str, str]
 
-pytest.importorskip("fsspec", reason="fsspec is not installed (extra `remote`)")
+needed("fsspec", "FSSPEC")
 
 
 @pytest.fixture(scope="module")
@@ -366,5 +366,6 @@ def test_a_folder_that_comes_to_be_while_it_is_listed_is_no_file(
 ) -> None:
     """s3fs lists the folder itself where its first file arrives in between."""
     found = {f"{tmp_path}/manifests": {"size": 0, "type": "directory"}}
-    monkeypatch.setattr(LocalFileSystem, "find", lambda self, path, detail: found)
+    local = needed("fsspec.implementations.local", "FSSPEC").LocalFileSystem
+    monkeypatch.setattr(local, "find", lambda self, path, detail: found)
     assert Place(f"file://{tmp_path}").sizes("manifests") == {}

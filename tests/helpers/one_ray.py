@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import pytest
+from tests.helpers.required import needed
 
 
 @contextmanager
@@ -16,7 +16,7 @@ def one_ray() -> Iterator[None]:
     os.environ |= {"RAY_USAGE_STATS_ENABLED": "0", "RAY_worker_niceness": "0"}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        ray = pytest.importorskip("ray")
+        ray = needed("ray", "RAY")
         ray.init(
             address="local",
             num_cpus=2,

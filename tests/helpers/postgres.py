@@ -13,12 +13,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import pytest
-
 from tests.helpers.local_host import free_port
-
-REQUIRED = "GAITPREF_REQUIRE_POSTGRES"
-"""Set where a missing server is a failure and not a reason to skip."""
+from tests.helpers.required import lacking
 
 
 def programs() -> Path | None:
@@ -40,10 +36,8 @@ def require() -> Path:
     for package in ("sqlalchemy", "psycopg"):
         if importlib.util.find_spec(package) is None:
             missing = f"the package {package} is not installed (extra `postgres`)"
-    if missing and os.environ.get(REQUIRED):
-        pytest.fail(f"{REQUIRED} is set, but {missing}")
     if missing or found is None:
-        pytest.skip(f"answers in PostgreSQL: {missing}")
+        lacking("POSTGRES", f"answers in PostgreSQL: {missing}")
     return found
 
 

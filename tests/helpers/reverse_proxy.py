@@ -15,15 +15,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import aiohttp
-import pytest
 from aiohttp.abc import AbstractResolver, ResolveResult
 
 from tests.helpers.local_host import certificate
+from tests.helpers.required import lacking
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "how-to" / "reverse-proxy.md"
 NAME = "label.example.org"
-REQUIRED = {"nginx": "GAITPREF_REQUIRE_NGINX"}
-"""Set where a missing program is a failure and not a reason to skip."""
 _NGINX = """
 daemon off; {user}
 pid {root}/nginx.pid;
@@ -90,11 +88,9 @@ def require(kind: str) -> str:
     missing = [
         name for name in (kind, "openssl") if not shutil.which(name, path=search)
     ]
-    required = REQUIRED.get(kind, "")
-    if missing and os.environ.get(required):
-        pytest.fail(f"{required} is set, but {missing[0]} is not installed")
     if missing:
-        pytest.skip(f"the page behind {kind}: {missing[0]} is not installed")
+        why = f"the page behind {kind}: {missing[0]} is not installed"
+        lacking(kind.upper(), why)
     return shutil.which(kind, path=search) or kind
 
 

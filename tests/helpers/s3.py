@@ -13,12 +13,8 @@ import urllib.request
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
-import pytest
-
 from tests.helpers.local_host import free_port
-
-REQUIRED = "GAITPREF_REQUIRE_S3"
-"""Set where a missing server is a failure and not a reason to skip."""
+from tests.helpers.required import lacking
 
 
 @contextmanager
@@ -33,10 +29,8 @@ def server(**environment: str) -> Iterator[Mapping[str, str]]:
         for name in ("s3fs", "moto", "flask", "flask_cors")
         if importlib.util.find_spec(name) is None
     ]
-    if missing and os.environ.get(REQUIRED):
-        pytest.fail(f"{REQUIRED} is set, but {missing} are not installed (`s3-server`)")
     if missing:
-        pytest.skip(f"{', '.join(missing)} not installed (extra `s3-server`)")
+        lacking("S3", f"{', '.join(missing)} not installed (extra `s3-server`)")
     port = free_port()
     url = f"http://127.0.0.1:{port}"
     with tempfile.TemporaryFile() as log:

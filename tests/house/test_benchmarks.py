@@ -60,6 +60,7 @@ from policy.training.train_cfg import TrainCfg
 from rewardmodel.descriptors.table import describe
 from rewardmodel.extensions_cfg import RawCfg
 from tests.helpers.foreign_robots import Drawing, mjcf
+from tests.helpers.required import needed
 from tests.helpers.small_loop import small_cfg
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -67,7 +68,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def test_actors(tmp_path: Path) -> None:
     """PPO beside an actor on Ray, by steps, time and staleness."""
-    pytest.importorskip("ray")
+    needed("ray", "RAY")
     figures = tmp_path / "figures.json"
     # In a process of its own, which takes Ray's open files with it.
     command = [sys.executable, "-m", "benchmarks.actors", "--quick"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -10,10 +11,13 @@ from typing import Any
 import pytest
 
 from policy.engines.actor import Weights
-from policy.engines.actor_pool import ActorPool, Counts
+from policy.engines.actor_pool import ActorPool, Counts, RemoteActor
+from policy.engines.actors_cfg import ActorsError
+from policy.engines.ray_cluster import versions
 from policy.engines.trajectory import Origin
+from tests.helpers.required import needed
 
-exceptions = pytest.importorskip("ray.exceptions")
+exceptions = needed("ray.exceptions", "RAY")
 
 
 @dataclass
@@ -22,12 +26,15 @@ class RayHere:
 
     ends: list[Exception]
     """How actors end that are asked for a rollout; then they live on."""
+    refuses: Exception | None = None
+    """How actors end before they begin."""
     exceptions: Any = exceptions
+    cloudpickle: Any = pickle
 
     def remote(self, **places: int) -> Callable[[type], Any]:
         """What makes actors of a class."""
         return lambda kind: SimpleNamespace(
-            remote=lambda *told: Handle(kind(*told), self.ends)
+            remote=lambda *told: Handle(kind(*told), self.ends, self.refuses)
         )
 
     def put(self, value: Any) -> Any:
@@ -48,10 +55,11 @@ class RayHere:
 class Handle:
     actor: Any
     ends: list[Exception]
+    refuses: Exception | None
 
     @property
-    def require_same_versions(self) -> SimpleNamespace:
-        return SimpleNamespace(remote=lambda: Answer())
+    def begin(self) -> SimpleNamespace:
+        return SimpleNamespace(remote=lambda: Answer(error=self.refuses))
 
     @property
     def collect(self) -> SimpleNamespace:
@@ -132,3 +140,27 @@ def test_a_rollout_that_is_too_old_is_counted_and_dropped() -> None:
         "replaced": 0,
         "bytes": 16,
     }
+
+
+def test_versions_are_compared_before_the_plan_is_read() -> None:
+    """A machine with other versions may not even be able to read it."""
+    actor = RemoteActor(b"no pickle of ours", versions() | {"mujoco": "3.1"})
+    with pytest.raises(ActorsError, match=r"has mujoco .*, the learner's machine 3\.1"):
+        actor.begin()
+    with pytest.raises(ActorsError, match="install the same on both"):
+        actor.collect("steps", {}, 1, 1)
+
+
+def test_a_machine_without_gaitpref_is_told_to_install_it() -> None:
+    """As Ray tells of a class whose module is not there."""
+    told = "The actor failed to import on the worker: No module named 'policy'"
+    begun = exceptions.RayTaskError("RemoteActor.__init__", told, RuntimeError(told))
+    ray = RayHere([], refuses=exceptions.ActorDiedError(begun))
+    with pytest.raises(ActorsError, match="install gaitpref on every machine of that"):
+        ActorPool(
+            *(ray, lambda actor, sequence: Plan(actor), [0]),
+            method="steps",
+            most_lag=1,
+            counts=Counts(),
+            tell=print,
+        )

@@ -17,14 +17,16 @@ import pytest
 
 from policy.engines.actors_cfg import ActorsCfg, ActorsError
 from policy.engines.with_actors import WithActors
+from policy.parallel import ray_connection
 from policy.robots.robot import load_robot
 from policy.training.checkpoint import load_policy, read_plain
 from policy.training.ppo import IterationStats
 from policy.training.train import train
 from policy.training.train_cfg import TrainCfg
+from tests.helpers.required import needed
 from tests.helpers.two_ranks import ENV, ONE_BATCH
 
-ray = pytest.importorskip("ray")
+ray = needed("ray", "RAY")
 
 ROOT = Path(__file__).resolve().parents[2]
 ITERATIONS = 12
@@ -45,7 +47,7 @@ SMALL = {"num_cpus": 1, "include_dashboard": False, "object_store_memory": 80 * 
 @pytest.fixture
 def cluster() -> Iterator[Any]:
     """Two machines of one core each, on this one."""
-    utils = pytest.importorskip("ray.cluster_utils")
+    utils = needed("ray.cluster_utils", "RAY")
     os.environ |= {"RAY_USAGE_STATS_ENABLED": "0", "RAY_worker_niceness": "0"}
     made = utils.Cluster(initialize_head=True, head_node_args=SMALL)
     try:
@@ -116,6 +118,22 @@ def test_an_actor_that_is_killed_and_a_node_that_leaves(
         assert result.finished
         assert result.stats is not None
         assert result.stats.scalars["actors/lag_most"] == 0.0
+
+
+def test_a_cluster_of_other_versions_is_told(
+    cluster: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And one of the same is joined behind that."""
+    # Asking whether it is a Ray takes seconds, and is done in the test above.
+    monkeypatch.setattr(ray_connection, "_require_answer", lambda address: None)
+    joined = ray_connection.connected(cluster.address, cores=1)
+    told = "runs other versions than this machine .*: install the same Ray and Python"
+    with monkeypatch.context() as patched:
+        patched.setattr(ray, "__version__", "1.2.3")
+        with pytest.raises(ray_connection.RayError, match=told), joined:
+            pass
+    with ray_connection.connected(cluster.address, cores=1):
+        assert ray.cluster_resources()["CPU"] == 1.0
 
 
 def test_a_learner_that_is_killed_goes_on(tmp_path: Path) -> None:

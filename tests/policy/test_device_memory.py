@@ -11,8 +11,10 @@ import torch
 
 from gaitpref.cli.main import main
 from policy.robots.robot import load_robot
+from policy.sim import making
 from policy.sim.device_memory import DeviceMemoryError, told_of_memory
 from policy.training import train
+from tests.helpers.required import needed
 
 GB = 2**30
 
@@ -28,8 +30,8 @@ def test_how_many_worlds_would_fit_is_said_before_they_are_made(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """So many fit and not one more; on a card with twice the memory about twice."""
-    mjw = pytest.importorskip("mujoco_warp")
-    wp = pytest.importorskip("warp")
+    mjw = needed("mujoco_warp", "WARP")
+    wp = needed("warp", "WARP")
     from policy.sim.warp_memory import capacity_of, require_room
 
     mj_model = load_robot(physics_dt_s=0.004).mj_model
@@ -93,3 +95,26 @@ def test_memory_that_is_used_up_on_the_way_is_one_line(
 def test_other_errors_stay_what_they_are() -> None:
     with pytest.raises(RuntimeError, match=r"^a bug$"), told_of_memory(64):
         raise RuntimeError("a bug")
+
+
+def test_worlds_are_on_the_card_that_its_process_trains_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As the second of two ranks, which have a card each."""
+    needed("mujoco_warp", "WARP")
+    from policy.sim import varied_warp, warp_sim
+
+    made: list[str] = []
+
+    def note(robot: object, num_envs: int, *, device: str) -> None:
+        made.append(device)
+
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "current_device", lambda: 1)
+    monkeypatch.setattr(warp_sim, "WarpSim", note)
+    monkeypatch.setattr(varied_warp, "VariedWarpSim", note)
+    robot = load_robot(physics_dt_s=0.005)
+    for make in (making.make_sim, making.make_varied_sim):
+        make(robot, 1, making.SimCfg(device="cuda"))
+        make(robot, 1, making.SimCfg(kind="warp"))
+    assert made == ["cuda:1", "cpu"] * 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import replace
 
 import mujoco
@@ -15,6 +16,8 @@ from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import CommandCfg, EnvCfg
 from policy.env.feature_row import OBS_DIM
 from policy.env.task_reward import TaskRewardCfg, task_reward_for, task_score, weighted
+from policy.parallel.cores import CORES
+from policy.parallel.ranks import Ranks
 from policy.robots.bare import bare_model
 from policy.robots.robot import Robot, load_robot
 from policy.sim.batch_sim import BatchSim
@@ -270,3 +273,23 @@ def test_task_terms_by_hand() -> None:
     )
     # Two feet swing (+0.02 s each); one of them has just left the ground (-0.2 s).
     assert float(terms["swing"]) == pytest.approx(2.0 * (0.04 - 0.2))
+
+
+def test_it_has_a_thread_for_each_core_it_was_given_and_tells_no_difference(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Or, where nobody gave any, for each it may run on; ranks share them."""
+    monkeypatch.delenv(CORES, raising=False)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(5)))
+    actions = torch.randn(10, 8, 12, generator=torch.Generator().manual_seed(0))
+    rows = []
+    for given, threads in ((None, 5), ("1", 1), ("3", 3)):
+        if given is not None:
+            monkeypatch.setenv(CORES, given)
+        env = _env(robot, 8)
+        assert env.sim._batch.nthread == threads  # type: ignore[attr-defined]
+        ranks = [Ranks(size=here, here=here).threads for here in (1, 2, 64)]
+        assert ranks == [threads, max(1, threads // 2), 1]
+        rows.append(torch.stack([env.step(each)[3]["features"] for each in actions]))
+    assert rows[0].equal(rows[1])
+    assert rows[0].equal(rows[2])

@@ -30,10 +30,11 @@ from policy.training.checkpoint import load_policy
 from policy.training.ppo import PpoCfg
 from policy.training.train import train
 from policy.training.train_cfg import TrainCfg
+from tests.helpers.required import needed
 
 # Warp opens every GPU it sees.
 os.environ["CUDA_VISIBLE_DEVICES"] = ""
-pytest.importorskip("mujoco_warp")
+needed("mujoco_warp", "WARP")
 
 N = 256
 ENV = EnvCfg(randomise=RANDOMISE["full"])

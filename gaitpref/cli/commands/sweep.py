@@ -14,7 +14,7 @@ from gaitpref.cli.shared.sweep_arguments import gpu_share, sweep_cells
 from gaitpref.console.extras import require
 from gaitpref.console.progress import console, counted
 from gaitpref.console.terminal import PlainConsole, say
-from gaitpref.executor.choose_executor import choose_executor
+from gaitpref.executor.choose_executor import choose_executor, cores_each
 from gaitpref.sweep.run_sweep import SweepResult, contents_of, how_far, run_sweep
 from gaitpref.sweep.sweep_cell import SweepCell, SweepDir
 from gaitpref.sweep.sweep_report import write_sweep
@@ -39,7 +39,8 @@ def run(command: options.Sweep) -> int:
         if not command.json:
             console.next("the same command without --dry-run runs what is not finished")
         return 0
-    result = run_sweep(command.out, cells, executor, gpus=gpus)
+    cores = cores_each(len(cells), jobs=command.jobs, ray=command.ray)
+    result = run_sweep(command.out, cells, executor, gpus=gpus, cores=cores)
     page = write_sweep(command.out, result)
     if command.json:
         say(as_json(result))

@@ -87,11 +87,12 @@ class Sweep:
     """YAML or TOML file with `criterion`, `seed`, `set`, and `loop` for what all loops
     share; `variants` names changes that go together. Options given here count more."""
     jobs: Count | None = None
-    """Loops side by side on this machine; one a core by default."""
+    """Loops side by side on this machine, which share its cores; one a core by
+    default."""
     ray: str | None = None
     """Run them on a Ray cluster instead: HOST:PORT, `auto` for the one that runs here,
-    or `local` for one of this machine's cores. --out must lie where all machines reach
-    it."""
+    or `local` for one of this machine's cores. Each loop has a core there; --out must
+    lie where all machines reach it."""
     gpu: float | None = None
     """With --device cuda: share of a GPU that each loop gets, as 0.5, or how many; it
     waits until that much is free. A whole one by default."""
