@@ -21,8 +21,9 @@ import tyro
 from data.errors import GaitprefError
 
 from . import preference_table, verdict_table
+from .marks import write_between
 from .preference_plan import Cell
-from .preference_table import Row, read_rows, write_between
+from .preference_table import Row, read_rows
 from .preferences import Options, run_cells
 
 Place = tuple[str, int, str]

@@ -21,7 +21,8 @@ Ray is told of as many cores as there are actors: more actors than the machine h
 show the lag they bring, and no gain in time.
 
 A run can be interrupted: what is finished is a file in `--work` and is not repeated,
-and what was half done goes on.
+and what was half done goes on. `python -m benchmarks.actors_table` puts what
+`--json docs/results/actors.json` kept into `docs/benchmarks.md`.
 """
 
 from __future__ import annotations

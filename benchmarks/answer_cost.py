@@ -40,7 +40,7 @@ WARM = 12
 MEASURED = 12
 GOAL = 1.5
 """Times the cheapest answer of its data base."""
-_CFG = QueueCfg(guard=GuardCfg(min_shown_s=0, repeat_gap_s=0, same_verdict_s=0))
+QUEUE = QueueCfg(guard=GuardCfg(min_shown_s=0, repeat_gap_s=0, same_verdict_s=0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,23 +83,23 @@ def _cost_ms(database: Database, pairs: int, answered: int) -> float:
             store.query("PRAGMA synchronous = OFF")
         names = [f"rater{index}" for index in range(RATERS)]
         fill(store, clips, names, pairs=pairs, answered=answered)
-        board = QuestionBoard(store, _CFG.plan.overlap)
+        board = QuestionBoard(store, QUEUE.plan.overlap)
         board.follow()
         rng = np.random.default_rng(0)
         sessions = [
-            RaterSession(store, name, cfg=_CFG, board=board, rng=rng) for name in names
+            RaterSession(store, name, cfg=QUEUE, board=board, rng=rng) for name in names
         ]
         for _ in range(WARM):
             for session in sessions:
-                _answer(session)
+                answer_once(session)
         before_s = used_s()
         for _ in range(MEASURED):
             for session in sessions:
-                _answer(session)
+                answer_once(session)
         return 1000 * (used_s() - before_s) / (MEASURED * RATERS)
 
 
-def _answer(session: RaterSession) -> None:
+def answer_once(session: RaterSession) -> None:
     """What a page asks of a queue for one answer."""
     question = session.current()
     assert question is not None

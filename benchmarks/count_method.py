@@ -25,7 +25,7 @@ from rich.table import Table
 
 from data.files.files import write_atomically
 
-from .preference_table import write_between
+from .marks import write_between
 
 KEPT = Path("docs/results/method_count.json")
 PAGE = Path("docs/benchmarks.md")

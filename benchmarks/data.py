@@ -51,7 +51,7 @@ GOALS = {
     "zstd_over_bare": "at least 0.75",
     "window_ms": "at most 2",
     "pairs_over_slicing": "at most 3",
-    "fit_peak_gb": "at most 2",
+    "fit_peak_gb": "at most 1",
     "verify_over_sha256": "at least 0.80",
 }
 Part = Literal["logging", "write", "window", "pairs", "fit", "models"]
@@ -272,7 +272,7 @@ def measure(root: Path, quick: bool) -> Iterator[tuple[Part, Measured]]:
     yield "write", lambda: write_figures(root, 10 * repeats)
     yield "window", lambda: window_figures(root, 200 if quick else 10_000)
     yield "pairs", lambda: pairs_figures(root, 200 if quick else 2000, repeats)
-    fitted = (200, 200) if quick else (5000, 10_000)
+    fitted = (200, 200) if quick else (5000, 20_000)
     yield "fit", lambda: fit_figures(root, *fitted) | verify_figures(root / "fit", 3)
     yield "models", lambda: models_figures(root)
 

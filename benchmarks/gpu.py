@@ -4,9 +4,9 @@
 
 Checks come first: features against MuJoCo's on the CPU, resets of some robots, robots
 that diverge. Then steps per second of the bare simulator, of the environment and of PPO
-from end to end, memory, and the time from nothing to a walk. Every part writes its row,
-with the name of the card, as soon as it is known; `python -m benchmarks.gpu_table` puts
-them into `docs/benchmarks.md`.
+from end to end, memory, and, of two seeds, the time from nothing to what `evaluate`
+calls a walk. Every part writes its row, with the name of the card, as soon as it is
+known; `python -m benchmarks.gpu_table` puts them into `docs/benchmarks.md`.
 """
 
 from __future__ import annotations

@@ -53,10 +53,12 @@ class Options:
     """How long one speed is measured."""
     iterations: int = 50
     """Iterations of PPO that are measured, behind five others."""
+    walk_iterations: int = 400
+    """Iterations after which a training has failed that does not walk."""
     walk_s: float = 90.0
-    """When a training that does not walk is ended."""
-    seed: int = 0
-    """Of the walk."""
+    """Time after which it has."""
+    seeds: tuple[int, ...] = (0, 1)
+    """Of the walks."""
     out: Path = Path("docs/results/gpu")
     """Directory of the rows."""
     work: Path = Path("runs/benchmark-gpu")

@@ -14,13 +14,10 @@ from typing import Annotated
 
 import tyro
 
-from data.errors import GaitprefError
-from data.files.files import write_atomically
-
 from .harness import Figure
+from .marks import NOT_MEASURED, write_between
 
-BEGIN, END = "<!-- gpu: begin -->", "<!-- gpu: end -->"
-NOT_MEASURED = "not measured"
+MARK = "gpu"
 _RATE, _SHARE, _TIME = "{:,.0f} steps/s", "{:.2%}", "{:.0f} s"
 ROWS: tuple[tuple[str, str, str, str, str], ...] = (
     ("first", "make_s", "kernels compiled, once a machine", "{:.0f} s", ""),
@@ -45,6 +42,7 @@ ROWS: tuple[tuple[str, str, str, str, str], ...] = (
     ("walk-1", "walk_s", "from nothing to a walk, seed 1", _TIME, "45 s"),
 )
 """File, figure, what it is, how it is written, and the goal."""
+FILES = frozenset(row[0] for row in ROWS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,26 +66,12 @@ def table(rows: dict[str, dict[str, Figure]]) -> str:
     return "\n".join(lines)
 
 
-def written(text: str, made: str) -> str:
-    """`text` with `made` between the two lines.
-
-    Raises:
-        GaitprefError: it lacks them.
-    """
-    head, begin, rest = text.partition(BEGIN)
-    _, end, tail = rest.partition(END)
-    if not (begin and end):
-        raise GaitprefError(f"the page lacks the lines {BEGIN} and {END}")
-    return f"{head}{BEGIN}\n\n{made}\n\n{END}{tail}"
-
-
 def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> None:
     """Read the rows and write the page."""
     rows = {
         path.stem: json.loads(path.read_text()) for path in options.rows.glob("*.json")
     }
-    text = written(options.page.read_text(), table(rows))
-    write_atomically(options.page, text.encode())
+    write_between(options.page, MARK, table(rows))
 
 
 if __name__ == "__main__":

@@ -28,6 +28,7 @@ from policy.training.train_cfg import TrainCfg
 from .harness import median
 
 PAGE = Path("docs/results/page.json")
+CROWD = Path("docs/results/crowd.json")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,18 +48,22 @@ class Costs:
     gradient_bytes: float
     """What a process sends for each gradient, of the networks of `PpoCfg`."""
     rater_cores: float
-    """A label host's cores for a rater who answers at a person's pace."""
+    """A label host's cores for a rater who answers at a person's pace, or, where no
+    crowd was measured, for one who watches."""
     log_bytes_per_s: float
     """A data set for each second of a robot that is logged."""
 
 
-def measured_costs(*, envs: int = 64, repeats: int = 5, page: Path = PAGE) -> Costs:
+def measured_costs(
+    *, envs: int = 64, repeats: int = 5, page: Path = PAGE, crowd: Path = CROWD
+) -> Costs:
     """Measure all of it, in a minute or two.
 
     Args:
         envs: Environments of one actor.
         repeats: Rollouts, of which the median counts; one more comes before.
         page: Where `benchmarks.page` has put its figures.
+        crowd: The same of `benchmarks.page --crowd`, if there are any.
     """
     torch.set_num_threads(1)
     setting = setting_of(None, None)
@@ -92,7 +97,7 @@ def measured_costs(*, envs: int = 64, repeats: int = 5, page: Path = PAGE) -> Co
         step_bytes=per_step("sent_bytes"),
         weights_bytes=float(len(pickle.dumps(weights))),
         gradient_bytes=_gradient_bytes(runner),
-        rater_cores=json.loads(page.read_text())["cores_8_raters"] / 8,
+        rater_cores=rater_cores(page, crowd),
         log_bytes_per_s=_log_bytes_per_s(),
     )
 
@@ -127,6 +132,14 @@ def _iteration(actor: Actor, runner: ActorsRunner) -> _Iteration:
         learner_s=clock() - begun_s,
         sent_bytes=float(sent.bytes),
     )
+
+
+def rater_cores(page: Path = PAGE, crowd: Path = CROWD) -> float:
+    """Of a crowd that answers, where one was measured, or of those who watch."""
+    if crowd.exists():
+        told = json.loads(crowd.read_text())
+        return told["cores"] / told["raters"]
+    return json.loads(page.read_text())["cores_8_raters"] / 8
 
 
 def _gradient_bytes(runner: ActorsRunner) -> float:

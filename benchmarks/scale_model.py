@@ -6,6 +6,8 @@ Costs of single steps are measured here (`scale_costs.py`); a simulation of even
 them together as `policy/engines` does: each actor has one rollout under way, the
 learner takes as many as there are actors, those that are too old are dropped, and all
 share one line. `--costs FILE` takes costs that were measured before, or elsewhere.
+`python -m benchmarks.scale_table` puts them into `docs/benchmarks.md`, with learners so
+fast that every part is seen to be the limit.
 """
 
 from __future__ import annotations
@@ -47,6 +49,8 @@ class Options:
     """The learner's network, each way; 10 Gbit/s."""
     learner_speed: float = 1.0
     """How many times as fast as the core measured here the learner is, as on a GPU."""
+    taking_in: int = 1
+    """Cores of the learner that take in what actors send."""
     jitter: float = 0.1
     """Deviation of the logarithm of how long a rollout takes."""
     costs: Path | None = None
@@ -85,7 +89,7 @@ def simulate(costs: Costs, actors: int, options: Options) -> Simulated:
     rng = np.random.default_rng(options.seed)
     steps = options.envs * options.rollout_steps
     learn_s = actors * steps * costs.learner_s / options.learner_speed
-    adopt_s = steps * costs.adopt_s
+    adopt_s = steps * costs.adopt_s / options.taking_in
     there_s = costs.weights_bytes / options.line_bytes_per_s
     back_s = steps * costs.step_bytes / options.line_bytes_per_s
     now_s, version = 0.0, 0
@@ -162,7 +166,8 @@ def table(rows: list[Simulated]) -> Table:
 def saturations(costs: Costs, options: Options) -> dict[str, float]:
     """How many of whom fill each part, by its costs alone."""
     per_actor = 1.0 / costs.actor_s
-    learner_s = costs.learner_s / options.learner_speed + costs.adopt_s
+    adopt_s = costs.adopt_s / options.taking_in
+    learner_s = costs.learner_s / options.learner_speed + adopt_s
     weights = costs.weights_bytes / (options.envs * options.rollout_steps)
     line = max(costs.step_bytes, weights) / options.line_bytes_per_s
     return {
@@ -173,14 +178,16 @@ def saturations(costs: Costs, options: Options) -> dict[str, float]:
     }
 
 
+def read_costs(file: Path) -> Costs:
+    """Costs that `--json` kept."""
+    told = json.loads(file.read_text())["costs"]
+    return Costs(**{field.name: told[field.name] for field in fields(Costs)})
+
+
 def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> None:
     """Measure, simulate, and print."""
     console = Console()
-    if options.costs is None:
-        costs = measured_costs()
-    else:
-        told = json.loads(options.costs.read_text())["costs"]
-        costs = Costs(**{field.name: told[field.name] for field in fields(Costs)})
+    costs = measured_costs() if options.costs is None else read_costs(options.costs)
     rows = [simulate(costs, actors, options) for actors in options.actors]
     filled = saturations(costs, options)
     console.print(table(rows))

@@ -119,7 +119,7 @@ def env_step(num_envs: int, *, learned: bool) -> Callable[[], int]:
     robot = load_robot(physics_dt_s=ENV.physics_dt_s)
     env = QuadrupedEnv(robot, ENV, num_envs, seed=0)
     actions = torch.randn(64, num_envs, 12, generator=torch.Generator().manual_seed(0))
-    reward = _reward() if learned else None
+    reward = learned_reward() if learned else None
     rows: list[torch.Tensor] = []
     starts: list[torch.Tensor] = []
 
@@ -144,7 +144,7 @@ def ppo_step(num_envs: int, *, learned: bool) -> Callable[[], int]:
     cfg = PpoCfg(num_envs=num_envs)
     runner = Runner(QuadrupedEnv(robot, ENV, num_envs, seed=0), cfg)
     if learned:
-        runner.alg.reward_fn = _reward()
+        runner.alg.reward_fn = learned_reward()
 
     def step() -> int:
         runner.learn(runner.current_learning_iteration + 1, lambda stats: True)
@@ -196,7 +196,7 @@ def in_process(part: Part, num_envs: int, duration_s: float) -> dict[str, float]
     return json.loads(result.stdout.splitlines()[-1])
 
 
-def _reward() -> ScoreFn:
+def learned_reward() -> ScoreFn:
     """A learned reward of the default kind; what it was fitted to costs nothing."""
     cfg, (left, right) = FitCfg(), torch.randn(2, 16, 20, FEATURE_DIM).unbind()
     valid = torch.ones(16, 20, dtype=torch.bool)

@@ -15,8 +15,10 @@ from pathlib import Path
 
 import pytest
 
+from data.answers.address import Address
 from data.answers.answer_records import Answer, Pair
 from data.answers.lines import to_lines
+from data.answers.store import AnswerStore
 from data.datasets.dataset import Dataset
 from data.datasets.verify import verify
 from data.episodes.clips import Clip
@@ -28,7 +30,7 @@ from gaitpref.cli.main import main
 from tests.data.test_dataset import META
 from tests.data.test_decay import make_dataset
 from tests.data.test_episode import make_episode
-from tests.helpers import s3
+from tests.helpers import postgres, s3
 from tests.helpers.required import needed
 
 NOW = "2030-01-31T12:00:00Z"
@@ -243,6 +245,30 @@ def test_what_another_pushes_while_the_list_is_read_is_kept(
     with Dataset.open(tmp_path / "copy").answers_copy() as store:
         found = {answer.answer_id for _, answer in store.all_answers()}
     assert {"ours", "theirs"} <= found
+
+
+def test_answers_on_a_server_are_pushed_and_pulled(
+    tmp_path: Path, postgres_server: str
+) -> None:
+    """From one host's database to another's, by `--answers`; the files beside the
+    episodes stay empty."""
+    ours, theirs = (postgres.new_schema(postgres_server) for _ in range(2))
+    dataset = make_dataset(tmp_path / "set")
+    here, there, copy = (str(tmp_path / name) for name in ("here", "there", "copy"))
+    merged = ["--dataset", here, "--answers", ours, "--source", str(dataset.root)]
+    assert main(["data", "merge", *merged]) == 0
+    assert main(["data", "push", here, there, "--answers", ours]) == 0
+    assert main(["data", "pull", copy, there, "--answers", theirs]) == 0
+    told = to_lines_at(dataset.root / "preferences.sqlite")
+    assert len(told) > 4
+    assert to_lines_at(theirs) == told
+    assert to_lines_at(Path(copy) / "preferences.sqlite") == []
+
+
+def to_lines_at(address: Address) -> list[str]:
+    """All that is said in a store."""
+    with AnswerStore.snapshot(address) as store:
+        return list(to_lines(store))
 
 
 def test_corrections_travel(tmp_path: Path) -> None:

@@ -1,18 +1,25 @@
 """The queue of a rater: nothing is lost, nothing is asked or answered twice."""
 
 import datetime
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import FrameType
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from benchmarks.answer_cost import QUEUE, answer_once, fill
 from data.answers.answer_records import Pair
+from data.answers.backend import SqliteBackend
 from data.answers.overlap import Overlap
+from data.answers.question_board import QuestionBoard
+from data.answers.sqlite_file import connect
 from data.answers.store import AnswerStore
 from data.episodes.clips import Clip
 from labeling_ui.questions.judgement import Judgement, Outcome, Question, Verdict
@@ -527,3 +534,45 @@ def test_no_answer_is_lost_or_doubled(
             assert {a.answer_id: a.pair_id for a in own} == expected[who]
             asked = Counter((answer.pair_id, answer.role) for answer in own)
             assert set(asked.values()) <= {1}, "a pair is answered once in each role"
+
+
+def work_of_answers(path: Path, pairs: int, answered: int) -> Counter[str]:
+    """Instructions of SQLite, in tens, and lines of Python for answers of one rater,
+    with all that the page asks beside."""
+    connection = connect(path)
+    connection.execute("PRAGMA synchronous = OFF")
+    clips = [Clip(f"{n:064x}", 0, 50) for n in range(2 * int(pairs**0.5) + 2)]
+    found: Counter[str] = Counter()
+
+    def noted(frame: FrameType, event: str, argument: Any) -> Any:
+        found[event] += 1
+        return noted
+
+    with AnswerStore(SqliteBackend(connection, path)) as store:
+        names = [f"rater{n}" for n in range(8)]
+        fill(store, clips, names, pairs=pairs, answered=answered)
+        board = QuestionBoard(store, QUEUE.plan.overlap)
+        board.follow()
+        rng = np.random.default_rng(0)
+        session = RaterSession(store, names[0], cfg=QUEUE, board=board, rng=rng)
+        # As many as the page tells of.
+        for _ in range(12):
+            answer_once(session)
+        connection.set_progress_handler(lambda: found.update(sql=1), 10)
+        before = sys.gettrace()
+        sys.settrace(noted)
+        try:
+            for _ in range(12):
+                answer_once(session)
+        finally:
+            sys.settrace(before)
+    return found
+
+
+def test_an_answer_costs_the_same_however_many_pairs_there_are(tmp_path: Path) -> None:
+    """And however many are answered. Work is counted: times are of the machine."""
+    few = work_of_answers(tmp_path / "few.sqlite", 200, 0)
+    for name, answered in (("many", 0), ("answered", 4_000)):
+        many = work_of_answers(tmp_path / f"{name}.sqlite", 5_000, answered)
+        for kind in ("sql", "call", "line"):
+            assert 100 < many[kind] < 1.5 * few[kind], (name, kind)

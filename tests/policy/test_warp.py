@@ -6,27 +6,38 @@ kind serves all tests.
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
 from torch import Tensor
+from torch.utils._python_dispatch import TorchDispatchMode
 
+from benchmarks import gpu, gpu_speed, gpu_table
+from benchmarks.gpu_bench import PARTS, Options
 from benchmarks.gpu_parity import MOST_APART, converging, nudged, run_of
+from benchmarks.throughput import learned_reward
+from benchmarks.until_it_walks import Looked, look
 from data.features import column
 from gaitpref.cli.main import main
+from policy.env.curriculum import CurriculumCfg
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import RANDOMISE, EnvCfg
 from policy.env.randomise import RandomisedEnv, make_env
 from policy.robots.robot import Robot, load_robot
+from policy.robots.shipped import WALK
 from policy.sim.chosen import Rows
 from policy.sim.draw import Draw
 from policy.sim.making import SimCfg
 from policy.sim.sim import SimError
-from policy.training.checkpoint import load_policy
+from policy.training.checkpoint import load_policy, read_plain
 from policy.training.ppo import PpoCfg
 from policy.training.train import train
 from policy.training.train_cfg import TrainCfg
@@ -35,6 +46,7 @@ from tests.helpers.required import needed
 # Warp opens every GPU it sees.
 os.environ["CUDA_VISIBLE_DEVICES"] = ""
 needed("mujoco_warp", "WARP")
+wp = needed("warp", "WARP")
 
 N = 256
 ENV = EnvCfg(randomise=RANDOMISE["full"])
@@ -151,6 +163,126 @@ def test_what_is_trained_on_it_plays_and_goes_on(robot: Robot, tmp_path: Path) -
     recorded = ["record", "--policy", str(out / "policy.pt"), "--episodes", "4"]
     assert main([*recorded, "--dataset", str(dataset), "--episode-s", "0.5"]) == 0
     assert len(list(dataset.glob("rollouts/*/*.mcap"))) == 4
+
+
+def test_a_policy_of_the_cpu_trains_on_there(robot: Robot, tmp_path: Path) -> None:
+    """On a learned reward, under commands that widen; where its critic only looks on,
+    it still acts as it did."""
+    widening = CurriculumCfg(start=0.4, end=1.0, widen=0.2, good=0.01, window_s=0.1)
+    cfg = TrainCfg(
+        steps=384,
+        env=replace(EnvCfg(), episode_s=1.0, curriculum=widening),
+        ppo=PpoCfg(num_envs=16, steps_per_env=24),
+        sim=WARP,
+    )
+    result = train(tmp_path, robot, cfg, init=WALK, reward_fn=learned_reward())
+    assert result.finished
+    state = read_plain(tmp_path / "resume.pt")
+    assert state["env"]["curriculum"][0] == 1.0
+    obs = torch.randn(64, 48, generator=torch.Generator().manual_seed(0))
+    before, after = (load_policy(p)(obs) for p in (WALK, result.policy))
+    assert (after - before).abs().mean() < 0.1 * before.std()
+
+
+class _Synced(TorchDispatchMode):
+    """Notes what would make the CPU wait for a GPU."""
+
+    def __init__(self, seen: list[str]) -> None:
+        super().__init__()
+        self._seen = seen
+
+    def __torch_dispatch__(
+        self, func: Any, types: Any, args: Any = (), kwargs: Any = None
+    ) -> Any:
+        name = func.overloadpacket.__name__
+        waits = {"_local_scalar_dense", "nonzero", "equal", "masked_select", "unique"}
+        chosen = args[1] if name in ("index", "index_put_") else ()
+        by_mask = any(each is not None and each.dtype == torch.bool for each in chosen)
+        if name in waits or by_mask:
+            self._seen.append(name)
+        return func(*args, **(kwargs or {}))
+
+
+def test_a_step_copies_nothing_to_the_cpu(
+    env: RandomisedEnv, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Noise, pushes, falls and resets included. What is captured as a graph on a GPU is
+    left out: there a copy would be an error."""
+    from policy.sim.warp_graphs import Graphs
+
+    seen: list[str] = []
+    inside: list[bool] = []
+    run = Graphs._run
+
+    def captured(self: Graphs, key: Any, work: Callable[[], None]) -> None:
+        inside.append(True)
+        run(self, key, work)
+        inside.pop()
+
+    def noted(kind: type, name: str) -> None:
+        own = getattr(kind, name)
+
+        def call(self: Any, *args: Any, **more: Any) -> Any:
+            if not inside:
+                seen.append(name)
+            return own(self, *args, **more)
+
+        monkeypatch.setattr(kind, name, call)
+
+    monkeypatch.setattr(Graphs, "_run", captured)
+    for kind, names in (
+        (torch.Tensor, ("numpy", "cpu", "tolist", "__array__")),
+        (wp.array, ("numpy", "list")),
+    ):
+        for name in names:
+            noted(kind, name)
+    assert torch.zeros(1).tolist() == [0.0]
+    assert seen.pop() == "tolist"
+    env.episode_length_buf[::2] = env.max_episode_length - 2
+    ended = torch.zeros(N, dtype=torch.bool)
+    with torch.inference_mode(), _Synced(seen):
+        for _ in range(3):
+            ended |= env.step(torch.randn(N, 12), score=False)[2]
+    assert seen == []
+    assert ended.any()
+
+
+def test_what_measures_a_gpu_runs_on_warps_cpu_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each part writes the rows that the table has; its figures mean nothing here."""
+    looked: list[Path] = []
+
+    def seen(path: Path, *, episodes: int) -> Looked:
+        looked.append(path)
+        return look(path, episodes=1)
+
+    monkeypatch.setattr(gpu_speed, "look", seen)
+    options = Options(
+        device="cpu",
+        parts=tuple(part for part in PARTS if part != "profile"),
+        sizes=(16,),
+        envs=16,
+        turn_s=1e-3,
+        iterations=1,
+        walk_iterations=10,
+        out=tmp_path / "rows",
+        work=tmp_path / "work",
+    )
+    gpu.main(options)
+    rows = {p.stem: json.loads(p.read_text()) for p in options.out.glob("*.json")}
+    small = (re.sub("-(1024|4096|8192)$", "-16", name) for name in gpu_table.FILES)
+    assert set(small) == rows.keys()
+    assert rows["parity"]["decided_within_1e-3"] >= 0.999
+    assert rows["reset"]["passed"]
+    assert rows["diverged"]["passed"]
+    assert rows["walk-1"]["walk_s"] is None
+    assert [path.parent.parent.name[:6] for path in looked] == ["walk-0", "walk-1"]
+    page = tmp_path / "page.md"
+    page.write_text("<!-- gpu: begin -->\n<!-- gpu: end -->\n")
+    gpu_table.main(gpu_table.Options(rows=options.out, page=page))
+    told = "| a reset leaves the others alone | True | True | Warp's CPU device |"
+    assert told in page.read_text()
 
 
 def test_a_gpu_that_is_not_there_is_one_line(
