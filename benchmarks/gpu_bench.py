@@ -52,9 +52,12 @@ class Options:
     turn_s: float = 5.0
     """How long one speed is measured."""
     iterations: int = 50
-    """Iterations of PPO that are measured, behind five others."""
+    """Iterations of PPO that are measured, behind as many others, and no more than
+    five."""
     walk_iterations: int = 400
     """Iterations after which a training has failed that does not walk."""
+    walk_every: int = 5
+    """Iterations between two policies that are looked at."""
     walk_s: float = 90.0
     """Time after which it has."""
     seeds: tuple[int, ...] = (0, 1)

@@ -116,9 +116,10 @@ def ppo(bench: Bench) -> None:
         rates.append(stats)
         return True
 
-    runner.learn(5, note)
+    warm = min(5, options.iterations)
+    runner.learn(warm, note)
     rates.clear()
-    wall_s = bench.seconds(lambda: runner.learn(5 + options.iterations, note))
+    wall_s = bench.seconds(lambda: runner.learn(warm + options.iterations, note))
     collect_s = sum(stats.scalars["perf/collect_s"] for stats in rates)
     bench.write(
         f"ppo-{options.envs}",
@@ -170,7 +171,7 @@ def _walk(bench: Bench, seed: int) -> Row:
         env=ENV,
         ppo=ppo_cfg,
         seed=seed,
-        checkpoints=iterations // 5 - 1,
+        checkpoints=iterations // options.walk_every - 1,
         save_every=10**9,
         sim=bench.cfg,
     )

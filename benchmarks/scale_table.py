@@ -119,7 +119,8 @@ def busy(rows: list[Simulated]) -> str:
 
 def _share(value: float) -> str:
     """Percent, whole where it is one or more."""
-    percent = 100 * value
+    # What is counted may have begun a little before.
+    percent = 100 * min(value, 1.0)
     return f"{percent:.0f} %" if percent >= 0.95 or not percent else f"{percent:.1g} %"
 
 

@@ -12,7 +12,9 @@ import re
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -24,7 +26,6 @@ from benchmarks import gpu, gpu_speed, gpu_table
 from benchmarks.gpu_bench import PARTS, Options
 from benchmarks.gpu_parity import MOST_APART, converging, nudged, run_of
 from benchmarks.throughput import learned_reward
-from benchmarks.until_it_walks import Looked, look
 from data.features import column
 from gaitpref.cli.main import main
 from policy.env.curriculum import CurriculumCfg
@@ -251,33 +252,42 @@ def test_what_measures_a_gpu_runs_on_warps_cpu_too(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each part writes the rows that the table has; its figures mean nothing here."""
-    looked: list[Path] = []
 
-    def seen(path: Path, *, episodes: int) -> Looked:
-        looked.append(path)
-        return look(path, episodes=1)
+    def walks(path: Path, *, episodes: int) -> Any:
+        assert path.parent.parent.name.startswith("walk-1-")
+        return SimpleNamespace(
+            steps=load_policy(path).info.steps,
+            evaluation=SimpleNamespace(tracking_error_m_s=0.1),
+            walking=SimpleNamespace(walks=True),
+        )
 
-    monkeypatch.setattr(gpu_speed, "look", seen)
+    monkeypatch.setattr(gpu_speed, "look", walks)
+    # A control step costs some 0.1 s here, however few the worlds are.
+    monkeypatch.setattr(gpu_speed, "PpoCfg", partial(PpoCfg, steps_per_env=4))
+    assert Options().seeds == (0, 1)
     options = Options(
         device="cpu",
-        parts=tuple(part for part in PARTS if part != "profile"),
-        sizes=(16,),
-        envs=16,
+        # One is no check and no figure, the other is "env" once more.
+        parts=tuple(part for part in PARTS if part not in ("profile", "varied")),
+        sizes=(4,),
+        envs=4,
         turn_s=1e-3,
         iterations=1,
-        walk_iterations=10,
+        walk_iterations=2,
+        walk_every=1,
+        seeds=(1,),
         out=tmp_path / "rows",
         work=tmp_path / "work",
     )
     gpu.main(options)
     rows = {p.stem: json.loads(p.read_text()) for p in options.out.glob("*.json")}
-    small = (re.sub("-(1024|4096|8192)$", "-16", name) for name in gpu_table.FILES)
-    assert set(small) == rows.keys()
+    small = {re.sub("-(1024|4096|8192)$", "-4", name) for name in gpu_table.FILES}
+    assert small - {"varied-4", "walk-0"} == rows.keys()
     assert rows["parity"]["decided_within_1e-3"] >= 0.999
     assert rows["reset"]["passed"]
     assert rows["diverged"]["passed"]
-    assert rows["walk-1"]["walk_s"] is None
-    assert [path.parent.parent.name[:6] for path in looked] == ["walk-0", "walk-1"]
+    assert rows["walk-1"]["steps"] == 16
+    assert 0.0 < rows["walk-1"]["walk_s"] < rows["walk-1"]["trained_s"] + 1.0
     page = tmp_path / "page.md"
     page.write_text("<!-- gpu: begin -->\n<!-- gpu: end -->\n")
     gpu_table.main(gpu_table.Options(rows=options.out, page=page))
