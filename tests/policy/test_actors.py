@@ -77,10 +77,24 @@ def _actors_on(root: int) -> list[int]:
     return [p for p, n in names.items() if b"RemoteActor" in n and descends(p)]
 
 
+def require_told(cluster: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cluster of other versions is told, and the next may be joined."""
+    # Asking whether it is a Ray takes seconds, and is done by the training.
+    monkeypatch.setattr(ray_connection, "_require_answer", lambda address: None)
+    monkeypatch.setattr(ray, "__version__", "1.2.3")
+    told = "runs other versions than this machine .*: install the same Ray and Python"
+    joined = ray_connection.connected(cluster.address, cores=1)
+    with pytest.raises(ray_connection.RayError, match=told), joined:
+        pass
+    assert not ray.is_initialized()
+
+
 def test_an_actor_that_is_killed_and_a_node_that_leaves(
     cluster: Any, tmp_path: Path
 ) -> None:
     """The training goes on with those that are left, on new rollouts alone."""
+    with pytest.MonkeyPatch.context() as patched:
+        require_told(cluster, patched)
     node = cluster.add_node(**SMALL)
     said: list[str] = []
     seen: list[IterationStats] = []
@@ -118,22 +132,6 @@ def test_an_actor_that_is_killed_and_a_node_that_leaves(
         assert result.finished
         assert result.stats is not None
         assert result.stats.scalars["actors/lag_most"] == 0.0
-
-
-def test_a_cluster_of_other_versions_is_told(
-    cluster: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """And one of the same is joined behind that."""
-    # Asking whether it is a Ray takes seconds, and is done in the test above.
-    monkeypatch.setattr(ray_connection, "_require_answer", lambda address: None)
-    joined = ray_connection.connected(cluster.address, cores=1)
-    told = "runs other versions than this machine .*: install the same Ray and Python"
-    with monkeypatch.context() as patched:
-        patched.setattr(ray, "__version__", "1.2.3")
-        with pytest.raises(ray_connection.RayError, match=told), joined:
-            pass
-    with ray_connection.connected(cluster.address, cores=1):
-        assert ray.cluster_resources()["CPU"] == 1.0
 
 
 def test_a_learner_that_is_killed_goes_on(tmp_path: Path) -> None:
