@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from gaitpref.cli.commands import sweep
 from gaitpref.cli.main import main, parse
 from gaitpref.cli.options.options import Sweep
 from gaitpref.cli.shared.sweep_arguments import gpu_share, sweep_cells
@@ -21,6 +22,7 @@ from gaitpref.report.seed_intervals import SeedMean, t_quantile
 from gaitpref.sweep.run_sweep import run_sweep
 from gaitpref.sweep.sweep_cell import SweepCell
 from gaitpref.sweep.sweep_plan import SweepPlan
+from policy.parallel.cores import CORES
 from policy.sim.making import SimCfg
 
 YAML = """
@@ -105,12 +107,14 @@ class Pretended:
 
     slots: Slots
     held: list[str] = field(default_factory=list)
+    cores: list[int] = field(default_factory=list)
 
     def outcomes(self, pieces: Sequence[Piece]) -> Generator[Outcome]:
         """None of `pieces` ends well."""
         for piece in pieces:
             place = self.slots.take(piece.gpus)
             self.held.append("waits" if place is None else "+".join(place.gpus))
+            self.cores.append(piece.cores)
             yield Outcome(piece=piece, failure=Failure("it was only pretended"))
 
 
@@ -133,6 +137,18 @@ def test_loops_on_a_gpu_share_it_and_the_others_get_none(tmp_path: Path) -> None
     share = gpu_share(replace(command, gpu=None), cells)
     run_sweep(tmp_path / "b", cells, whole, gpus=share)
     assert whole.held == ["GPU-7", "", "waits", "", "waits", ""]
+
+
+def test_loops_side_by_side_share_the_cores(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two of them 16, though eight might run."""
+    monkeypatch.setenv(CORES, "16")
+    pretended = Pretended(Slots(9, ()))
+    monkeypatch.setattr(sweep, "choose_executor", lambda **told: pretended)
+    command = ["sweep", "--out", str(tmp_path / "out"), "--jobs", "8"]
+    assert main([*command, "--seed", "0", "1"]) == 1
+    assert pretended.cores == [8, 8]
 
 
 @pytest.mark.parametrize(
