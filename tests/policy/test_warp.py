@@ -196,7 +196,8 @@ class _Synced(TorchDispatchMode):
         self, func: Any, types: Any, args: Any = (), kwargs: Any = None
     ) -> Any:
         name = func.overloadpacket.__name__
-        waits = {"_local_scalar_dense", "nonzero", "equal", "masked_select", "unique"}
+        waits = {"is_nonzero", "item", "_local_scalar_dense"}
+        waits |= {"nonzero", "equal", "masked_select", "_unique2"}
         chosen = args[1] if name in ("index", "index_put_") else ()
         by_mask = any(each is not None and each.dtype == torch.bool for each in chosen)
         if name in waits or by_mask:
