@@ -20,6 +20,10 @@ Rows = Callable[[str], np.ndarray]
 """The columns [T, width] of a clip's feature of that name."""
 DIAGONALS, SIDES = ((0, 3), (1, 2)), ((0, 2), (1, 3))
 """Legs, in the order of `data.features.LEGS`."""
+NOTICED = 1.0
+"""The least difference that people just notice, in the unit of `visible_habits`."""
+FINE = 0.3
+"""Below it nobody sees a difference, not even who looks for it (docs/benchmarks.md)."""
 _LOW, _HIGH = 5.0, 95.0
 """Percentiles between which something goes to and fro: one jolt is no habit."""
 _CHATTER_S = 0.08
@@ -266,28 +270,34 @@ def most_different(habits: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     return most
 
 
-def differing(left: np.ndarray, right: np.ndarray) -> list[VisibleHabit]:
-    """The habits in which two clips differ by what is noticed, the plainest first.
+def differing(
+    left: np.ndarray, right: np.ndarray, least: float = NOTICED
+) -> list[VisibleHabit]:
+    """The habits in which two clips differ by `least`, the plainest first.
 
     Args:
         left: [H] as `visible_habits` gives them.
         right: The same of the other clip.
+        least: In differences that are just noticed.
     """
     apart = np.nan_to_num(np.abs(left - right))
     order = np.argsort(-apart, kind="stable")
-    return [VISIBLE_HABITS[index] for index in order if apart[index] >= 1.0]
+    return [VISIBLE_HABITS[index] for index in order if apart[index] >= least]
 
 
-def difference_words(left: np.ndarray, right: np.ndarray) -> list[str]:
+def difference_words(
+    left: np.ndarray, right: np.ndarray, least: float = NOTICED
+) -> list[str]:
     """Sentences of clips A and B such as "B lifts its feet 3 cm higher.", the plainest
     first.
 
     Args:
         left: [H] of A, as `visible_habits` gives them.
         right: The same of B.
+        least: What is told at least, in differences that are just noticed.
     """
     said = []
-    for habit in differing(left, right):
+    for habit in differing(left, right, least):
         index = VISIBLE_HABITS.index(habit)
         lead = float(left[index] - right[index]) * habit.noticed
         does = habit.says.format(habit.amount(abs(lead)))

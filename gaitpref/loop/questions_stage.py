@@ -11,6 +11,7 @@ import numpy as np
 from data.answers.answer_records import Pair
 from data.answers.strategy_names import APPROVAL
 from data.datasets.dataset import Dataset, EpisodeEntry
+from data.episodes.visible_habits import NOTICED
 from data.files.files import read_json
 from gaitpref.console.progress import console
 from gaitpref.method.context import RoundContext
@@ -23,7 +24,7 @@ from rewardmodel.asking.asked_meanwhile import (
     asked_and_left,
 )
 from rewardmodel.asking.clip_questions import ask, with_known_answer
-from rewardmodel.asking.visible import NOTICED, Visible
+from rewardmodel.asking.visible import Visible
 from rewardmodel.fitting.fit_reward import fit_reward
 from rewardmodel.models.model import RewardModel
 

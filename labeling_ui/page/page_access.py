@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from data.answers.answer_records import Answer, Pair
 from data.answers.question_board import Tally
-from data.episodes.visible_habits import difference_words
+from data.episodes.visible_habits import FINE, difference_words
 from data.errors import GaitprefError
 from labeling_ui.questions.judgement import Judgement, Outcome, Past, Question
 from labeling_ui.questions.rater_session import RaterSession
@@ -136,7 +136,11 @@ class Desk:
             return Differed(f"This pair cannot be read any more ({error}).")
         found = difference_words(left, right)[:MOST_DIFFERENCES]
         says = "You had these two before you:"
-        if not found:
+        if not found and (found := difference_words(left, right, FINE)[:1]):
+            says = (
+                "They differ in nothing that people usually notice, a little in this:"
+            )
+        elif not found:
             says = "They differ in nothing that people usually notice."
         return Differed(says, tuple(found), (pair, answer))
 

@@ -15,6 +15,7 @@ from data.answers.answer_records import Pair
 from data.datasets.dataset import Dataset
 from data.episodes.clips import Clip
 from data.episodes.visible_habits import (
+    NOTICED,
     VISIBLE_HABITS,
     VisibleHabit,
     differing,
@@ -24,9 +25,6 @@ from data.episodes.visible_habits import (
 from data.files.telling import Tell, silent
 from rewardmodel.acquisition.choose import ToldApart
 
-NOTICED = 1.0
-"""Least difference of two clips that people are asked about, in differences that they
-just notice."""
 _NAMED = 4
 """Habits that are named of a set of pairs."""
 
@@ -58,18 +56,25 @@ class Visible:
         return np.array(rows).reshape(len(rows), len(VISIBLE_HABITS))
 
     def share(self, pairs: Sequence[Pair]) -> float:
-        """Share of `pairs` that differ by what people notice; 1 of none."""
+        """Share of `pairs` that differ by as much as was asked for; 1 of none."""
         found = self._differing(pairs)
         return sum(map(bool, found)) / len(found) if found else 1.0
 
     def told_of(self, pairs: Sequence[Pair]) -> str:
-        """How many of `pairs` differ by what people notice, and in what, in words."""
+        """How many of `pairs` differ by as much as was asked for, and in what, in
+        words."""
         found = self._differing(pairs)
         counts = Counter(habit.name for habits in found for habit in habits)
         named = ", ".join(f"{name} ({n})" for name, n in counts.most_common(_NAMED))
         seen = sum(map(bool, found))
         in_what = f", most often in {named}" if named else ""
-        return f"{seen} of {len(pairs)} pairs differ by what people notice{in_what}"
+        by = "" if self._asked == NOTICED else f"{self._asked:g} times "
+        return f"{seen} of {len(pairs)} pairs differ by {by}what people notice{in_what}"
+
+    @property
+    def _asked(self) -> float:
+        """What is told of differs by this; by what is noticed where any two will do."""
+        return self.least or NOTICED
 
     def _differing(self, pairs: Sequence[Pair]) -> list[list[VisibleHabit]]:
         sides = zip(
@@ -77,7 +82,7 @@ class Visible:
             self.habits([pair.b for pair in pairs]),
             strict=True,
         )
-        return [differing(left, right) for left, right in sides]
+        return [differing(left, right, self._asked) for left, right in sides]
 
 
 def showing(episodes: Collection[str], told_apart: ToldApart) -> ToldApart:

@@ -36,6 +36,13 @@ def test_what_differs_is_said_of_the_one_who_does_more() -> None:
     ]
 
 
+def test_a_finer_difference_is_said_where_it_is_asked_for() -> None:
+    """A centimetre of foot lift is half of what is noticed."""
+    fine = seen(), seen(foot_height=0.01)
+    assert difference_words(*fine) == []
+    assert difference_words(*fine, least=0.3) == ["B lifts its feet 1 cm higher."]
+
+
 def test_the_plainest_difference_comes_first() -> None:
     """Six centimetres are three differences that are just noticed, four are two."""
     said = difference_words(seen(), seen(foot_height=0.04, base_height=0.06))

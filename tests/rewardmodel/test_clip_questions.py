@@ -94,6 +94,28 @@ def test_people_are_asked_about_clips_that_they_can_tell_apart(tmp_path: Path) -
     assert 0.0 < visible.share(asked(10, None)) < 1.0
 
 
+def test_who_asked_for_finer_pairs_is_told_of_these(tmp_path: Path) -> None:
+    """One robot takes a few more steps: two thirds of what people just notice."""
+    dataset = Dataset.create(tmp_path / "set")
+    entries = dataset.add_episodes(
+        walk(60, seed=index, step_hz=2.3 if index == 2 else 2.0) for index in range(3)
+    )
+    clips = [Clip(entry.sha256, 0, 60) for entry in entries]
+    fine, alike = (
+        Pair.make(clips[0], other, strategy="uniform", round=0)
+        for other in (clips[2], clips[1])
+    )
+    asked = Visible(dataset, 0.5)
+    assert asked.told_of([fine, alike]) == (
+        "1 of 2 pairs differ by 0.5 times what people notice, most often in steps (1)"
+    )
+    assert asked.share([fine, alike]) == 0.5
+    # Who asks for any two is told of what is noticed.
+    assert Visible(dataset, 0).told_of([fine]) == (
+        "0 of 1 pairs differ by what people notice"
+    )
+
+
 def test_pairs_of_wanted_episodes_come_first(tmp_path: Path) -> None:
     """Those that show one of them and can be told apart; then others."""
     dataset = Dataset.create(tmp_path / "set")
