@@ -18,8 +18,8 @@ walks better, or, where they begin lying, gets up better.
 - Look at how it moves: steady, quiet, in step with the command.
 - A fall is worse than any way of walking.
 - If both are equally good, say so; if you can't tell, say that.
-- If you can name what decides it, say so before you answer (*because of* posture, feet,
-  rhythm, ...): it helps as much as another answer, and is never needed.
+- *Because of* (posture, feet, rhythm, ...) is a tap that may always be left out. It
+  helps most in the first few answers, and one that is a guess misleads.
 - A clip that shows nothing sensible is a *bad clip*.
 
 Slow down, step, or turn the scene with the mouse as much as you like. There is no hurry
