@@ -18,7 +18,7 @@ import tyro
 from data.errors import GaitprefError
 from policy.robots.shipped import WALK
 
-from .harness import Figure, gaitpref, publish
+from .harness import Figure, gaitpref, others_at_work, publish
 
 GOAL_S = 20.0
 """For 10 s of two robots, on two cores that have nothing else to do."""
@@ -45,7 +45,7 @@ def main(options: FilmOptions) -> int:
     figures: dict[str, Figure] = {
         "film_s": duration_s,
         "cores": os.cpu_count(),
-        "others_at_work": round(os.getloadavg()[0], 1),
+        "others_at_work": others_at_work(),
     }
     for kind in options.kinds:
         figures |= {f"{kind}_{name}": value for name, value in _cost(kind, duration_s)}

@@ -79,6 +79,12 @@ def median(values: Sequence[float]) -> float:
     return (ordered[half - 1] + ordered[half]) / 2
 
 
+def others_at_work() -> float:
+    """How many processes wanted a processor in the last minute: what else was running,
+    where it is asked before anything is measured."""
+    return round(os.getloadavg()[0], 1)
+
+
 def cpu_s(pid: int) -> float:
     """Processor time of a process, s."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()

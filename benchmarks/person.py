@@ -37,13 +37,16 @@ from gaitpref.raters.simulated import ClipScores
 from labeling_ui.page.shortcuts import VERDICTS
 from tests.helpers.label_browser import launched
 
-from .harness import Figure, publish
+from .harness import Figure, others_at_work, publish
+from .preference_table import read_rows
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 RATER = "local"
 """Who answers at a page without tokens."""
+REFERENCES = Path(__file__).parents[1] / "docs" / "results" / "preferences"
+"""Rows that know what PPO gains that sees the criterion, from the walk that ships."""
 GOALS = {"minutes_to_verdict": "at most 12", "waiting_share": "at most 0.20"}
 _LOOK_S = 0.05
 _LOADED_MS = 300_000
@@ -82,8 +85,8 @@ class Options:
 def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> None:
     """Measure, print and write the figures."""
     with tempfile.TemporaryDirectory() as folder:
-        run = options.run or Path(folder) / "run"
-        figures = measured(options, run)
+        run, others = options.run or Path(folder) / "run", others_at_work()
+        figures = measured(options, run) | {"others_at_work": others}
     publish("A person at the loop", figures, GOALS, options.json)
 
 
@@ -214,6 +217,16 @@ class _Sitting:
             page.wait_for_timeout(1000 * _LOOK_S)
 
 
+def share_of_true(criterion: str, earned: float) -> float | None:
+    """Share of what PPO with the true reward gains from the same walk; None where no
+    row of preferences knows that."""
+    for row in read_rows(REFERENCES):
+        if row["criterion"] == criterion and row.get("robot") is None:
+            start, true = row["start_return"], row["true_return"]
+            return (earned - start) / (true - start)
+    return None
+
+
 def _listens(port: int) -> bool:
     with socket.socket() as tried:
         return tried.connect_ex(("127.0.0.1", port)) == 0
@@ -235,6 +248,7 @@ def _figures(
         for pair, answer in rows
     )
     first, last = (read_json(Round(run, n).report) for n in (0, cfg.rounds))
+    earned = last["evaluation"]["return_mean"]
     longest_s, doing = max(seen.waits_s, default=(0.0, ""))
     return {
         "minutes_to_verdict": total_s / 60,
@@ -250,7 +264,8 @@ def _figures(
             len(seen.waits_s) // 2
         ],
         "return_before": first["evaluation"]["return_mean"],
-        "return_after": last["evaluation"]["return_mean"],
+        "return_after": earned,
+        "share_of_true": share_of_true(cfg.criterion, earned),
         "tracking_error_m_s": last["evaluation"]["tracking_error_m_s"],
         "verdict": last.get("verdict", {}).get("word"),
     }

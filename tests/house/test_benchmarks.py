@@ -268,6 +268,17 @@ def test_a_newcomer_types_what_the_pages_say() -> None:
     assert rounds == newcomer.sizes_of(newcomer.Options()).rounds
 
 
+def test_what_a_person_gained_is_a_share_of_what_the_true_reward_gains() -> None:
+    """By the references of the rows of preferences, as the stored figures have it."""
+    person = pytest.importorskip("benchmarks.person")
+    for name, share in (("person", 0.716), ("person_serial", 0.712)):
+        told = json.loads((ROOT / "docs" / "results" / f"{name}.json").read_text())
+        found = person.share_of_true("high_step", told["return_after"])
+        assert found == pytest.approx(told["share_of_true"], abs=1e-9)
+        assert found == pytest.approx(share, abs=1e-3)
+    assert person.share_of_true("benchmarks.strangers:nobody_knows", 1.0) is None
+
+
 def test_options(tmp_path: Path) -> None:
     """Gaits alone, a rule and what was learned, from rows that are made once."""
     figures = tmp_path / "figures.json"
