@@ -248,15 +248,42 @@ _KEYS: tuple[Button, ...] = (
 )
 
 
+_STICKS: tuple[tuple[int, Key, Key], ...] = (
+    (1, "I", "K"),
+    (0, "J", "L"),
+    (2, "J", "L"),
+)
+"""Axis of a gamepad, and which keys its lower and its upper end are."""
+_PAD: dict[int, Key] = {
+    0: "P", 1: "X", 3: "R", 9: "space", 12: "I", 13: "K", 14: "J", 15: "L",
+}  # fmt: skip
+"""Buttons of a gamepad, as browsers number them on all, and their keys."""
+_PAD_LIKES: dict[int, Key] = {4: "1", 5: "2"}
+_PAD_WORDS = (
+    ("stick", "Faster, slower, turn"),
+    ("A", "Push"),
+    ("B", "Stand still"),
+    ("Y", "Reset"),
+    ("start", "Pause or go on"),
+)
+_PAD_LIKES_WORDS = (("LB RB", "A, B walks as it should"),)
+
+
 def _shell(*, likes: bool) -> Shell:
     buttons = (_LIKES if likes else ()) + _KEYS
     drive = [(key, words) for key, words, _, _ in _STEERING]
     drive += [(key, words) for key, _, _, words, _ in buttons]
+    on_pad = _PAD_WORDS + (_PAD_LIKES_WORDS if likes else ())
+    pad = {
+        "axes": _STICKS,
+        "buttons": _PAD | (_PAD_LIKES if likes else {}),
+        "again": [key for key, *_ in _STEERING],
+    }
     return Shell(
         title="Drive a policy",
         scene="Robots that walk as the sliders ask",
-        keys=(KeyGroup("Drive", tuple(drive)),),
-        words={"answers": {}, "sureKeys": {}, "whyKeys": {}},
+        keys=(KeyGroup("Drive", tuple(drive)), KeyGroup("With a gamepad", on_pad)),
+        words={"answers": {}, "sureKeys": {}, "whyKeys": {}, "pad": pad},
     )
 
 

@@ -24,7 +24,7 @@ ICON = (
     "l5-3M8 11l-2 7 4 7M19 11l3 7-3 7' fill='none' stroke='white' stroke-width='3' "
     "stroke-linecap='round' stroke-linejoin='round'/%3E%3C/svg%3E"
 )
-_SCRIPTS = ("line.js", "hands.js", "drafts.js")
+_SCRIPTS = ("line.js", "hands.js", "drafts.js", "gamepad.js")
 _HEAD = re.compile(rb"<head>")
 _THEIRS = re.compile(rb'<title>.*?</title>|<link\s+rel="icon".*?/>', re.DOTALL)
 _WORDS = {

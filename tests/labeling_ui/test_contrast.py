@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -27,12 +28,18 @@ from tests.helpers.label_browser import (
 )
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, expect
+    from playwright.sync_api import Browser, Page, expect
 else:
     expect = playwright.expect
 
 pytestmark = pytest.mark.browser
 Theme = Literal["light", "dark"]
+GAMEPAD = """() => {
+  const buttons = Array.from({ length: 17 }, () => ({ pressed: false, value: 0 }));
+  window.gamepad = { connected: true, axes: [0, 0, 0, 0], buttons };
+  navigator.getGamepads = () => [null, gamepad];
+  window.dispatchEvent(new Event("gamepadconnected"));
+}"""
 both_themes = pytest.mark.parametrize("theme", ["light", "dark"])
 
 
@@ -43,15 +50,16 @@ def browser() -> Iterator[Browser]:
         yield found
 
 
-def replayed(name: str) -> LivePolicy:
-    """A robot that trots as it was written down, whatever it is told."""
+def replayed(name: str, told: list[Drive] | None = None) -> LivePolicy:
+    """A robot that trots as it was written down, whatever it is `told`."""
     episode = walk(100, seed=0)
 
     def new_step() -> StepFn:
         moments = iter(np.arange(10**6) % len(episode.action))
 
         def step(drive: Drive) -> LiveState:
-            del drive
+            if told is not None:
+                told.append(drive)
             qpos = episode.qpos[next(moments)]
             return LiveState(qpos, np.ones(4), 0.5, qpos[2], fallen=False)
 
@@ -60,11 +68,47 @@ def replayed(name: str) -> LivePolicy:
     return LivePolicy(name, robot_geometry(ROBOT_XML.read_text()), DT_S, new_step)
 
 
+def steer_by_gamepad(page: Page, told: list[Drive], liked: list[int]) -> None:
+    """One that is not there: a stick that is held steers on and on as its key would, a
+    button that is held is pressed once, and a stick at rest is nothing."""
+
+    def until(held: Callable[[], bool]) -> None:
+        before_s = time.monotonic() + WAIT_MS / 1000
+        while not held():
+            assert time.monotonic() < before_s
+            page.wait_for_timeout(20)
+
+    page.evaluate(GAMEPAD)
+    assert told[-1].command == (0.5, 0.0, 0.0)
+    page.evaluate("gamepad.axes[0] = 0.2; gamepad.axes[1] = -1")
+    until(lambda: told[-1].command[0] >= 0.8)
+    assert told[-1].command[2] == 0.0
+    page.evaluate("gamepad.axes[1] = 0; gamepad.axes[0] = 1")
+    until(lambda: told[-1].command[2] <= -0.4)
+    page.evaluate("gamepad.axes[0] = 0; gamepad.buttons[1].pressed = true")
+    until(lambda: told[-1].command == (0.0, 0.0, 0.0))
+    page.evaluate("gamepad.buttons[1].pressed = false")
+    page.evaluate("gamepad.buttons[5].pressed = true")
+    until(lambda: bool(liked))
+    page.wait_for_timeout(400)
+    page.evaluate("gamepad.buttons[5].pressed = false")
+    assert liked == [1]
+
+
 def test_the_page_of_play(browser: Browser, tmp_path: Path) -> None:
-    """With its buttons for what is liked, light and dark; and once its server ended."""
-    policies = (replayed("one"), replayed("other"))
+    """With its buttons for what is liked, light and dark; and once its server ended.
+    Keys or a gamepad drive it."""
+    told: list[Drive] = []
+    liked: list[int] = []
+
+    def like(steps: Sequence[StepFn], number: int) -> str:
+        del steps
+        liked.append(number)
+        return "kept"
+
+    policies = (replayed("one", told), replayed("other"))
     site = play_site(0, TokenStore(tmp_path), likes=True)
-    site.start(lambda client, visit: PlayPage(client, policies, lambda *_: "kept"))
+    site.start(lambda client, visit: PlayPage(client, policies, like))
     found = {}
     with ExitStack() as running:
         running.callback(site.stop)
@@ -72,6 +116,7 @@ def test_the_page_of_play(browser: Browser, tmp_path: Path) -> None:
         page.set_default_timeout(WAIT_MS)
         page.goto(site.url + "/?fixedDpr=0.1")
         page.get_by_role("button", name="B walks as it should [2]").wait_for()
+        steer_by_gamepad(page, told, liked)
         page.keyboard.press("1")
         page.get_by_text("kept", exact=True).wait_for()
         for theme in ("light", "dark"):
