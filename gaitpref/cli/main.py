@@ -29,7 +29,7 @@ from gaitpref.console.terminal import (
 )
 
 from .shared.launched import is_ending, is_launched, is_to_say
-from .usage import WELCOME, did_you_mean, require_command
+from .usage import WELCOME, did_you_mean, overview, require_command
 
 EXIT_NOT_READ = 141
 """Exit code of a program that SIGPIPE ends."""
@@ -48,6 +48,9 @@ def parse(args: Sequence[str] | None = None) -> options.Command:
     if list(args) == ["--version"]:
         print(f"gaitpref {importlib.metadata.version('gaitpref')}")
         raise SystemExit(0)
+    if list(args) in (["--help"], ["-h"]):
+        print(overview())
+        raise SystemExit(0)
     require_command(args)
     said = io.StringIO()
     try:
@@ -55,8 +58,7 @@ def parse(args: Sequence[str] | None = None) -> options.Command:
             return tyro.cli(
                 options.Command,
                 prog="gaitpref",
-                description="Turns preferences between gaits into a better policy. "
-                "`gaitpref --version` says which version this is.",
+                description="Turns preferences between gaits into a better policy.",
                 args=args,
                 config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes),
             )

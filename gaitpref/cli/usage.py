@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import difflib
+import inspect
+import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import fields, is_dataclass
 from typing import Any, Literal, get_args, get_origin, get_type_hints
@@ -27,9 +29,50 @@ high_step
 command, `gaitpref COMMAND --help` its options."""
 """What is said to who types no command."""
 
+WAYS: dict[str, tuple[str, ...]] = {
+    "Answer in the browser": ("label", "raters", "play", "arena", "film"),
+    "Let a program answer, in a loop or stage by stage": (
+        "loop", "sweep", "method", "watch", "report",
+        "record", "pairs", "answer", "train", "evaluate",
+    ),
+    "Reuse a data set offline": ("data", "fit", "trust", "explain", "relabel"),
+    "Bring robots and policies, and take them away": (
+        "robot", "policy", "export", "options", "team",
+    ),
+    "Look whether all is here": ("doctor",),
+}  # fmt: skip
+"""Every command, under what it is mostly for."""
+_WIDE, _NAME = 80, 10
+
 
 class UsageError(GaitprefError):
     """A command that does not exist."""
+
+
+def overview() -> str:
+    """Every command in a sentence, by what it is for."""
+    about = {name: _sentence(cls) for name, cls in _named(options.Command)}
+    lines = [
+        "usage: gaitpref [--version] COMMAND [OPTIONS]",
+        "",
+        "Turns preferences between gaits into a better policy. `gaitpref` alone says",
+        "where to begin, `gaitpref COMMAND --help` which options there are.",
+    ]
+    for way, names in WAYS.items():
+        lines += ["", f"{way}:"]
+        for name in names:
+            beside = f"  {name:{_NAME}}"
+            indent = " " * len(beside)
+            lines += textwrap.wrap(
+                beside + about[name], _WIDE, subsequent_indent=indent
+            )
+    return "\n".join(lines)
+
+
+def _sentence(cls: type) -> str:
+    """The first one of what a command's options say of it."""
+    paragraph, _, _ = inspect.cleandoc(cls.__doc__ or "").partition("\n\n")
+    return " ".join(paragraph.split())
 
 
 def commands() -> dict[tuple[str, ...], type]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -17,7 +18,7 @@ from data.datasets.dataset import Dataset
 from data.files.files import sha256_file
 from gaitpref.cli.main import main
 from gaitpref.cli.shared import policy_names
-from gaitpref.cli.usage import WELCOME, commands
+from gaitpref.cli.usage import WAYS, WELCOME, commands
 from gaitpref.console.browser import has_browser, open_page
 from gaitpref.doctor import installed, machine
 from policy.robots.shipped import WALK
@@ -34,6 +35,23 @@ def test_gaitpref_alone_says_where_to_begin(capsys: pytest.CaptureFixture[str]) 
     assert [way.split()[0] for way in ways] == ["loop", "loop", "fit"]
     assert ("doctor",) in commands()
     assert "`gaitpref doctor`" in told
+
+
+def test_help_lists_every_command_by_what_it_is_for(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Once each, with a sentence of it."""
+    with pytest.raises(SystemExit) as caught:
+        main(["--help"])
+    assert caught.value.code == 0
+    told = capsys.readouterr().out
+    listed = [name for names in WAYS.values() for name in names]
+    assert sorted(listed) == sorted({name for name, *_ in commands()})
+    for name in listed:
+        assert re.search(rf"^  {name} +[A-Z]", told, re.MULTILINE), name
+    browser, loop = told.index("in the browser:"), told.index("in a loop")
+    assert browser < told.index("\n  label ") < loop < told.index("\n  loop ")
+    assert max(map(len, told.splitlines())) <= 80
 
 
 @pytest.fixture
