@@ -5,6 +5,8 @@ Shapes: T steps, F features.
 
 from __future__ import annotations
 
+import re
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,8 +16,10 @@ from matplotlib.figure import Figure
 
 from data.datasets.dataset import EpisodeEntry
 from data.episodes.clips import Clip
+from data.episodes.command_words import words_of_command
 from data.episodes.stances import stance_phases
 from data.features import LEGS, column
+from rewardmodel.descriptors.row import Habit
 from rewardmodel.explain.attribution import Explanation
 from rewardmodel.explain.four_ways import FourWays, Run, four_ways
 from rewardmodel.explain.learned_curves import Curve
@@ -25,7 +29,9 @@ from .pictures import BLUE, GREY, RED, Margins, panels, plain_axes
 ROBOTS = (BLUE, RED, GREY)
 """Of what is told apart within one clip."""
 _STRIPS = Margins(left=0.9, right=0.75, between_rows=0.25)
-_CURVES = Margins(between_rows=0.75)
+_CURVES = Margins(top=0.45, between_rows=0.95)
+_LINE = 36
+"""Letters over a curve."""
 _CONTACT, _FALLEN = column("foot_contact"), column("fallen")
 _BAR = 0.7
 """Of the room of a leg."""
@@ -95,12 +101,8 @@ def clip_picture(
     figure = above.figure
     dt_s = entry.meta.control_dt_s
     time_s = (clip.start + np.arange(clip.steps)) * dt_s
-    forward, left, yaw = entry.meta.command
-    title = (
-        f"Clip {clip.rollout[:8]} at {time_s[0]:.1f} s, reward {reward:+.2f}; asked "
-        f"for {forward:.2f} m/s, {left:.2f} m/s, {yaw:.2f} rad/s"
-    )
-    plain_axes(above, title)
+    asked = words_of_command(entry.meta.command)
+    plain_axes(above, f"reward {reward:+.2f}; asked for {asked}")
     above.axhline(shown.average, color=GREY, linestyle=":", linewidth=1)
     band = (shown.reward - shown.spread, shown.reward + shown.spread)
     above.fill_between(time_s, *band, color=BLUE, alpha=0.2, linewidth=0)
@@ -173,15 +175,24 @@ def curves_picture(curves: Sequence[Curve]) -> Figure:
     rows = -(-len(curves) // columns)
     grid = panels([2.2] * columns, [1.4] * rows, _CURVES, sharey=True)
     for axes, curve in zip(grid.flat, curves, strict=False):
-        plain_axes(axes, curve.habit.name)
+        plain_axes(axes, _meaning(curve.habit)).title.set_fontsize(9)
         band = (curve.reward - curve.spread, curve.reward + curve.spread)
         axes.fill_between(curve.values, *band, color=BLUE, alpha=0.2, linewidth=0)
         axes.plot(curve.values, curve.reward, color=BLUE, linewidth=1.5)
         axes.axhline(0.0, color=GREY, linestyle=":", linewidth=1)
-        unit = curve.habit.unit
-        axes.set_xlabel("" if unit == "1" else unit, fontsize=9)
+        unit = curve.habit.unit.replace("2", "²")
+        name = curve.habit.name + ("" if unit == "1" else f", {unit}")
+        axes.set_xlabel(name, fontsize=8)
     for axes in grid.flat[len(curves) :]:
         axes.set_visible(False)
     for axes in grid[:, 0]:
         axes.set_ylabel("adds to the reward", fontsize=9)
     return grid[0, 0].figure
+
+
+def _meaning(habit: Habit) -> str:
+    """What the habit is in words, on two lines."""
+    if habit.meaning.startswith("the same"):
+        return habit.name.removesuffix("_sq").replace("_", " ") + ", squared"
+    first = re.split("[;:]", habit.meaning)[0]
+    return "\n".join(textwrap.wrap(first, _LINE, max_lines=2, placeholder=" ..."))

@@ -13,6 +13,7 @@ import html
 from collections.abc import Sequence
 from datetime import datetime
 
+from data.episodes.command_words import words_of_command
 from data.episodes.episode_records import TEAM_TASK
 from labeling_ui.questions.judgement import Past
 from labeling_ui.scene.clip_motion import Command
@@ -90,7 +91,7 @@ def spoken(showing: Showing, said: Remarks) -> str:
         says.append("Nothing is asked now.")
     elif showing.motions is not None and showing.motions[0].task != "getup":
         commands = showing.motions[0].commands
-        says.append(f"Asked: {', then '.join(map(_one_command, commands))}.")
+        says.append(f"Asked: {', then '.join(map(words_of_command, commands))}.")
     if question is not None and question.earlier is not None:
         says.append(f"Open again; your answer was {WORDS[question.earlier]}.")
     if said.why is not None:
@@ -106,18 +107,8 @@ def _for_answers(count: int) -> str:
 
 def command_words(commands: Sequence[Command]) -> str:
     """What both robots were told to do, one after the other."""
-    words = ", then ".join(_one_command(command) for command in commands)
+    words = ", then ".join(words_of_command(command) for command in commands)
     return f"asked for: <b>{words}</b>"
-
-
-def _one_command(command: Command) -> str:
-    forward, left, yaw = command
-    words = [f"{'forward' if forward >= 0 else 'backward'} {abs(forward):.2f} m/s"]
-    if abs(left) >= 0.005:
-        words.append(f"{'left' if left > 0 else 'right'} {abs(left):.2f} m/s")
-    if abs(yaw) >= 0.005:
-        words.append(f"turning {'left' if yaw > 0 else 'right'} {abs(yaw):.2f} rad/s")
-    return ", ".join(words)
 
 
 def past_words(past: Past) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,6 +27,7 @@ from policy.training.train_cfg import TrainCfg
 from rewardmodel import FitCfg, RewardModel, fit_reward, load_pairs, save_reward
 from rewardmodel.answers.clip_batch import pad_clips
 from rewardmodel.asking.clip_questions import ClipCfg, ask
+from rewardmodel.descriptors.table import columns_seen
 from rewardmodel.explain.attribution import explain
 from rewardmodel.extensions_cfg import MlpCfg
 from studies.moments import share_found
@@ -205,7 +207,13 @@ def test_the_command_draws_and_tells(
     on = ["--reward", str(tmp_path / "reward"), "--dataset", str(judged.root)]
     out = tmp_path / "out"
     assert main(["explain", *on, "--out", str(out), "--count", "2"]) == 0
-    assert "feet down</text>" in (out / "best-1.svg").read_text()
+    best, page = ((out / name).read_text() for name in ("best-1.svg", "index.html"))
+    assert "feet down</text>" in best
+    # In the words of the labeling page, and without the hash of a file.
+    assert "; asked for forward " in best
+    captions = re.findall("<figcaption[^>]*>([^<]*)<", page)
+    assert re.match(r"best 1: reward [+-].*, asked for forward ", captions[0])
+    assert not re.search("[0-9a-f]{16}", " ".join(captions))
     written = json.loads((out / "explanation.json").read_text())
     told = written["clips"]
     assert [c["name"] for c in told] == ["best-1", "best-2", "worst-1", "worst-2"]
@@ -219,7 +227,11 @@ def test_the_command_draws_and_tells(
         )
     assert len(list(out.glob("*.svg"))) == 7
     curves = written["curves"]
-    assert curves[0]["name"] in (out / "habits.svg").read_text()
+    drawn = (out / "habits.svg").read_text()
+    assert curves[0]["name"] in drawn
+    meanings = {habit.name: habit.meaning for habit in columns_seen("legs")}
+    told_in = [meanings.get(curve["name"], "")[:20] for curve in curves]
+    assert any(words and words in drawn for words in told_in)
     weights = [max(c["reward"]) - min(c["reward"]) for c in curves]
     assert weights == sorted(weights, reverse=True)
     assert all(len(c["values"]) == len(c["spread"]) for c in curves)

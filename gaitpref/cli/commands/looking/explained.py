@@ -10,6 +10,7 @@ import numpy as np
 
 from data.answers.answer_records import Answer, Pair
 from data.datasets.dataset import Dataset, EpisodeEntry
+from data.episodes.command_words import words_of_command
 from data.files.files import write_atomically
 from gaitpref.cli.commands.looking.explained_page import explained_page
 from gaitpref.console.terminal import say
@@ -102,7 +103,9 @@ def write_page(
     pictures = [
         (
             out / f"{clip['name']}.svg",
-            f"{clip['name']}: reward {clip['reward_of_clip']:+.2f}, {clip['clip']}",
+            f"{clip['name'].replace('-', ' ')}: reward {clip['reward_of_clip']:+.2f}, "
+            f"asked for {words_of_command(clip['command'])}",
+            f"--clip {clip['clip']}",
         )
         for clip in clips
     ]
@@ -110,11 +113,12 @@ def write_page(
         (
             out / f"answer-{number}.svg",
             f"an answer of {answer['rater']}: A leads by {answer['lead']:+.2f}",
+            f"--pair {answer['pair_id']}",
         )
         for number, answer in enumerate(answers, start=1)
     ]
     if (habits := out / "habits.svg").exists():
-        pictures.append((habits, "the habits that matter most"))
+        pictures.append((habits, "the habits that matter most", ""))
     page = out / PAGE_NAME
     write_atomically(page, explained_page(title, pictures).encode())
     say(f"all of it on one page: {page}")

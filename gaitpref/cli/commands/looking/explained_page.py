@@ -9,12 +9,14 @@ from pathlib import Path
 from gaitpref.report.page_style import STYLE
 
 
-def explained_page(title: str, pictures: Sequence[tuple[Path, str]]) -> str:
-    """The page of SVG files and their words, which needs none of the files."""
+def explained_page(title: str, pictures: Sequence[tuple[Path, str, str]]) -> str:
+    """The page of SVG files, their words, and how commands name what is shown, for who
+    points at these; it needs none of the files."""
     title = html.escape(title)
     figures = "".join(
-        f"<figure>{_inline(path)}<figcaption>{html.escape(words)}</figcaption></figure>"
-        for path, words in pictures
+        f'<figure>{_inline(path)}<figcaption title="{html.escape(name)}">'
+        f"{html.escape(words)}</figcaption></figure>"
+        for path, words, name in pictures
     )
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
