@@ -104,7 +104,8 @@ def render(
         f"a minute."
     )
     settings = html.escape(
-        f"base {cfg.base}, {cfg.labels} answers in {cfg.rounds} rounds by the "
+        f"base {cfg.base}, {cfg.labels} answers in {cfg.rounds} "
+        f"round{'s' * (cfg.rounds != 1)} by the "
         f"{cfg.rater_words}, seed {cfg.seed}"
     )
     return (
@@ -178,7 +179,8 @@ def _curves(criterion: str, rounds: list[dict[str, Any]]) -> str:
     accuracy.axhline(0.5, color=GREY, linestyle=":")
     accuracy.set_ylim(0, 1.05)
 
-    figures = [returns, learned, accuracy]
+    # Before a second round nothing was trained on a reward.
+    figures = [returns, *([learned] if learned.lines else []), accuracy]
     for key, label in (
         ("tracking_error_m_s", "Tracking error, m/s"),
         ("falls_per_minute", "Falls per minute"),

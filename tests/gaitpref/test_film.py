@@ -12,6 +12,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from PIL import Image
 
 from data.datasets.dataset import Dataset
@@ -25,9 +26,11 @@ from gaitpref.film.camera import CameraCfg, NoRenderer, frames_of
 from gaitpref.film.endless_floor import endless_floor
 from gaitpref.film.reel import Film, FilmCfg, film, frame_count, webp_of, write_film
 from gaitpref.film.shot import Shot, shot_of
-from gaitpref.film.sources import before_and_after, shot_of_policy
+from gaitpref.film.sources import before_and_after, shot_of_clip, shot_of_policy
 from gaitpref.film.stick_figure import leg_lines, stick_figures
-from gaitpref.loop.run_report import write_report
+from gaitpref.loop import run_report
+from gaitpref.loop.run_config import read_config
+from gaitpref.loop.run_report import read_rounds, write_report
 from gaitpref.report.film_section import pace_of_clip
 from gaitpref.report.journal import JOURNAL_NAME, note_round, note_start
 from policy.rollouts.record_cfg import recorded_commands
@@ -203,6 +206,44 @@ def test_a_policy_is_filmed_from_the_command_line(
     assert "recording, steps: 1 of 50, " in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("what", "wide"), [("--clip", 64), ("--pair", 128)])
+def test_a_clip_and_a_pair_are_filmed_from_the_command_line(
+    run: Path,
+    tmp_path: Path,
+    drawn: list[np.ndarray],
+    capsys: pytest.CaptureFixture[str],
+    what: str,
+    wide: int,
+) -> None:
+    """A clip alone, of the ten steps that are named; of a pair both clips, A on the
+    left, which is the same robot as the clip is."""
+    dataset, out = Dataset.open(run / "dataset"), tmp_path / "film.webp"
+    with dataset.answers_copy() as store:
+        pair = store.pairs()[0]
+    name = {
+        "--clip": f"{pair.a.rollout[:16]}:{pair.a.start}+10",
+        "--pair": pair.pair_id,
+    }
+    small = ["--width-px", "64", "--height-px", "48", "--fps", "5"]
+    line = ["film", "--dataset", str(dataset.root), what, name[what], "--out", str(out)]
+    assert main([*line, *small]) == 0
+    steps = 10 if what == "--clip" else max(pair.a.steps, pair.b.steps)
+    with Image.open(out) as picture:
+        assert picture.size == (wide, 48)
+        assert 1 <= getattr(picture, "n_frames", 1) <= round(steps * 0.02 * 5)
+        shown = np.asarray(picture.convert("RGB"), int)[20:]
+    (first,) = frames_of(
+        dataset.read(pair.a.rollout).mjcf,
+        shot_of_clip(dataset, pair.a).qpos[:1],
+        CameraCfg(width_px=64, height_px=48),
+    )
+    # The picture is stored with losses.
+    off = [np.abs(half - first[20:]).mean() for half in np.split(shown, wide // 64, 1)]
+    assert off[0] < 6
+    assert wide == 64 or off[0] < 0.7 * off[1]
+    assert f"gaitpref data view --dataset {dataset.root}" in capsys.readouterr().err
+
+
 def test_what_cannot_be_filmed_is_said(
     run: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -227,6 +268,7 @@ def test_the_page_of_a_run_shows_before_and_after(
         text = write_report(run, lambda *done_of: heard.append(done_of)).read_text()
     assert heard == [(done, 7) for done in range(1, 8)]
     assert "No film is shown" not in text
+    assert "Learned return: before and after" in text
     pictures = re.findall(r'src="data:image/webp;base64,([^"]+)"', text)
     assert pictures
     assert len(text) < 5_000_000
@@ -237,6 +279,24 @@ def test_the_page_of_a_run_shows_before_and_after(
     assert "data:image/webp" in clips[0]
     assert re.search(r'aria-label="best 1: .* on the ground: FR \d+%, FL', clips[0])
     assert "feet down</text>" in clips[0]
+
+
+def test_before_a_training_on_a_reward_its_return_has_no_empty_frame(
+    run: Path,
+) -> None:
+    titles: list[str] = []
+
+    def titled(axes: Axes, alt: str = "") -> str:
+        del alt
+        titles.append(axes.get_title())
+        return ""
+
+    with curves_of_reports.blank(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run_report, "svg_of", titled)
+        text = run_report.render(run, read_config(run), read_rounds(run)[:1])
+    assert "in 1 round by the" in text
+    assert [title for title in titles if title.startswith("Return under")]
+    assert not [title for title in titles if title.startswith("Learned return")]
 
 
 def test_a_manoeuvre_of_20_s_takes_no_more_room_on_the_page_than_its_pictures(
