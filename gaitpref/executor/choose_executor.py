@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from .pieces import Executor, PieceError, cores
+from policy.parallel.cores import cores
+
+from .pieces import Executor, PieceError
 from .processes import Processes
 from .ray_tasks import RayTasks
 

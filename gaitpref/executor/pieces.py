@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, Protocol, Self
 
 from data.errors import GaitprefError
-from policy.parallel.cores import cores as cores
 from policy.parallel.cores import given_cores
 
 from .piece_log import said_into

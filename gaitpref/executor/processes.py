@@ -18,9 +18,10 @@ from multiprocessing.process import BaseProcess
 from typing import Self
 
 from gaitpref.console.deaf_children import deaf_children
+from policy.parallel.cores import cores
 
 from .gpu_slots import Place, Slots, require_gpus, visible_gpus
-from .pieces import DEVICES, Outcome, Piece, attempt, cores, died, unpacked
+from .pieces import DEVICES, Outcome, Piece, attempt, died, unpacked
 
 # Copies of this process would inherit torch's threads in an unknown state.
 _COPIES = multiprocessing.get_context("forkserver")

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from gaitpref.console.extras import require
+from policy.parallel.cores import cores
 from policy.parallel.ray_connection import connected
 
 from .gpu_slots import require_gpus
-from .pieces import DEVICES, Outcome, Piece, attempt, cores, died, unpacked
+from .pieces import DEVICES, Outcome, Piece, attempt, died, unpacked
 
 _STOP_S = 15.0
 """How long a task may take to save what it was at."""
