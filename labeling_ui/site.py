@@ -42,6 +42,9 @@ from labeling_ui.web.visit import Visit
 logger = logging.getLogger(__name__)
 T = TypeVar("T")
 
+_AMBIENT = 1.9
+"""Intensity of the light from everywhere, beside viser's two directed ones."""
+
 NewPage = Callable[[viser.ClientHandle, Visit], Ticking]
 """Makes the page of a client and its visit; called by the worker."""
 
@@ -150,7 +153,10 @@ class Site:
         scene, camera = self._viser.scene, self._viser.initial_camera
         scene.world_axes.visible = False
         scene.configure_default_lights(cast_shadow=shadows)
-        scene.configure_environment_map("studio", environment_intensity=0.35)
+        # An environment map in its place costs a browser without a graphics card most of
+        # what it takes to open the page, and comes after a first frame without it.
+        scene.configure_environment_map(None)
+        scene.add_light_ambient("/ambient", intensity=_AMBIENT)
         shot = SHOTS["treadmill"]
         camera.position, camera.look_at = shot.position, shot.look_at
         camera.fov = FOV_RAD

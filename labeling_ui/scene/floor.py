@@ -8,10 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from viser import BatchedMeshHandle, SceneApi
+from viser import BatchedGlbHandle, SceneApi
 
 from .fast_updates import Mover
-from .geometry import Rgb, linear_rgb
+from .geometry import Rgb
+from .glb import matt_glb
 from .solids import box
 
 LINE_SPACING_M = 0.25
@@ -68,8 +69,8 @@ class Floor:
 
     def colour(self, colours: FloorColours) -> None:
         """Draw in other colours."""
-        self._plates.batched_colors = _rgb8(colours.plate)
-        self._lines.batched_colors = _rgb8(colours.line)
+        self._plates.glb_data = _cube(colours.plate)
+        self._lines.glb_data = _cube(colours.line)
 
     def scroll(self, offsets: np.ndarray) -> None:
         """Move the lines so that ground point `offsets` [R, 2] m is in each middle."""
@@ -77,17 +78,13 @@ class Floor:
 
     def _boxes(
         self, name: str, positions: np.ndarray, sizes: np.ndarray, rgb: Rgb
-    ) -> BatchedMeshHandle:
-        unit = box(np.full(3, 0.5))
-        return self._scene.add_batched_meshes_simple(
+    ) -> BatchedGlbHandle:
+        return self._scene.add_batched_glb(
             f"{self._name}/{name}",
-            vertices=unit.vertices.astype(np.float32),
-            faces=unit.faces,
+            _cube(rgb),
             batched_positions=positions,
             batched_wxyzs=np.tile([1.0, 0.0, 0.0, 0.0], (len(positions), 1)),
             batched_scales=sizes,
-            batched_colors=_rgb8(rgb),
-            flat_shading=True,
             lod="off",
             cast_shadow=False,
         )
@@ -136,6 +133,5 @@ def _plates(rectangles: tuple[Rectangle, ...]) -> tuple[np.ndarray, np.ndarray]:
     return np.array(positions), np.array(sizes)
 
 
-def _rgb8(rgb: Rgb) -> np.ndarray:
-    # viser hands the numbers on as they are, and three.js takes them for linear.
-    return np.round(255 * linear_rgb(rgb)).astype(np.uint8)
+def _cube(rgb: Rgb) -> bytes:
+    return matt_glb(box(np.full(3, 0.5)), rgb)

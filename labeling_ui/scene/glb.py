@@ -1,4 +1,8 @@
-"""A robot's meshes as binary glTF, tinted for its side of the page."""
+"""Meshes as binary glTF: those of a robot, tinted for its side of the page, and others.
+
+All of them are made with one kind of material, so that a browser builds one program to
+draw them; without a graphics card it takes seconds for each kind there is.
+"""
 
 from __future__ import annotations
 
@@ -48,26 +52,40 @@ def tinted(rgb: Rgb, side: Rgb) -> Rgb:
     return red, green, blue
 
 
+def matt_glb(solid: Solid, rgb: Rgb) -> bytes:
+    """A file of one solid without gloss."""
+    material = PBRMaterial(
+        baseColorFactor=[*linear_rgb(rgb).tolist(), 1.0],
+        metallicFactor=0.0,
+        roughnessFactor=1.0,
+    )
+    return _file([_trimesh([solid], material)])
+
+
 def _glb(mesh: BodyMesh, side: Rgb, opacity: float) -> bytes:
-    scene = trimesh.Scene()
+    parts: list[trimesh.Trimesh] = []
     for rgb in dict.fromkeys(piece.rgb for piece in mesh.pieces):
         solids = [piece.solid for piece in mesh.pieces if piece.rgb == rgb]
-        scene.add_geometry(_trimesh(solids, tinted(rgb, side), opacity))
+        material = PBRMaterial(
+            # glTF states colours in linear light.
+            baseColorFactor=[*linear_rgb(tinted(rgb, side)).tolist(), opacity],
+            metallicFactor=0.05,
+            roughnessFactor=0.55,
+            alphaMode="OPAQUE" if opacity == 1.0 else "BLEND",
+        )
+        parts.append(_trimesh(solids, material))
+    return _file(parts)
+
+
+def _file(parts: list[trimesh.Trimesh]) -> bytes:
+    scene = trimesh.Scene(parts)
     buffer = io.BytesIO()
     scene.export(buffer, file_type="glb", include_normals=True)
     return buffer.getvalue()
 
 
-def _trimesh(solids: list[Solid], rgb: Rgb, opacity: float) -> trimesh.Trimesh:
+def _trimesh(solids: list[Solid], material: PBRMaterial) -> trimesh.Trimesh:
     starts = np.cumsum([0, *(len(solid.vertices) for solid in solids[:-1])])
-    # glTF states colours in linear light.
-    linear = linear_rgb(rgb).tolist()
-    material = PBRMaterial(
-        baseColorFactor=[*linear, opacity],
-        metallicFactor=0.05,
-        roughnessFactor=0.55,
-        alphaMode="OPAQUE" if opacity == 1.0 else "BLEND",
-    )
     return trimesh.Trimesh(
         vertices=np.concatenate([solid.vertices for solid in solids]),
         faces=np.concatenate(

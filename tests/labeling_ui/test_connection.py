@@ -51,6 +51,15 @@ COVERED = """() => {
       document.elementFromPoint(x * innerWidth, y * innerHeight))));
 }"""
 """Whether what is behind the cover shows nowhere."""
+COUNT_PROGRAMS = """() => {
+  const context = WebGL2RenderingContext.prototype, link = context.linkProgram;
+  window.programs = 0;
+  context.linkProgram = function(program) {
+    window.programs += 1;
+    link.call(this, program);
+  };
+}"""
+"""Counts what is built to draw with; without a graphics card each may take seconds."""
 BACK_S = 5.0
 """What the page promises, once the server is there again."""
 SLOWER = 4.0
@@ -107,6 +116,7 @@ def test_after_an_outage_it_goes_on_where_it_was(
         page.get_by_text("Marked").first.wait_for()
         remark(page)
         asked = page.locator("[data-gp-question]").get_attribute("data-gp-question")
+        page.evaluate(COUNT_PROGRAMS)
         wire.cut()
         state(page, "lost")
         page.get_by_role("heading", name="Connection lost").wait_for()
@@ -126,6 +136,7 @@ def test_after_an_outage_it_goes_on_where_it_was(
         joined_s = time.monotonic()
         state(page, "")
         assert time.monotonic() - joined_s < SLOWER * BACK_S
+        assert page.evaluate("window.programs") == 0
         page.get_by_text("The connection is back. Not stored").wait_for()
         page.locator("input[value='fairly sure [8]']").first.wait_for()
         page.get_by_text(

@@ -29,6 +29,13 @@ pytestmark = pytest.mark.browser
 
 IN_A_CURVE = (0.5, 0.25, 0.5)
 """What was asked for takes two lines."""
+ANSWER_BELOW_HEAD = """() => {
+  const top = (element) => element.getBoundingClientRect().top;
+  const answer = [...document.querySelectorAll("#root button")].find(
+    (button) => button.textContent.trim().startsWith("A better"));
+  return top(answer) - top(document.querySelector("#root [data-gp-ready]"));
+}"""
+"""px, of one moment: the panel may scroll, and what is said is written anew."""
 LINE_PX = 14
 """Less than a line of text takes."""
 NAMELESS = """() => [...document.querySelectorAll(
@@ -315,13 +322,12 @@ def test_answers_stand_still(
     expect(scene).to_have_js_property(side, min(width, height), timeout=WAIT_MS)
 
     def top() -> float:
-        # The panel may have been scrolled.
-        answer = box(page.get_by_role("button", name="A better [2]"))
-        return answer["y"] - box(said)["y"]
+        return page.evaluate(ANSWER_BELOW_HEAD)
 
     first = top()
     asked = said.locator("b", has_text="m/s, turning left 0.50 rad/s")
-    assert box(asked)["height"] > 2 * LINE_PX
+    asked.wait_for()
+    assert asked.evaluate("b => b.offsetHeight") > 2 * LINE_PX
     page.keyboard.press("b")
     page.get_by_text("Because of feet").wait_for()
     assert top() == first
