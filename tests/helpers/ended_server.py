@@ -32,5 +32,5 @@ def ends_well(
         finally:
             server.kill()
     assert server.returncode == 0
-    assert "Traceback" not in said + complained
-    assert "Error" not in complained
+    assert "Traceback" not in said + complained, said + complained
+    assert "Error" not in complained, complained
