@@ -153,8 +153,8 @@ class Site:
         scene, camera = self._viser.scene, self._viser.initial_camera
         scene.world_axes.visible = False
         scene.configure_default_lights(cast_shadow=shadows)
-        # An environment map in its place costs a browser without a graphics card most of
-        # what it takes to open the page, and comes after a first frame without it.
+        # An environment map would cost a browser without a graphics card most of what
+        # it takes to open the page, and comes after a first frame without it.
         scene.configure_environment_map(None)
         scene.add_light_ambient("/ambient", intensity=_AMBIENT)
         shot = SHOTS["treadmill"]
