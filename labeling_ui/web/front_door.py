@@ -124,15 +124,18 @@ class FrontDoor:
     async def _accept(
         self, listening: socket.socket, tls: ssl.SSLContext | None
     ) -> None:
-        loop = asyncio.get_running_loop()
         while True:
+            await _readable(listening)
             try:
-                taken, address = await loop.sock_accept(listening)
+                taken, address = listening.accept()
+            except BlockingIOError:
+                continue
             except OSError as error:
                 logger.error("a connection cannot be taken: %s", error)
                 if not self._drop_one():
                     await asyncio.sleep(_FULL_S)
                 continue
+            taken.setblocking(False)
             until_s = time.monotonic() + limits.REQUEST_S
             caller = _Caller(address_block(address[0]), until_s, taken)
             protocol = self._serve()
@@ -187,3 +190,17 @@ class FrontDoor:
         # The event loop itself keeps no hold of a task.
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
+
+
+async def _readable(waiting: socket.socket) -> None:
+    """Until there is something for `waiting`.
+
+    `loop.sock_accept` would do, but Python 3.11 reports an error of its own where it is
+    cancelled in the moment in which somebody comes.
+    """
+    loop, there = asyncio.get_running_loop(), asyncio.Event()
+    loop.add_reader(waiting, there.set)
+    try:
+        await there.wait()
+    finally:
+        loop.remove_reader(waiting)

@@ -5,15 +5,18 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import signal
+import socket
 import subprocess
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import aiohttp
 import pytest
 
 from benchmarks.visitor import Visitor
 from benchmarks.walks import walking_dataset
+from labeling_ui.web.front_door import FrontDoor
 from labeling_ui.web.tokens import TokenStore
 from tests.helpers.ended_server import ends_well
 
@@ -40,6 +43,25 @@ def test_open_pages_and_those_just_coming_leave_no_traceback(
 def test_watch_ends_while_pages_ask(tmp_path: Path) -> None:
     """About a run that has not begun; some ask right now, one holds its connection."""
     ends_well(["watch", tmp_path / "run"], _watched, limit_s=LIMIT_S)
+
+
+def test_who_comes_in_the_moment_the_door_shuts_leaves_no_error() -> None:
+    """Only once the door has begun to shut is it seen that somebody came."""
+    faults: list[dict[str, Any]] = []
+
+    async def come() -> None:
+        asyncio.get_running_loop().set_exception_handler(
+            lambda _, at: faults.append(at)
+        )
+        door = FrontDoor(asyncio.Protocol)
+        port = await door.open("127.0.0.1", 0, None)
+        await asyncio.sleep(0)
+        shutting = asyncio.create_task(door.close())
+        with socket.create_connection(("127.0.0.1", port)):
+            await shutting
+
+    asyncio.run(come())
+    assert faults == []
 
 
 async def _watched(server: subprocess.Popen[str], url: str) -> None:
