@@ -36,8 +36,6 @@ _LOOK_S = 0.02
 _LONGEST_S = 300.0
 """For anything to come at all."""
 _SHOWN = "[data-gp-question]"
-_ANOTHER = f"""before =>
-  document.querySelector("{_SHOWN}")?.dataset.gpQuestion !== before"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,7 +146,8 @@ def _outage(
     page.keyboard.press("2")
     _until(lambda: store.count() > answers, at_most_s=30.0)
     answers_s = time.monotonic() - there_s
-    page.wait_for_function(_ANOTHER, arg=asked)
+    other = page.locator(f'{_SHOWN}:not([data-gp-question="{asked}"])')
+    other.first.wait_for(state="attached")
     return {
         "away_s": there_s - begin_s,
         "told_s": told_s,

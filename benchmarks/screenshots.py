@@ -26,6 +26,7 @@ from data.answers.answer_records import Answer
 from data.datasets.dataset import Dataset
 from labeling_ui.label_server import LabelCfg, LabelServer
 from labeling_ui.web.tokens import TokenStore
+from tests.helpers.waiting import wait_for
 
 from .camera import (
     SETTLE_MS,
@@ -116,7 +117,7 @@ def _scene(page: Page, camera: Camera, sizes: tuple[Size, ...]) -> None:
             page.keyboard.press("m")
         for width, height in sizes:
             page.set_viewport_size({"width": width, "height": height})
-            page.wait_for_function(_LAID_OUT)
+            wait_for(lambda: page.evaluate(_LAID_OUT))
             page.wait_for_timeout(SETTLE_MS)
             camera.take(page, (width, height), theme)
 

@@ -37,7 +37,6 @@ KEYS = "24315"
 _LOADED_MS = 300_000
 GOALS = {"answers_lost": "0", "key_to_row_p99_ms": "30 without a browser beside it"}
 _SHOWN = "document.querySelector('[data-gp-question]')?.dataset.gpQuestion"
-_ANOTHER = f"before => {{ const now = {_SHOWN}; return now && now !== before }}"
 _PAINTED = (
     "() => performance.getEntriesByName('first-contentful-paint')[0]?.startTime ?? null"
 )
@@ -107,7 +106,7 @@ def _sat(url: str, store: AnswerStore, options: Options) -> Figures:
         begin_s = time.monotonic()
         # Few pixels: drawing them in software is what takes long.
         page.goto(f"{url}/?fixedDpr=0.1", wait_until="commit")
-        page.wait_for_function(_ANOTHER, arg="", timeout=_LOADED_MS)
+        _another(page, "", _LOADED_MS)
         question_s = time.monotonic() - begin_s
         painted_ms = page.evaluate(_PAINTED)
         page.get_by_role("button", name="Got it [escape]").click(timeout=_LOADED_MS)
@@ -139,8 +138,15 @@ def _answered(
     while store.count() <= number:
         time.sleep(0.001)
     row_s = time.monotonic() - begin_s
-    page.wait_for_function(_ANOTHER, arg=before)
+    _another(page, before)
     return 1000 * row_s, 1000 * (time.monotonic() - begin_s)
+
+
+def _another(page: Page, before: str, longest_ms: float | None = None) -> None:
+    """Wait until another question is shown than `before`."""
+    shown = '[data-gp-question]:not([data-gp-question=""])'
+    other = page.locator(f'{shown}:not([data-gp-question="{before}"])')
+    other.first.wait_for(state="attached", timeout=longest_ms)
 
 
 def _slow(page: Page, options: Options) -> None:

@@ -31,6 +31,7 @@ from tests.helpers.label_browser import (
     opened,
     playwright,
 )
+from tests.helpers.waiting import wait_for
 from tests.helpers.wire import Wire
 
 if TYPE_CHECKING:
@@ -172,7 +173,7 @@ def test_a_server_that_was_restarted(browser: "Browser", tmp_path: Path) -> None
     with at_work(browser, tmp_path) as (site, _, page):
         page.keyboard.press("x")
         remark(page)
-        page.wait_for_function("document.cookie.includes('gp-here')")
+        wait_for(lambda: "gp-here" in page.evaluate("document.cookie"))
         port = int(site.server.url.rpartition(":")[2])
         site.server.stop()
         state(page, "lost")
@@ -197,7 +198,7 @@ def test_how_a_rater_likes_to_look_is_kept(browser: "Browser", tmp_path: Path) -
             page.keyboard.press(key)
         page.keyboard.press("i")
         expect(told).to_have_attribute("data-gp-habits", chosen, timeout=WAIT_MS)
-        page.wait_for_function("document.cookie.includes('curves')")
+        wait_for(lambda: "curves" in page.evaluate("document.cookie"))
         for server_too in (False, True):
             wire.cut()
             state(page, "lost")
