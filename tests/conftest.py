@@ -17,8 +17,9 @@ from tests.helpers import curves_of_reports, postgres
 settings.register_profile("gaitpref", deadline=None)
 settings.load_profile("gaitpref")
 # As in every command: small matrices gain nothing from a second thread, and those of
-# MKL waited for one another for ever on a busy machine.
+# MKL waited for one another for ever on a busy machine. Likewise in what tests start.
 torch.set_num_threads(1)
+os.environ["OMP_NUM_THREADS"] = os.environ["MKL_NUM_THREADS"] = "1"
 # Reports draw stick figures, but in the tests of films: pictures take seconds a loop.
 os.environ["MUJOCO_GL"] = "disable"
 

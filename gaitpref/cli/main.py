@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import os
 import importlib.metadata
 import io
 import sys
@@ -182,6 +183,7 @@ def run(command: options.Command) -> int:
             "torchrun is for `train` and for `loop`, whose trainings it makes several "
             "processes do together: start any other command once, without it"
         )
+    _compute_with_one_thread()
     if isinstance(command, options.Data):
         from gaitpref.cli.commands import data as data_commands
 
@@ -192,11 +194,18 @@ def run(command: options.Command) -> int:
         commands = importlib.import_module(f"gaitpref.cli.commands.{module}")
     except ModuleNotFoundError as error:
         raise missing(error, extra) from None
-    if torch := sys.modules.get("torch"):
-        # The networks are small: a second thread wins little, loses a lot where another
-        # process wants the core, and would let results depend on the number of cores.
-        torch.set_num_threads(1)
     return commands.run(command)
+
+
+def _compute_with_one_thread() -> None:
+    """The networks are small: a second thread wins little, loses a lot where another
+    process wants the core, and would let results depend on the number of cores.
+
+    Most commands import torch later, as late as they can; it asks the environment then.
+    """
+    os.environ["OMP_NUM_THREADS"] = os.environ["MKL_NUM_THREADS"] = "1"
+    if torch := sys.modules.get("torch"):
+        torch.set_num_threads(1)
 
 
 def _home_of(command: options.Command) -> tuple[str, str]:

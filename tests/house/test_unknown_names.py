@@ -171,6 +171,21 @@ print(torch.get_num_threads())
     assert done.stdout.strip() == "1", done.stderr
 
 
+def test_who_imports_torch_late_computes_with_one_thread(tmp_path: Path) -> None:
+    """As commands do that need it for a part of what they do."""
+    done = run_with(f"""
+import os, sys
+os.environ["OMP_NUM_THREADS"] = os.environ["MKL_NUM_THREADS"] = "3"
+from gaitpref.cli.main import main
+main(["label", "--no-auth", "--dataset", {str(tmp_path)!r}])
+main(["data", "info", "--dataset", {str(tmp_path)!r}])
+assert "torch" not in sys.modules
+import torch
+print(torch.get_num_threads())
+""")
+    assert done.stdout.strip() == "1", done.stderr
+
+
 def test_any_module_of_the_reward_model_can_be_imported_first() -> None:
     """None leans on the order in which the package happens to import the others."""
     done = run_with(f"""
