@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import importlib
-import os
 import importlib.metadata
 import io
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
