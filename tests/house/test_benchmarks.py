@@ -26,6 +26,7 @@ from benchmarks import (
     offpolicy_styles,
     options,
     preference_fresh,
+    preferences,
     robots,
     team,
     throughput,
@@ -144,10 +145,16 @@ def test_off_policy_beside_ppo(tmp_path: Path) -> None:
             report.parent.mkdir(parents=True)
             report.write_text(json.dumps({"evaluation": {"return_mean": earned}}))
         (row / f"{name}-done").touch()
-    command = [sys.executable, "-m", "benchmarks.offpolicy", "--quick"]
-    command += ["--parts", "offline", "answers", "--work", str(work)]
-    command += ["--base", str(base), "--clone-weights", "0.2", "--json", str(figures)]
-    subprocess.run(command, check=True)
+    offpolicy.main(
+        offpolicy.Options(
+            parts=("offline", "answers"),
+            clone_weights=(0.2,),
+            base=base,
+            work=work,
+            quick=True,
+            json=figures,
+        )
+    )
     result = json.loads(figures.read_text())
     assert result["answers_share_0"] == result["answers_share_median"] == 0.25
     assert result["offline_clone_0.2_distance_0"] > 0.0
@@ -219,10 +226,15 @@ def test_robots_of_others(tmp_path: Path) -> None:
     xml.parent.mkdir(parents=True)
     xml.write_text(mjcf(Drawing()))
     figures = tmp_path / "figures.json"
-    command = [sys.executable, "-m", "benchmarks.robots", "--quick"]
-    command += ["--robots", "spot", "--work", str(tmp_path / "work")]
-    command += ["--assets", str(tmp_path / "menagerie"), "--json", str(figures)]
-    subprocess.run(command, check=True)
+    robots.main(
+        robots.Options(
+            robots=("spot",),
+            assets=(tmp_path / "menagerie",),
+            work=tmp_path / "work",
+            quick=True,
+            json=figures,
+        )
+    )
     result = json.loads(figures.read_text())
     assert (result["spot_walked"], result["spot_seeds"]) == (0, 1)
     assert result["spot_steps_most"] == 384
@@ -378,12 +390,19 @@ def test_preferences(tmp_path: Path) -> None:
     """Rows are files, table and plot are made from them, and nothing runs twice."""
     work, results = tmp_path / "work", tmp_path / "results"
     figures = tmp_path / "rows.json"
-    command = [sys.executable, "-m", "benchmarks.preferences", "--quick"]
-    command += ["--tasks", "walk", "brisk_walk", "nose_up", "--seeds", "1"]
-    command += ["--answers", "100", "150", "--raters", "perfect", "--keep-runs"]
-    command += ["--work", str(work), "--results", str(results)]
-    command += ["--docs", str(tmp_path), "--json", str(figures)]
-    subprocess.run(command, check=True)
+    options = preferences.Options(
+        tasks=("walk", "brisk_walk", "nose_up"),
+        seeds=1,
+        answers=(100, 150),
+        raters=("perfect",),
+        keep_runs=True,
+        work=work,
+        results=results,
+        docs=tmp_path,
+        quick=True,
+        json=figures,
+    )
+    assert preferences.main(options) == 0
     rows = json.loads(figures.read_text())["rows"]
     assert {row["task"] for row in rows} == {"walk", "brisk_walk", "nose_up"}
     for row in rows:
@@ -418,7 +437,7 @@ def test_preferences(tmp_path: Path) -> None:
     finished = {path: path.stat().st_mtime_ns for path in results.glob("*.json")}
     (gone, *kept) = finished
     gone.unlink()
-    subprocess.run(command, check=True)
+    assert preferences.main(options) == 0
     assert all(path.stat().st_mtime_ns == finished[path] for path in kept)
     assert gone.exists()
     assert (tmp_path / "benchmarks.md").read_text().count("| nose_up,") == 1
@@ -429,11 +448,18 @@ def test_preferences_of_another_robot(tmp_path: Path) -> None:
     stands beside that of the robot that ships."""
     xml, results = tmp_path / "other.xml", tmp_path / "results"
     xml.write_text(mjcf(Drawing()))
-    command = [sys.executable, "-m", "benchmarks.preferences", "--quick"]
-    command += ["--tasks", "crouch", "--seeds", "1", "--workers", "1", "--keep-runs"]
-    command += ["--robot", "tall", str(xml), "--results", str(results)]
-    command += ["--work", str(tmp_path / "work"), "--docs", str(tmp_path)]
-    subprocess.run(command, check=True)
+    options = preferences.Options(
+        tasks=("crouch",),
+        seeds=1,
+        workers=1,
+        keep_runs=True,
+        robot=("tall", xml),
+        results=results,
+        work=tmp_path / "work",
+        docs=tmp_path,
+        quick=True,
+    )
+    assert preferences.main(options) == 0
     (row,) = (json.loads(path.read_text()) for path in results.glob("*.json"))
     assert (row["task"], row["robot"]) == ("crouch", "tall")
     policies = [load_policy(path) for path in (tmp_path / "work").rglob("policy.pt")]
@@ -637,9 +663,10 @@ def test_a_step_costs_a_small_multiple_of_its_physics() -> None:
 def test_the_time_to_a_walk(tmp_path: Path) -> None:
     """A robot that has hardly learned does not walk, and a finished seed is kept."""
     figures, work = tmp_path / "walk.json", tmp_path / "work"
-    command = [sys.executable, "-m", "benchmarks.walk", "--quick", "--work", str(work)]
-    command += ["--more=--observe imu --history 2"]
-    subprocess.run([*command, "--json", str(figures)], check=True)
+    options = walk.Options(
+        work=work, more="--observe imu --history 2", quick=True, json=figures
+    )
+    walk.main(options)
     result = json.loads(figures.read_text())
     assert result["walked"] == 0
     assert result["wall_s_median"] is result["wall_s_worst"] is None
@@ -650,7 +677,7 @@ def test_the_time_to_a_walk(tmp_path: Path) -> None:
     assert law is not None
     assert law.obs_dim == 2 * 45
     finished = (work / "seed-0" / "policy.pt").stat().st_mtime_ns
-    subprocess.run(command, check=True)
+    walk.main(options)
     assert (work / "seed-0" / "policy.pt").stat().st_mtime_ns == finished
 
 
