@@ -80,6 +80,8 @@ class Page:
         self._shown_at = time.monotonic()
         self._note_at = -NOTE_RECENT_S
         self._remarks, self._marks = Remarks(), marks
+        # What was said of a question that an earlier one was opened over.
+        self._aside: tuple[str | None, Remarks] = None, Remarks()
         self._late: tuple[float, Verdict] | None = None
         self._status: LoopStatus | None = None
         self._habits = habits
@@ -297,15 +299,21 @@ class Page:
             self._at_desk.store(lambda desk: desk.reopen(answer_id))
 
     def _show(self, showing: Showing) -> None:
-        before = None if self._showing is None else self._showing.question_id
+        asked = None if self._showing is None else self._showing.question
+        before = asked and asked.question_id
+        if (
+            asked is not None
+            and asked.corrects is None
+            and before != showing.question_id
+        ):
+            self._aside = before, self._remarks
         first, self._showing = self._showing is None, showing
         with self.client.atomic():
             who = self._desk.rater_id if self._shared.has_names else "you"
             self._controls.fill(who, showing)
             if first or before != showing.question_id:
                 self._show_pair(showing)
-                question = showing.question
-                self._remarks = remarks_of(question and question.remarked)
+                self._remarks = self._said_of(showing.question)
                 if self._marks.question_id == showing.question_id:
                     here_s = self._marks.here_s
                     self._remarks = replace(self._remarks, here_s=here_s)
@@ -313,6 +321,13 @@ class Page:
         self.client.flush()
         if first and showing.progress.answered == 0 and self._is_new(showing.question):
             self._welcome()
+
+    def _said_of(self, question: Question | None) -> Remarks:
+        """What was said of a question that is shown again."""
+        of, aside = self._aside
+        if question is not None and question.question_id == of:
+            return aside
+        return remarks_of(question and question.remarked)
 
     def _show_pair(self, showing: Showing) -> None:
         motions = showing.motions

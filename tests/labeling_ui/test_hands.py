@@ -307,6 +307,27 @@ def test_a_moment_is_marked_and_taken_back(page: "Page", site: Site) -> None:
     assert site.answers()[0].here_s == (moment,)
 
 
+def test_what_was_said_waits_while_an_earlier_answer_is_open(
+    page: "Page", site: Site
+) -> None:
+    """Also where the browser had no time to keep it."""
+    if not site.answers():
+        page.keyboard.press("3")
+        counted(page, 1)
+    page.keyboard.press("b")
+    page.get_by_text("Because of feet").wait_for()
+    pressed(page, "Last answers")
+    page.get_by_role("button", name=re.compile("Equally good$")).last.click()
+    page.get_by_text("Reopened").wait_for()
+    page.evaluate("sessionStorage.clear()")
+    page.keyboard.press("k")
+    page.get_by_text("Reopened").wait_for(state="detached")
+    page.get_by_text("Because of feet").wait_for()
+    pressed(page, "Last answers")
+    page.keyboard.press("b")
+    page.get_by_text("Because of feet").wait_for(state="detached")
+
+
 @pytest.mark.parametrize(("width", "height"), [(390, 844), (1280, 720)])
 def test_answers_stand_still(
     page: "Page", site: Site, device: "CDPSession", width: int, height: int
