@@ -30,19 +30,21 @@ function keepDraft() {
   else sessionStorage.removeItem(draftKey(question));
 }
 
-// Called often; what was kept is put back where the question is another one, or where
-// viser made the page anew.
+// Called often; what was kept is put back where the page is new or the line was cut. The
+// server knows what was said over the same line, and who takes a reason back at once is
+// not contradicted.
 function followDraft() {
   const question = ready()?.dataset.gpQuestion || null;
-  const moved = question !== draft.question || draft.opened !== line.opened;
-  if (root.dataset.gp === "" && moved) {
+  const opened = draft.opened !== line.opened;
+  if (root.dataset.gp === "" && (opened || question !== draft.question)) {
     draft.question = question;
     draft.opened = line.opened;
+    clearTimeout(draft.restoring);
+    draft.restoring = 0;
     const text = question && sessionStorage.getItem(draftKey(question));
-    if (text) {
-      clearTimeout(draft.restoring);
+    if (text && opened) {
       draft.restoring = setTimeout(() => restore(JSON.parse(text)), 250);
-    } else if (question) {
+    } else if (question && !text) {
       forgetOthers();
     }
   }
