@@ -51,6 +51,7 @@ ABLATIONS: tuple[tuple[str, tuple[Place, ...]], ...] = (
     ("unjudged", ERRING),
     ("weight-1", WEIGHT),
     ("no-mirror", (*STYLES, *WALKS)),
+    ("no-hope", WALKS),
     ("unjudged", WALKS),
     ("no-earlier", WALKS),
     ("no-rhythms", WALKS),
@@ -75,6 +76,7 @@ LEFT_OUT = {
     "no-earlier": "clips of earlier policies",
     "weight-1": "weight 3 beside the task",
     "no-mirror": "steps in the mirror",
+    "no-hope": "optimism where a robot stands still",
     "no-rhythms": "clips of random rhythms",
     "no-caution": "caution where answers err",
     "not-told": "strong opinions about commands",
@@ -250,8 +252,7 @@ def main(options: Annotated[Ablations, tyro.conf.FlagCreatePairsOff]) -> int:
     """Run, publish; the exit code tells whether every row was finished."""
     run = Options(work=options.work, results=options.results, workers=options.workers)
     failed = 0 if options.table_only else run_cells(cells(options.only), run)
-    # Of two that lack nothing the one beside the others is of the method they are of.
-    rows = [*read_rows(options.whole), *read_rows(options.results)]
+    rows = [*read_rows(options.results), *read_rows(options.whole)]
     publish(rows, options.docs)
     publish_verdicts(rows, options.docs)
     return 1 if failed else 0

@@ -106,6 +106,7 @@ METHODS: dict[str, Change] = {
         reward=replace(STYLE.reward, posterior=PosteriorCfg()),
         questions=STYLE.questions,
         paid=AsFitted(),
+        unstick=None,
     ),
     "plain-linear": lambda method: replace(
         method,
@@ -120,6 +121,7 @@ METHODS: dict[str, Change] = {
     "keep-noise": lambda method: replace(method, exploration=None),
     "no-limit": lambda method: replace(method, tracking=None),
     "no-mirror": lambda method: replace(method, mirror=False),
+    "no-hope": lambda method: replace(method, unstick=None),
     "unjudged": lambda method: replace(method, accept=None),
     "no-posture": lambda method: _showing(method, posture_share=0.0),
     "no-rhythms": lambda method: _showing(method, rhythm_share=0.0),
@@ -170,6 +172,7 @@ def _as_published(method: Method, **fit: Any) -> Method:
         paid=AsFitted(),
         exploration=None,
         mirror=False,
+        unstick=None,
         accept=None,
         tracking=None,
     )

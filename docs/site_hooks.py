@@ -27,6 +27,7 @@ RECORDS = (
     "gaitpref.method.paid.SurelyLiked",
     "gaitpref.method.exploration.Descending",
     "gaitpref.method.exploration.PutBack",
+    "gaitpref.method.unstick.Optimism",
     "gaitpref.method.acceptance.Compared",
     "gaitpref.method.tracking.TrackingPrice",
     "policy.offpolicy.sac_cfg.SacCfg",

@@ -32,6 +32,7 @@ from .drift import deserves_training, why_not_trained
 from .loop_cfg import LoopCfg
 from .people import People
 from .run_dir import (
+    STANDSTILL_NAME,
     Round,
     approved,
     began_from,
@@ -40,6 +41,7 @@ from .run_dir import (
     seed_of,
     trained_before,
 )
+from .standstill import Standstill, standstill_before
 
 
 class Interrupted(KeyboardInterrupt):
@@ -75,7 +77,14 @@ def policy_stage(
         replace_directory(partial, round.policy.parent if stands else done)
         return
     plan = _plan(cfg, round, context, robot, dataset)
+    if plan.standstill:
+        console.print(
+            f"round {round.number}: the robot goes nowhere ({plan.standstill}); it is "
+            f"trained on what those members of the reward think who like that least"
+        )
     _train(cfg, round, robot, plan, people, ranks)
+    if plan.standstill:
+        plan.standstill.save(partial)
     replace_directory(partial, done)
 
 
@@ -151,7 +160,10 @@ def _untrained(cfg: LoopCfg, round: Round) -> bytes | None:
     if round.number and not deserves_training(round.before):
         asks = round.number < cfg.rounds
         kept = approved(round.before)
-        stands = cfg.base == "none" and load_policy(kept).info.steps == 0
+        # A policy that was trained to be seen need not please.
+        shown = (kept.parent / STANDSTILL_NAME).exists()
+        untrained = load_policy(kept).info.steps == 0
+        stands = cfg.base == "none" and (untrained or shown)
         why = why_not_trained(round.before)
         stays = "robot stands still" if stands else "policy stays as it was"
         console.print(
@@ -170,6 +182,8 @@ class _Plan:
     reward_fn: ScoreFn | None = None
     reward_name: str = "task"
     init: Path | None = None
+    standstill: Standstill | None = None
+    """The standing still that the training is to leave."""
     engine: Engine | None = None
     """What learns; None is PPO."""
 
@@ -200,11 +214,17 @@ def _plan(
         start=load_policy(init),
         base=load_policy(Round(round.run, 0).policy) if cfg.keeps_task else None,
     )
+    standstill = standstill_before(cfg, round, context)
+    if standstill and method.unstick:
+        learned = standstill.reward(model, method.unstick)
+    else:
+        learned = method.paid.of(model, context)
     plan = _Plan(
         cfg=retraining.trained(train_cfg),
-        reward_fn=retraining.reward(method.paid.of(model, context), train_cfg),
+        reward_fn=retraining.reward(learned, train_cfg),
         reward_name=f"the reward learned in round {round.number - 1}",
         init=init,
+        standstill=standstill,
     )
     return _learned_by(method.learner, round, plan)
 

@@ -86,6 +86,7 @@ def report_stage(
         ("approval", round.approval),
         ("verdict", round.verdict),
         ("decided", round.decided),
+        ("standstill", round.standstill),
     ):
         if file.exists():
             result[name] = read_json(file)

@@ -15,6 +15,8 @@ from policy.training.training_dir import POLICY_NAME, SUMMARY_NAME
 
 from .loop_cfg import LoopCfg
 
+STANDSTILL_NAME = "standstill.json"
+
 
 @dataclass(frozen=True)
 class Round:
@@ -37,6 +39,11 @@ class Round:
     def candidate(self) -> Path:
         """The directory of a policy that waits for approval, or did not get it."""
         return self.root / "candidate"
+
+    @property
+    def standstill(self) -> Path:
+        """What the round's policy was trained to leave: such a one is not judged."""
+        return self.policy.parent / STANDSTILL_NAME
 
     @property
     def shown(self) -> Path:

@@ -27,6 +27,7 @@ from gaitpref.report.trust_section import (
     clips_section,
     decided_section,
     groups_section,
+    standstill_section,
     trust_cells,
     verdict_section,
 )
@@ -114,7 +115,7 @@ def render(
         f"<style>{STYLE}</style><h1>{title}</h1>"
         f'<p class="lead">{settings}; {done}.</p>{verdict_section(run, rounds)}'
         f"<p>{measured}</p>{_before_and_after(run, cfg, rounds, drawn)}"
-        f"{decided_section(rounds)}"
+        f"{decided_section(rounds)}{standstill_section(rounds)}"
         f"{approval_section(rounds)}"
         f"{groups_section(rounds)}{alarm_section(rounds, cfg.wish)}"
         f'<div class="curves">{_curves(criterion, rounds)}</div>{_table(rounds)}'

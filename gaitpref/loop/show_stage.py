@@ -41,6 +41,9 @@ def to_compare(
 ) -> tuple[Policy, ...]:
     """The policies that answers of the round compare, the newest first: none, or it and
     the one it was to better, and in the last round the first of all.
+
+    One that leaves a standstill is not judged before the last round: it need not please
+    yet.
     """
     if method.accept is None:
         return ()
@@ -53,8 +56,10 @@ def to_compare(
         new = load_policy(waits if waits.exists() else round.policy)
         first = load_policy(Round(round.run, 0).policy)
         found = (new, before or new, first)
-    else:
+    elif not round.standstill.exists():
         found = (load_policy(round.policy), before) if before else ()
+    else:
+        return ()
     different = {policy.sha256: policy for policy in found}
     return tuple(different.values()) if len(different) > 1 else ()
 

@@ -22,6 +22,7 @@ from .meanwhile import Meanwhile
 from .paid import AsFitted, Paid, SurelyLiked
 from .questions import Questions
 from .tracking import TrackingPrice
+from .unstick import Optimism
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +49,8 @@ class Method:
     """Whether every step counts as its mirror image too, where both sides of the robot
     are the same and what is learned does not tell left from right: a leg that is held
     up, as in no walk anybody wants, is a habit PPO does not unlearn."""
+    unstick: Optimism | None = None
+    """How a robot that stands still is got going; None: by nothing."""
     accept: Compared | None
     """Which policy stays; None: always the new one."""
     tracking: TrackingPrice | None = None
@@ -60,7 +63,7 @@ class Method:
     finds its own noise, whatever `exploration` says; its actor has the sizes of
     `ppo.hidden_sizes`."""
 
-    REMOVED: ClassVar = ("start", "once_it_walks", "unstick")
+    REMOVED: ClassVar = ("start", "once_it_walks")
 
     def __post_init__(self) -> None:
         suited = self.paid.kind
@@ -102,6 +105,7 @@ FROM_SCRATCH = Method(
     paid=SurelyLiked(),
     weight=1.0,
     exploration=Descending(),
+    unstick=Optimism(),
     accept=Compared(first=2, last_share=0.1),
 )
 """A walk from nothing but answers and the known safety terms."""

@@ -105,6 +105,19 @@ def verdict_section(run: Path, rounds: list[dict[str, Any]]) -> str:
     )
 
 
+def standstill_section(rounds: list[dict[str, Any]]) -> str:
+    """In which rounds a robot that went nowhere was got going."""
+    left = [of_round["round"] for of_round in rounds if of_round.get("standstill")]
+    if not left:
+        return ""
+    numbers = ", ".join(map(str, left))
+    return (
+        f"<p>Before round {numbers} the robot went nowhere. So it was trained on what "
+        f"those members of the reward think who like that least, to show what else "
+        f"there is; that policy was not judged beside the other.</p>"
+    )
+
+
 def trust_cells(of_round: dict[str, Any]) -> tuple[str, str, str]:
     """Calibration error, accuracy on the round's own clips, and share of far motion."""
     trust = of_round.get("trust", {})

@@ -28,7 +28,6 @@ def without_what_left(run: Path) -> Path:
     path = run / CONFIG_NAME
     told = yaml.safe_load(path.read_text())
     told["method"]["once_it_walks"] = None
-    told["method"]["unstick"] = None
     for name in LinearCfg.REMOVED:
         del told["method"]["reward"]["linear"][name]
     for name in FrontLoaded.REMOVED:

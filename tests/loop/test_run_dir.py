@@ -30,6 +30,7 @@ from gaitpref.method.budget import FrontLoaded
 from gaitpref.method.exploration import Descending, PutBack
 from gaitpref.method.method import FROM_SCRATCH, STYLE, Method
 from gaitpref.method.paid import AsFitted
+from gaitpref.method.unstick import Optimism
 from policy.offpolicy.sac_cfg import SacCfg
 from tests.data.test_lock import HOLDER
 
@@ -115,7 +116,7 @@ def test_the_configuration_that_is_written_is_whole(
     written = yaml.safe_load((tmp_path / "run" / CONFIG_NAME).read_text())
     assert names(written) == names(to_plain(cfg, whole=True)) > names(to_plain(cfg))
     method = written["method"]
-    assert {"paid", "exploration", "tracking"} <= method.keys()
+    assert {"paid", "unstick", "exploration", "tracking"} <= method.keys()
     assert {"sure", "caution"} < method["paid"].keys()
     assert read_config(tmp_path / "run") == cfg
     claim(tmp_path / "run", cfg, INPUTS)
@@ -124,6 +125,7 @@ def test_the_configuration_that_is_written_is_whole(
 METHODS = {
     "from scratch": FROM_SCRATCH,
     "style": STYLE,
+    "from scratch, no hope": replace(FROM_SCRATCH, unstick=None),
     "from scratch, unjudged": replace(FROM_SCRATCH, accept=None),
     "from scratch, keeps its noise": replace(FROM_SCRATCH, exploration=None),
     "style, keeps its noise": replace(STYLE, exploration=None),
@@ -149,7 +151,7 @@ def test_every_decision_that_may_be_left_out_is() -> None:
         for name, hint in get_type_hints(Method).items()
         if type(None) in get_args(hint)
     }
-    decided = ("exploration", "accept", "tracking", "meanwhile", "learner")
+    decided = ("exploration", "unstick", "accept", "tracking", "meanwhile", "learner")
     assert optional == {*decided}
     for shipped in (FROM_SCRATCH, STYLE):
         for name in optional:
@@ -193,7 +195,7 @@ def test_no_value_of_a_decision_may_change(tmp_path: Path, cfg: LoopCfg) -> None
             with pytest.raises(RunError, match=rf"with other settings \({told}"):
                 claim(run, replace(cfg, method=method), INPUTS)
             tried += 1
-        assert tried >= 50
+        assert tried > 50
 
 
 def places_of(values: dict[str, Any]) -> Iterator[tuple[str, ...]]:
@@ -224,6 +226,7 @@ def other_than(value: object) -> object:
         ),
         ((), {"exploration": Descending()}, {}, "exploration PutBack -> Descending"),
         ((), {"budget": FrontLoaded(first_share=0.5)}, {}, "first_share 0.65 -> 0.5"),
+        ((), {"unstick": Optimism()}, {}, r"unstick None -> {'deviations': 2\.0"),
         ((), {"weight": 2.0}, {}, "method.weight 3.0 -> 2.0"),
         (
             (("exploration", "calm_from"), ("exploration", "later")),

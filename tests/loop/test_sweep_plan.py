@@ -155,10 +155,7 @@ def test_loops_side_by_side_share_the_cores(
     ("words", "told"),
     [
         ("--set method.wieght=1", "no setting method.wieght: .* did you mean weight?"),
-        (
-            "--set base=none --set method.tracking.x=1",
-            "method.tracking is null in this loop",
-        ),
+        ("--set method.unstick.x=1", "method.unstick is null in this loop"),
         ("--set method.paid={class:AsFit}", "paid"),
         ("--set labels=some", "labels must be a whole number, got 'some'"),
         ("--set labels=3", "--labels 3 is too few"),

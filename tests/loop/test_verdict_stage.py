@@ -257,6 +257,7 @@ def test_training_goes_on_from_the_policy_that_was_preferred(
     run = tmp_path / "run"
     cfg = replace(erring_cfg(), rounds=3, labels=110, seed=1)
     cfg = judging(cfg, Compared(first=2, noisy_margin=-100))
+    cfg = replace(cfg, method=replace(cfg.method, unstick=None))
     run_loop(run, cfg)
     first, second = (load_policy(run / f"rounds/0{n}/policy/policy.pt") for n in (1, 2))
     judged = [run / "rounds/03/policy", run / "rounds/03/candidate"]

@@ -97,6 +97,9 @@ def _decided_in(run: Path, cfg: LoopCfg) -> Iterator[str]:
         round = Round(run, number)
         if number and round.report.exists():
             yield f"round {number}: {_trained_in(round)}"
+        if round.standstill.exists():
+            speed = read_json(round.standstill)["speed_m_s"]
+            yield f"round {number}: trained to leave a standstill ({speed:.2f} m/s)"
         if round.decided.exists():
             yield f"round {number}: {read_json(round.decided)['told']}"
         if round.approval.exists():
