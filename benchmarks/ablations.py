@@ -51,7 +51,7 @@ ABLATIONS: tuple[tuple[str, tuple[Place, ...]], ...] = (
     ("unjudged", ERRING),
     ("weight-1", WEIGHT),
     ("no-mirror", (*STYLES, *WALKS)),
-    ("no-hope", WALKS),
+    ("no-hope", (*WALKS, ("walk", 40, "perfect"))),
     ("unjudged", WALKS),
     ("no-earlier", WALKS),
     ("no-rhythms", WALKS),
