@@ -252,7 +252,8 @@ def main(options: Annotated[Ablations, tyro.conf.FlagCreatePairsOff]) -> int:
     """Run, publish; the exit code tells whether every row was finished."""
     run = Options(work=options.work, results=options.results, workers=options.workers)
     failed = 0 if options.table_only else run_cells(cells(options.only), run)
-    rows = [*read_rows(options.results), *read_rows(options.whole)]
+    # Of two that lack nothing the one beside the others is of the version they are of.
+    rows = [*read_rows(options.whole), *read_rows(options.results)]
     publish(rows, options.docs)
     publish_verdicts(rows, options.docs)
     return 1 if failed else 0

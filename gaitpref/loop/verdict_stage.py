@@ -99,7 +99,7 @@ def _stands(cfg: LoopCfg, round: Round, stays: int) -> bool:
     own = Round(round.run, stays)
     waits = own.candidate / POLICY_NAME
     policy = load_policy(waits if waits.exists() else own.policy)
-    return bool(stays) and cfg.base == "none" and policy.info.steps == 0
+    return bool(stays) and cfg.base == "none" and policy.holds_home
 
 
 @dataclass(eq=False)

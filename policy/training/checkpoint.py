@@ -99,6 +99,12 @@ class Policy:
         return self._actor.distribution.std_param.detach()  # type: ignore[union-attr]
 
     @property
+    def holds_home(self) -> bool:
+        """Whether it does nothing whatever it sees, as `holding_home` makes one."""
+        states = self._actor.state_dict()
+        return not any(states[name].any() for name in _last_layer(states))
+
+    @property
     def gait(self) -> Tensor | None:
         """[N] which of its gaits acted last; None for a policy of one."""
         if isinstance(self._actor, GaitsModel):
@@ -140,15 +146,20 @@ def holding_home(path: Path) -> bytes:
     """
     payload = read_plain(path)
     actor = payload["actor_state_dict"]
-    # Constants of a recipe, as a normaliser's, stay.
-    weights = [n for n in actor if n.startswith("mlp.") and not n.startswith("mlp.c")]
-    for name in weights[-2:]:
+    for name in _last_layer(actor):
         actor[name].zero_()
     # Off-policy, what is trained on stands beside what acts.
     for name, value in payload.get("offpolicy_state_dict", {}).items():
         if name.startswith("actor.mean."):
             value.zero_()
     return saved_bytes(payload)
+
+
+def _last_layer(actor: dict[str, Any]) -> list[str]:
+    """Names of its weight and bias in the state of an actor."""
+    # Constants of a recipe, as a normaliser's, are no weights.
+    weights = [n for n in actor if n.startswith("mlp.") and not n.startswith("mlp.c")]
+    return weights[-2:]
 
 
 def save_policy(path: Path, states: dict[str, Any], info: PolicyInfo) -> None:

@@ -65,6 +65,14 @@ def saved(payload: dict[str, Any]) -> bytes:
     return file.getvalue()
 
 
+def leaning(file: Path) -> bytes:
+    """The policy of a robot that was trained to stand, a thousandth beside home."""
+    payload = read_plain(file)
+    *_, bias = (n for n in payload["actor_state_dict"] if n.startswith("mlp."))
+    payload["actor_state_dict"][bias].fill_(1e-3)
+    return saved(payload)
+
+
 def with_one_that_stands(run: Path, stands: str) -> bytes:
     """Put a robot that stands still in place of the old or the new last policy, and one
     that throws its legs about in place of the other; the former's file."""
@@ -98,7 +106,10 @@ def test_the_better_of_the_two_stays(
     loop asks nothing twice."""
     run = tmp_path / "run"
     shutil.copytree(before_approval, run)
-    expected = with_one_that_stands(run, stands)
+    with_one_that_stands(run, stands)
+    file = run / {"old": "rounds/01/policy", "new": "rounds/02/candidate"}[stands]
+    expected = leaning(file / "policy.pt")
+    (file / "policy.pt").write_bytes(expected)
     counts = set[int]()
     for _ in range(2):
         run_loop(run, erring_cfg())
@@ -131,11 +142,6 @@ def test_a_robot_that_only_stands_is_no_better(
     run = tmp_path / "run"
     shutil.copytree(before_approval, run)
     with_one_that_stands(run, "old")
-    file = run / "rounds/01/policy/policy.pt"
-    payload = read_plain(file)
-    info = json.loads(payload["infos"]["gaitpref"]) | {"steps": 0}
-    payload["infos"]["gaitpref"] = json.dumps(info)
-    file.write_bytes(saved(payload))
     run_loop(run, erring_cfg())
     found = json.loads((run / "rounds/02/report.json").read_text())["verdict"]
     assert (found["stays"], found["word"]) == (1, "not better")
