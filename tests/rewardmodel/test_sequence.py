@@ -154,7 +154,6 @@ def test_auto_looks_back_where_the_answers_speak_for_it() -> None:
     """Held-out answers about a rhythm choose `history`, and let a transformer try."""
     cfg = FitCfg(
         kind="auto",
-        folds=4,
         models=(MlpCfg(num_updates=1), TransformerCfg(num_updates=1)),
     )
     model, report = fit_reward(by_rhythm(300, seed=0), cfg, seed=0)
