@@ -72,9 +72,9 @@ def policy_stage(
     if untrained is not None:
         partial.mkdir(parents=True, exist_ok=True)
         write_atomically(partial / POLICY_NAME, untrained)
-        # About one that was made to stand nobody is asked.
-        stands = load_policy(partial / POLICY_NAME).info.steps == 0
-        replace_directory(partial, round.policy.parent if stands else done)
+        # Where nothing was ever trained there is nobody to ask about.
+        never = load_policy(partial / POLICY_NAME).info.steps == 0
+        replace_directory(partial, round.policy.parent if never else done)
         return
     plan = _plan(cfg, round, context, robot, dataset)
     if plan.standstill:

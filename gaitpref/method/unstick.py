@@ -21,11 +21,6 @@ class Optimism:
     """Share of the speed it is told below which a robot stands still."""
 
     def looks(self, context: RoundContext) -> bool:
-        """Whether the policy a round begins from is looked at.
-
-        Not in the last round, after which nothing is learned; and the first time only
-        where answers err: others tell what to do instead.
-        """
-        if context.is_first or context.is_last:
-            return False
-        return context.number > 1 or bool(context.noisy)
+        """Whether the policy a round begins from is looked at: it has been trained on a
+        learned reward, and something is learned from what the next shows."""
+        return context.number > 1 and not context.is_last

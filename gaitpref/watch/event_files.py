@@ -10,7 +10,8 @@ from tensorboard.backend.event_processing.event_file_loader import EventFileLoad
 from tensorboard.util.tensor_util import make_ndarray
 
 RETURN, TRACKING, PLANNED = "train/return", "track/planar_error_m_s", "plan/steps"
-_TAGS = (RETURN, TRACKING, PLANNED)
+LAG = "actors/lag_mean"
+_TAGS = (RETURN, TRACKING, PLANNED, LAG)
 _MOST_FILES = 100
 
 

@@ -25,7 +25,7 @@ from gaitpref.report.journal import Journal, read_journal
 from gaitpref.report.verdict import Verdict
 from policy.training.training_dir import POLICY_NAME, RESUME_NAME
 
-from .event_files import RETURN, TRACKING, Scalars
+from .event_files import LAG, RETURN, TRACKING, Scalars
 from .run_stage import Answered, Place, answers_of, place_in
 
 _MOST_POINTS = 400
@@ -181,12 +181,16 @@ class RunReader:
         return {"left_s": left_s, "run_left_s": to_train_s + rounds_left * mean_s}
 
     def _curves(self, trainings: list[tuple[int, Scalars]]) -> list[dict[str, Any]]:
-        """Return and tracking error over all steps so far, a line for each round."""
+        """Return, tracking error and, where actors collect, how old what they send is,
+        over all steps so far: a line for each round."""
         curves = []
         for name, short, tag, unit in (
             ("Return of the training", "Return", RETURN, ""),
             ("Tracking error", "Tracking error", TRACKING, "m/s"),
+            ("Age of rollouts", "Age of rollouts", LAG, "updates"),
         ):
+            if tag == LAG and not any(scalars.points[tag] for _, scalars in trainings):
+                continue
             lines, before = [], 0
             for number, scalars in trainings:
                 points = _thinned(scalars.points[tag])

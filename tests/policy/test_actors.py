@@ -15,6 +15,7 @@ from typing import Any
 
 import pytest
 
+from gaitpref.watch.run_state import RunReader
 from policy.engines.actors_cfg import ActorsCfg, ActorsError
 from policy.engines.with_actors import WithActors
 from policy.parallel import ray_connection
@@ -118,6 +119,10 @@ def test_an_actor_that_is_killed_and_a_node_that_leaves(
     assert any("died and is replaced" in line for line in said)
     assert last["actors/used"] == 2 * ITERATIONS
     assert max(each.scalars["actors/lag_most"] for each in seen) <= cfg.most_lag
+    ages = RunReader(tmp_path).read()["curves"][-1]
+    assert ages["unit"] == "updates"
+    (line,) = ages["lines"]
+    assert [step for step, _ in line["points"]] == [each.steps for each in seen]
     # Every rollout that was used had a number of its own.
     assert sum(numbers[-1].values()) >= 2 * ITERATIONS
     for earlier, later in pairwise(numbers):

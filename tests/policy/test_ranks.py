@@ -137,6 +137,11 @@ def _told(process: subprocess.Popen[str]) -> list[str]:
     return [line for line in said.splitlines() if line.startswith("gaitpref: ")]
 
 
+def _ends(process: subprocess.Popen[str]) -> int:
+    process.communicate(timeout=60)
+    return process.returncode
+
+
 def _second_rank(process: subprocess.Popen[str]) -> int:
     """Its process id; torchrun is its parent, and names ranks in the environment."""
     own = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text()
@@ -166,13 +171,32 @@ def test_a_killed_rank_ends_the_others_and_the_run_goes_on(tmp_path: Path) -> No
 
 
 def test_the_trainings_of_a_loop_are_done_together(tmp_path: Path) -> None:
-    process = torchrun("tests.helpers.small_loop", str(tmp_path / "run"))
+    """A rank that is killed ends the others; the same command goes on."""
+    command = ("tests.helpers.small_loop", str(tmp_path / "run"))
+    process = torchrun(*command)
+    # The first training is done, and the second rank waits to be called to the next.
+    while not (tmp_path / "run/rounds/00/policy/policy.pt").exists():
+        assert process.poll() is None
+        time.sleep(0.1)
+    os.kill(_second_rank(process), signal.SIGKILL)
+    killed_s = time.monotonic()
+    process.communicate(timeout=60)
+    assert time.monotonic() - killed_s < 30
+    assert process.returncode
+    process = torchrun(*command)
     _, said = process.communicate(timeout=240)
     assert process.returncode == 0, said
     for number in range(3):
         state = read_plain(tmp_path / f"run/rounds/{number:02d}/policy/resume.pt")
         assert len(state["others"]) == 1
     assert (tmp_path / "run/report/index.html").exists()
+
+
+def test_a_loop_is_started_as_its_help_says(tmp_path: Path) -> None:
+    """Without `--`, torchrun takes `--run` for one of its own options."""
+    asked = ("gaitpref", "loop", "--run", str(tmp_path), "--help")
+    assert _ends(torchrun("--", *asked)) == 0
+    assert _ends(torchrun(*asked)) != 0
 
 
 def test_what_cannot_be_done_together_is_told_once() -> None:

@@ -75,7 +75,7 @@ class Loop(Looping, _InRun):
     """Train, record, ask, fit and retrain, round after round.
 
     Killed anywhere and started again with the same command, it goes on where it was.
-    With `torchrun --nproc-per-node 4 -m gaitpref loop ...` several processes train
+    With `torchrun --nproc-per-node 4 -m -- gaitpref loop ...` several processes train
     together; all the rest is done by the first one.
     """
 
