@@ -23,7 +23,7 @@ REQUESTS_PER_S = 10.0
 REQUESTS_AT_ONCE = 40.0
 """Requests that may come at once, after a pause."""
 
-PAGES = 24
+PAGES = 40
 """Open labeling pages in all, unless `--most-raters` says otherwise."""
 FULL_S = 60.0
 """How often who finds no place asks again, with the page left open."""

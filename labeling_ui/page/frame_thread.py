@@ -1,4 +1,4 @@
-"""One thread that moves all pages, some fifty times a second."""
+"""One thread that moves all pages: some fifty times a second, a crowd half as often."""
 
 from __future__ import annotations
 
@@ -15,6 +15,9 @@ logger = logging.getLogger(__name__)
 
 PERIOD_S = 1 / 52
 """viser merges what falls into one of its windows: of 52 frames at least 50 arrive."""
+CROWD = 16
+"""Pages beyond which each is moved every other time: drawing is most of what a page
+costs, and answers wait for it."""
 _LATE_S = 0.1
 _STATUS_S = 1.0
 
@@ -66,11 +69,16 @@ class Ticker:
         with self._lock:
             self._pages.pop(key, None)
 
+    @property
+    def period_s(self) -> float:
+        """Time from one frame to the next."""
+        return PERIOD_S if len(self._pages) <= CROWD else 2 * PERIOD_S
+
     def _run(self) -> None:
         last = due = time.monotonic()
         status, status_due = None, last
         while not self._stop.is_set():
-            due += PERIOD_S
+            due += self.period_s
             if due < time.monotonic() - _LATE_S:
                 # The machine was asleep or overloaded: catching up would only jerk.
                 due = time.monotonic()

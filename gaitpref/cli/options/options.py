@@ -56,7 +56,7 @@ class Serving:
     https://label.example.org/gait."""
     no_auth: bool = False
     """Ask for no token; only on loopback."""
-    most_raters: Count = 24
+    most_raters: Count = 40
     """Raters whose pages may be open at once; the next is told when to come back."""
     open: bool = False
     """Open the page in this machine's browser; a loop that asks a program opens its
