@@ -19,7 +19,7 @@ from data.files.files import write_atomically
 from gaitpref.method.context import RoundContext
 from gaitpref.method.unstick import Optimism
 from policy.rollouts.evaluate import rollout_features
-from policy.training.checkpoint import load_policy
+from policy.training.checkpoint import Policy, load_policy
 from rewardmodel.models.model import RewardModel
 from rewardmodel.paid.optimism import OptimisticReward
 
@@ -66,12 +66,13 @@ def standstill_before(
     if optimism is None or not optimism.looks(context):
         return None
     policy = load_policy(approved(round.before))
+    return standing_of(policy, optimism, seed=seed_of(cfg, round.number, 12))
+
+
+def standing_of(policy: Policy, optimism: Optimism, *, seed: int) -> Standstill | None:
+    """What `policy` does where it is told to go, if that is to stand still."""
     features, lengths = rollout_features(
-        policy,
-        policy.robot(),
-        policy.info.env,
-        episodes=_EPISODES,
-        seed=seed_of(cfg, round.number, 12),
+        policy, policy.robot(), policy.info.env, episodes=_EPISODES, seed=seed
     )
     return seen_standing(features, lengths, still=optimism.still)
 

@@ -15,6 +15,7 @@ from gaitpref.console.progress import console
 from gaitpref.method.acceptance import LEAST_LAST, SURE, Compared, Duel
 from gaitpref.method.context import RoundContext
 from gaitpref.method.method import Method
+from gaitpref.method.unstick import Optimism
 from gaitpref.raters.criteria import Criterion
 from gaitpref.report.verdict import Verdict
 from policy.training.checkpoint import load_policy
@@ -23,8 +24,9 @@ from policy.training.training_dir import POLICY_NAME
 from .collect import Collector
 from .loop_cfg import LoopCfg
 from .people import People
-from .run_dir import Round, began_from
+from .run_dir import Round, began_from, seed_of
 from .show_stage import duel_of, pairs_of_both, shown_by, to_compare
+from .standstill import standing_of
 
 
 def approval_stage(
@@ -77,7 +79,7 @@ def verdict_stage(
                 round, dataset, cfg, collector, cfg.method.labels_kept(context)
             )
             found = contest.verdict(accept)
-        found = replace(found, stands=_stands(cfg, round, found.stays))
+        found = _with_its_gait(found, cfg, round)
         text = json.dumps(found.as_json(), indent=1)
         write_atomically(round.verdict, text.encode())
     if round.policy.exists():
@@ -94,12 +96,19 @@ def verdict_stage(
     replace_directory(unfinished, round.policy.parent)
 
 
-def _stands(cfg: LoopCfg, round: Round, stays: int) -> bool:
-    """Whether the policy that stays is a robot that was made to stand."""
-    own = Round(round.run, stays)
+def _with_its_gait(verdict: Verdict, cfg: LoopCfg, round: Round) -> Verdict:
+    """`verdict`, with whether the policy from scratch that stays was made to stand, or
+    learned to."""
+    if not verdict.stays or cfg.base != "none":
+        return verdict
+    own = Round(round.run, verdict.stays)
     waits = own.candidate / POLICY_NAME
     policy = load_policy(waits if waits.exists() else own.policy)
-    return bool(stays) and cfg.base == "none" and policy.holds_home
+    if policy.holds_home:
+        return replace(verdict, stands=True)
+    optimism = cfg.method.unstick or Optimism()
+    standstill = standing_of(policy, optimism, seed=seed_of(cfg, round.number, 15))
+    return replace(verdict, nowhere=str(standstill or ""))
 
 
 @dataclass(eq=False)

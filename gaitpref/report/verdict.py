@@ -32,6 +32,8 @@ class Verdict:
     stands: bool = False
     """Whether the one that stays is a robot that was made to stand, as nothing that was
     trained is preferred: to stand is better than to fall, and no gait."""
+    nowhere: str = ""
+    """How slow one is that learned to stand, beside what it is told."""
 
     @property
     def word(self) -> Word:
@@ -47,6 +49,14 @@ class Verdict:
     @property
     def sentence(self) -> str:
         """On one line, for people."""
+        nowhere = (
+            f"; but the robot goes nowhere: {self.nowhere}" if self.nowhere else ""
+        )
+        return f"{self._compared}{nowhere}"
+
+    @property
+    def _compared(self) -> str:
+        """What the answers say."""
         if self.stands:
             return (
                 "not better than what it started from: the robot stands still, and no "
@@ -76,11 +86,13 @@ class Verdict:
         if self.stays == 0 and self.beside_first is not None:
             last = last.parents[1] / "candidate" / last.name
         shown = f"`{play_command(last, first)}` shows both"
-        if self.word == "better":
+        if self.word == "better" and not self.nowhere:
             return (
                 f"{shown}, and the same command with another --run and `--base {last}` "
                 f"goes on from it"
             )
+        if self.nowhere:
+            return f"{shown}; a run with twice the --labels learns what sets it going"
         if self.word == "not known":
             return (
                 f"{shown}; `gaitpref arena --out {run / 'arena'} --policy last={last} "
@@ -116,6 +128,7 @@ class Verdict:
             beside_first=first,
             beside_before=before,
             stands=found.get("stands", False),
+            nowhere=found.get("nowhere", ""),
         )
 
     @property

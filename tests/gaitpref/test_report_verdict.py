@@ -95,5 +95,9 @@ def test_the_verdict_is_one_sentence(
     assert ("gaitpref arena" in advice) == (word == "not known")
     stands = replace(verdict, stands=True)
     assert (stands.word, Verdict.from_json(stands.as_json())) == ("not better", stands)
+    nowhere = replace(verdict, nowhere="0.02 m/s where told 0.65")
+    assert (nowhere.word, Verdict.from_json(nowhere.as_json())) == (word, nowhere)
+    assert nowhere.sentence.endswith("goes nowhere: 0.02 m/s where told 0.65")
+    assert "--base" not in nowhere.advice(Path("runs/mine"))
     lost = stays == 0 and first is not None
     assert ("rounds/03/candidate/policy.pt" in advice) == lost

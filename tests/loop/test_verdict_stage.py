@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import io
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -123,6 +124,9 @@ def test_the_better_of_the_two_stays(
         assert (before.for_new >= before.for_old) == (stands == "new")
         page = (run / "report/index.html").read_text()
         assert html.escape(found["sentence"]) in page
+        assert re.search(
+            r"the robot goes nowhere: 0\.0\d m/s where told 0\.[4-9]", found["sentence"]
+        )
         assert ("preferred that to the last" in page) == (stands == "old")
         # As a process leaves it that is killed when all is answered.
         for unfinished in ("verdict.json", "report.json"):
