@@ -126,8 +126,10 @@ class _Contest:
     def verdict(self, accept: Compared) -> Verdict:
         """The last policy beside the one it began from, and who wins beside the first.
 
-        The newer one stays unless more answers prefer the other, or no clip shows it,
-        as where every simulation of it diverges.
+        The last one stays unless more answers prefer the one before, and what stays
+        then unless the first is surely preferred: few answers that err had better not
+        undo a whole run. One that no clip shows, as where every simulation of it
+        diverges, does not stay.
         """
         round = self.round
         new, before, first = (
@@ -142,10 +144,12 @@ class _Contest:
         most = self.left - LEAST_LAST
         if before not in (new, first) and most > 0:
             beside_before = self._duel(new, before, most=most, sure=accept.before_sure)
-            stays = new if self._stays(new, beside_before) else before
+            preferred = beside_before.for_new >= beside_before.for_old
+            stays = new if self._is_seen(new) and preferred else before
         if stays != first:
             beside_first = self._duel(stays, first, most=self.left, sure=SURE)
-            stays = stays if self._stays(stays, beside_first) else first
+            lost = beside_first.is_lost(SURE)
+            stays = stays if self._is_seen(stays) and not lost else first
         return Verdict(
             stays=self._round_of(stays),
             rounds=round.number,
@@ -173,11 +177,8 @@ class _Contest:
             with self.dataset.answers() as store:
                 store.add_pairs(more)
 
-    def _stays(self, new: str, duel: Duel) -> bool:
-        """Whether the newer of two does: it can be seen, and no more answers prefer the
-        other."""
-        seen = shown_by(self.round, self.dataset, new)
-        return seen and duel.for_new >= duel.for_old
+    def _is_seen(self, policy: str) -> bool:
+        return shown_by(self.round, self.dataset, policy)
 
     def _round_of(self, policy: str) -> int:
         """The first whose policy it is: of one that nothing was trained of, not the

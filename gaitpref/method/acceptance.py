@@ -47,6 +47,10 @@ class Duel:
         """Whether one or the other is better so probably."""
         return max(self.probably, 1 - self.probably) >= probability
 
+    def is_lost(self, probability: float) -> bool:
+        """Whether the other is better so probably."""
+        return 1 - self.probably >= probability
+
     def least_more(self, probability: float) -> int:
         """Answers after which, if they all say the same, it is."""
         more = 0

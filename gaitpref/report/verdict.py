@@ -44,7 +44,8 @@ class Verdict:
         probably = self.beside_first.probably
         if self.stays and probably >= SURE:
             return "better"
-        return "not known" if self.stays or 1 - probably < SURE else "not better"
+        lost = self.beside_first.is_lost(SURE)
+        return "not known" if self.stays or not lost else "not better"
 
     @property
     def sentence(self) -> str:

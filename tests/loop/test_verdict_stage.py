@@ -180,6 +180,30 @@ def test_where_nobody_answers_no_more_is_asked_than_was_kept(
     assert (found["word"], found["stays"]) == ("not known", 2)
 
 
+@pytest.mark.parametrize(
+    ("for_new", "for_old", "stays", "word"),
+    [(1, 3, 1, "not known"), (0, 4, 0, "not better"), (3, 1, 2, "not known")],
+)
+def test_the_first_stays_only_where_it_is_surely_preferred(
+    before_approval: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    for_new: int,
+    for_old: int,
+    stays: int,
+    word: str,
+) -> None:
+    """The policy before is put back by a majority, a whole run is not undone by it."""
+    run = tmp_path / "run"
+    shutil.copytree(before_approval, run)
+    said = Duel(for_new=for_new, for_old=for_old)
+    monkeypatch.setattr("gaitpref.loop.verdict_stage.Collector", _Away)
+    monkeypatch.setattr("gaitpref.loop.verdict_stage.duel_of", lambda *_: said)
+    run_loop(run, erring_cfg())
+    found = json.loads((run / "rounds/02/report.json").read_text())["verdict"]
+    assert (found["stays"], found["word"]) == (stays, word)
+
+
 def test_a_loop_killed_with_its_verdict_keeps_it(
     before_approval: Path, tmp_path: Path
 ) -> None:
