@@ -13,7 +13,6 @@ from rsl_rl.modules import MLP, EmpiricalNormalization
 from tensordict import TensorDict
 from torch import Tensor, nn
 
-from data.errors import GaitprefError
 from policy.env.course import AHEAD_DIM, SIGHT_M
 from policy.env.feature_row import OBS_DIM
 
@@ -161,12 +160,42 @@ class GaitsModel(nn.Module):
         return actions[running.gait, torch.arange(len(obs))]
 
     def as_jit(self) -> nn.Module:
+        """The same without memory, which goes in and comes out."""
+        return GaitsNetwork(self)
+
+
+class GaitsNetwork(nn.Module):
+    """Gaits and what chooses among them, to be written into a file."""
+
+    def __init__(self, model: GaitsModel) -> None:
+        super().__init__()
+        self.gaits, self.chooser = model.gaits, model.chooser
+        self._cfg = model.cfg
+
+    def forward(
+        self, obs: Tensor, gait: Tensor, steps: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Actions [N, 12] of `obs` [N, 54], and the memory for the step after.
+
+        Args:
+            obs: As on a course.
+            gait: [N] long, which gait ran in the step before; any at the first.
+            steps: [N] long, control steps since it was chosen.
         """
-        Raises:
-            GaitprefError: always; it remembers and looks ahead, as no file does.
-        """
-        raise GaitprefError(
-            f"this policy chooses among {', '.join(self.cfg.names)} by what is ahead, "
-            "which a robot's sensors do not tell, and remembers its choice: export the "
-            "policy files it was made of one by one, and choose among them on the robot"
+        q, ends = self.chooser(seen_by_chooser(obs))
+        # Made of `obs`: a trace keeps what hangs on its length for what always is.
+        half = torch.full_like(obs[:, 0], 0.5)
+        now = ran(
+            choose(
+                Running(gait=gait, steps=steps, chosen=gait < 0),
+                q,
+                ends,
+                begins(obs),
+                self._cfg.choosing,
+                control_dt_s=self._cfg.control_dt_s,
+                draws=Draws(ends=half, explores=2 * half, gait=half),
+            )
         )
+        actions = torch.stack([each(obs[:, :OBS_DIM]) for each in self.gaits], dim=1)
+        which = now.gait[:, None, None].expand_as(actions[:, :1])
+        return actions.gather(1, which)[:, 0], now.gait, now.steps

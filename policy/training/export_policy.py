@@ -22,6 +22,7 @@ from torch import Tensor, nn
 
 from data.files.files import write_atomically
 from data.files.plain import to_plain
+from policy.env.course import AHEAD, AHEAD_DIM
 from policy.env.feature_row import OBSERVATION, obs_column
 from policy.env.own_law import own_law
 from policy.law.law import MEANINGS, Law
@@ -33,10 +34,10 @@ from policy.robots.robot import Robot
 from .checkpoint import Policy, PolicyInfo
 from .policy_error import PolicyError
 
-FORMAT_VERSION = 4
+FORMAT_VERSION = 5
 """Version of policy.json. In 1, `kd_nm_s_per_rad` lacked the damping of the joints; in
 2, `law_record` was not there, which names everything a policy is brought in by; in 3,
-`speed_limit_rad_s` and `conventions` were not."""
+`speed_limit_rad_s` and `conventions` were not; in 4, `memory` was not."""
 CONVENTIONS = {
     "units": "SI: m, s, rad, kg, N m; names end in their unit",
     "base_frame": "x forward, y left, z up, in the body of the free joint",
@@ -60,6 +61,11 @@ CONVENTIONS = {
 _UNBOUNDED_RAD = 1e6
 """Bound of targets that have none: infinity is in no file of ours."""
 
+MEMORY = {
+    "gait": "which of the gaits ran in the step before",
+    "steps": "control steps since it was chosen",
+}
+"""What one that chooses among gaits remembers, and what it is."""
 ONNX_NAME, SCRIPT_NAME = "policy.onnx", "policy.pt"
 JSON_NAME, MJCF_NAME = "policy.json", "robot.xml"
 
@@ -88,29 +94,50 @@ class _Deployed(nn.Module):
         self.register_buffer("low", _float32(low))
         self.register_buffer("high", _float32(high))
 
-    def forward(self, obs: Tensor) -> tuple[Tensor, Tensor]:
+    def forward(self, obs: Tensor) -> tuple[Tensor, ...]:
         """Actions [N, 12] and joint targets [N, 12], rad, of `obs` [N, D]."""
-        action = self.network(obs).index_select(1, self.order)
+        return self._moved(self.network(obs))
+
+    def _moved(self, acted: Tensor) -> tuple[Tensor, Tensor]:
+        """Actions and joint targets of what the network acts."""
+        action = acted.index_select(1, self.order)
         action = action.clamp(-self.action_limit, self.action_limit)
         target = self.offset + self.scale_rad * action
         return action, torch.minimum(torch.maximum(target, self.low), self.high)
+
+
+class _DeployedGaits(_Deployed):
+    """One that chooses among gaits, and is told what it remembers."""
+
+    def forward(self, obs: Tensor, gait: Tensor, steps: Tensor) -> tuple[Tensor, ...]:
+        """The same of `obs` [N, D], and the memory [N] and [N] of the next step."""
+        acted, *memory = self.network(obs, gait, steps)
+        return *self._moved(acted), *memory
 
 
 def export(policy: Policy, out: Path) -> list[Path]:
     """Write `policy` into the directory `out`; gives the files written.
 
     The network maps `obs` [N, D] to `action` [N, 12] and `joint_target` [N, 12], with
-    joints in the order of policy.json.
+    joints in the order of policy.json. One that chooses among gaits also takes what it
+    remembers, `gait` and `steps` [N], and gives it for the next step.
     """
     robot = policy.robot()
     law = law_of(policy.info, robot)
+    gaits = policy.info.ppo.gaits
+    kind = _Deployed if gaits is None else _DeployedGaits
     # Also says of what no file can hold that it cannot, before anything is written.
-    deployed = _Deployed(policy, law).eval()
+    deployed = kind(policy, law).eval()
     described = json.dumps(describe(policy.info, robot, policy.sha256), indent=1)
-    obs_dim = law.obs_dim
+    dim = law.obs_dim if gaits is None else law.obs_dim + AHEAD_DIM
+    remembered = () if gaits is None else tuple(MEMORY)
     contents = {
-        ONNX_NAME: _by_torch("ONNX", lambda: _onnx(deployed, obs_dim, described)),
-        SCRIPT_NAME: _by_torch("TorchScript", lambda: _torchscript(deployed, obs_dim)),
+        ONNX_NAME: _by_torch(
+            "ONNX", lambda: _onnx(deployed, dim, remembered, described)
+        ),
+        SCRIPT_NAME: _by_torch(
+            "TorchScript", lambda: _torchscript(deployed, dim, remembered)
+        ),
         JSON_NAME: described.encode() + b"\n",
         MJCF_NAME: robot.mjcf.encode(),
     }
@@ -173,7 +200,9 @@ def describe(info: PolicyInfo, robot: Robot, sha256: str) -> dict[str, Any]:
                 "friction is in no gain: a real joint has its own"
             ),
         },
-        "observation": _observation(info.env.law),
+        "observation": _observation(info.env.law)
+        + ([] if info.env.course is None else _ahead(law.obs_dim)),
+        "memory": [] if info.ppo.gaits is None else _memory(info.ppo.gaits.names),
         "law_record": to_plain(law, whole=True),
         "warnings": unusual_motors(robot),
         "commands": {
@@ -187,6 +216,25 @@ def describe(info: PolicyInfo, robot: Robot, sha256: str) -> dict[str, Any]:
 def law_of(info: PolicyInfo, robot: Robot) -> Law:
     """The law a policy was trained under: its own, or this project's."""
     return info.env.law or own_law(robot, info.env)
+
+
+def _ahead(start: int) -> list[dict[str, Any]]:
+    """What a chooser of gaits sees beside, from the column `start` on."""
+    parts = []
+    for part in AHEAD:
+        of_part = {"name": part.name, "start": start, "width": part.width}
+        parts.append({**of_part, "unit": part.unit, "is": part.meaning})
+        start += part.width
+    return parts
+
+
+def _memory(gaits: tuple[str, ...]) -> list[dict[str, Any]]:
+    """What goes in beside `obs` and comes out under the same name, as int64 [N]."""
+    return [
+        {"name": name, "first": 0, "next": f"next_{name}", "is": meaning}
+        | ({"gaits": list(gaits)} if name == "gait" else {})
+        for name, meaning in MEMORY.items()
+    ]
 
 
 def _observation(law: Law | None) -> list[dict[str, Any]]:
@@ -241,23 +289,33 @@ def _by_torch(kind: str, write: Callable[[], bytes]) -> bytes:
         ) from None
 
 
-def _onnx(deployed: nn.Module, obs_dim: int, described: str) -> bytes:
+def _examples(rows: int, obs_dim: int, remembered: tuple[str, ...]) -> list[Tensor]:
+    """Inputs of a network: observations, and what is remembered."""
+    obs = torch.linspace(-1, 1, rows * obs_dim).view(rows, obs_dim)
+    return [obs, *(torch.zeros(rows, dtype=torch.long) for _ in remembered)]
+
+
+def _onnx(
+    deployed: nn.Module, obs_dim: int, remembered: tuple[str, ...], described: str
+) -> bytes:
     # It would tell of every package it could export for and does not find.
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     batch = torch.export.Dim("batch", min=1)
-    # Two rows: a batch of one would be taken for a constant.
-    example = torch.zeros(2, obs_dim)
     with warnings.catch_warnings():
         # The exporter warns of its own future.
         warnings.simplefilter("ignore")
         program = torch.onnx.export(
             deployed,
-            (example,),
+            # Two rows: a batch of one would be taken for a constant.
+            tuple(_examples(2, obs_dim, remembered)),
             dynamo=True,
             verbose=False,
-            input_names=["obs"],
-            output_names=["action", "joint_target"],
-            dynamic_shapes={"obs": {0: batch}},
+            input_names=["obs", *remembered],
+            output_names=[
+                *("action", "joint_target"),
+                *(f"next_{name}" for name in remembered),
+            ],
+            dynamic_shapes={name: {0: batch} for name in ("obs", *remembered)},
         )
     assert program is not None
     # One file that is copied alone still says what its numbers mean.
@@ -266,21 +324,24 @@ def _onnx(deployed: nn.Module, obs_dim: int, described: str) -> bytes:
     return program.model_proto.SerializeToString()
 
 
-def _torchscript(deployed: nn.Module, obs_dim: int) -> bytes:
+def _torchscript(
+    deployed: nn.Module, obs_dim: int, remembered: tuple[str, ...]
+) -> bytes:
     stream = io.BytesIO()
     with warnings.catch_warnings():
         # TorchScript is deprecated, and what robots run.
         warnings.simplefilter("ignore")
         # Traced, since a network of others is no code that could be scripted.
         with torch.no_grad():
-            traced: Any = torch.jit.trace(deployed, torch.zeros(2, obs_dim))
+            example = tuple(_examples(2, obs_dim, remembered))
+            traced: Any = torch.jit.trace(deployed, example)
         torch.jit.save(traced, stream)
     # A trace keeps what hung on the example for what always is.
     for rows in (1, 3):
-        obs = torch.linspace(-1, 1, rows * obs_dim).view(rows, obs_dim)
+        inputs = _examples(rows, obs_dim, remembered)
         with torch.no_grad():
-            same = torch.allclose(traced(obs)[0], deployed(obs)[0], atol=1e-5)
-        if not same:
+            pairs = zip(traced(*inputs), deployed(*inputs), strict=True)
+        if not all(torch.allclose(a, b, atol=1e-5) for a, b in pairs):
             raise ValueError("its operations hang on how many observations there are")
     return stream.getvalue()
 

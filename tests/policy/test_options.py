@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +48,14 @@ from policy.options.choice_row import (
     choice_names,
     written_reward,
 )
-from policy.options.choosing import ChoosingCfg, Draws, Running, choose, ran
+from policy.options.choosing import (
+    ChoosingCfg,
+    Draws,
+    Running,
+    Termination,
+    choose,
+    ran,
+)
 from policy.options.smdp import targets, termination_loss, upon_arrival
 from policy.robots.hints import RobotError
 from policy.robots.shipped import WALK
@@ -54,9 +63,8 @@ from policy.rollouts.record import record
 from policy.rollouts.record_cfg import RecordCfg
 from policy.team.team_start import as_team
 from policy.training.checkpoint import PolicyError, load_policy, read_plain
-from policy.training.export_policy import export
 from rewardmodel.fitting.tables import fit_table
-from tests.helpers.retold_policies import heavier, slower
+from tests.helpers.retold_policies import heavier, restless, slower
 
 BAR = CourseCfg(
     obstacles=(Obstacle(kind="bar", start_m=0.7, length_m=0.3),), length_m=1.6
@@ -578,10 +586,44 @@ def test_a_training_goes_on_bit_for_bit(
         train_options(cut, gaits, replace(cfg, seed=4), reward)
 
 
-def test_it_says_why_it_cannot_be_exported(chosen: Path, tmp_path: Path) -> None:
-    with pytest.raises(GaitprefError, match="export the policy files"):
-        export(load_policy(chosen), tmp_path / "out")
-    assert not (tmp_path / "out").exists()
+@pytest.mark.filterwarnings("ignore:.torch.jit:DeprecationWarning")
+@pytest.mark.parametrize("termination", ["fixed", "learned"])
+def test_exported_it_chooses_and_acts_the_same(
+    chosen: Path, tmp_path: Path, termination: Termination
+) -> None:
+    """Over episodes that end at their own time; what it remembers is handed in. Its
+    chooser is one that leaves no gait for long."""
+    onnxruntime = pytest.importorskip("onnxruntime", reason="extra onnx")
+    file = restless(chosen, tmp_path / "restless.pt", termination)
+    policy, out = load_policy(file), tmp_path / "out"
+    assert main(["export", "--policy", str(file), "--out", str(out)]) == 0
+    told = json.loads((out / "policy.json").read_text())
+    (gait_told, _) = told["memory"]
+    assert gait_told["gaits"] == list(policy.info.ppo.gaits.names)
+    assert told["observation"][-1]["start"] == 53
+    session = onnxruntime.InferenceSession(str(out / "policy.onnx"))
+    script = torch.jit.load(out / "policy.pt")
+    env_cfg = replace(policy.info.env, episode_s=1.0)
+    env = QuadrupedEnv(policy.robot(), env_cfg, 3, seed=0)
+    memory = {each["name"]: np.zeros(3, dtype=np.int64) for each in told["memory"]}
+    seen = list[list[int]]()
+    for _ in range(120):
+        obs = env.get_observations()["policy"]
+        wanted = policy(obs)
+        given = [torch.from_numpy(each) for each in memory.values()]
+        scripted, _, *of_script = script(obs, *given)
+        action, _, *memory_next = session.run(None, {"obs": obs.numpy(), **memory})
+        limit = policy.info.env.action_limit
+        assert action == pytest.approx(wanted.clamp(-limit, limit).numpy(), abs=1e-4)
+        assert scripted.detach().numpy() == pytest.approx(action, abs=1e-4)
+        assert [m.tolist() for m in of_script] == [m.tolist() for m in memory_next]
+        memory = dict(zip(memory, memory_next, strict=True))
+        assert policy.gait is not None
+        assert memory["gait"].tolist() == policy.gait.tolist()
+        seen.append(memory["gait"].tolist())
+        env.step(wanted)
+    changes = sum(a != b for a, b in pairwise(seen))
+    assert changes > 2, seen
 
 
 def test_gaits_that_cannot_follow_one_another_are_told(
