@@ -17,6 +17,7 @@ from torch import Tensor, nn
 from gaitpref.cli.main import main
 from policy.env.env import QuadrupedEnv
 from policy.env.env_cfg import EnvCfg
+from policy.exported.policy_json import law_of
 from policy.imported.bring import bring, understand
 from policy.imported.meaning.draft import BY_TYPE, complete
 from policy.imported.meaning.term_names import term_name
@@ -28,7 +29,6 @@ from policy.law.law import LawError
 from policy.networks.recipe import NetworkError, Node, Stored
 from policy.robots.shipped import WALK
 from policy.training.checkpoint import Policy, load_policy, payload_bytes
-from policy.training.export_policy import law_of
 from policy.training.setup import setting_of
 from tests.helpers.others import CPP_DEPLOY, GO2, HIMLOCO, needs_others
 from tests.helpers.plain_walk import Frames, walked

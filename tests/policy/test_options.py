@@ -599,6 +599,7 @@ def test_exported_it_chooses_and_acts_the_same(
     assert main(["export", "--policy", str(file), "--out", str(out)]) == 0
     told = json.loads((out / "policy.json").read_text())
     (gait_told, _) = told["memory"]
+    assert policy.info.ppo.gaits is not None
     assert gait_told["gaits"] == list(policy.info.ppo.gaits.names)
     assert told["observation"][-1]["start"] == 53
     session = onnxruntime.InferenceSession(str(out / "policy.onnx"))

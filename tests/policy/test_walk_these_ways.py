@@ -19,6 +19,7 @@ import torch
 from torch import Tensor, nn
 
 from policy.env.env import QuadrupedEnv
+from policy.exported.policy_json import describe
 from policy.imported.alternatives import others
 from policy.imported.bring import bring, embodied, understand
 from policy.imported.given_back import export_like
@@ -32,7 +33,6 @@ from policy.networks.recipe import NetworkError
 from policy.rollouts.record import record
 from policy.rollouts.record_cfg import RecordCfg
 from policy.training.checkpoint import load_policy
-from policy.training.export_policy import describe
 from policy.training.setup import setting_of
 from policy.training.train import train
 from policy.training.train_cfg import TrainCfg

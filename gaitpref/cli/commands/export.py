@@ -8,10 +8,10 @@ import onnxscript  # noqa: F401
 from gaitpref.cli.options import options
 from gaitpref.console.progress import console
 from gaitpref.console.terminal import say
+from policy.exported.export_policy import export
 from policy.imported.given_back import export_like
 from policy.robots.motor_class import unusual_motors
 from policy.training.checkpoint import PolicyError, load_policy
-from policy.training.export_policy import export
 
 
 def run(command: options.Export) -> int:

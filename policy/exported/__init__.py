@@ -1,0 +1,1 @@
+"""A trained policy as files for a robot."""
