@@ -70,6 +70,8 @@ class Options:
     """Environment steps between two policies that are looked at."""
     episodes: int = 64
     """Episodes each of them is judged by."""
+    only_finished: bool = False
+    """Train nothing; take the seeds that are there."""
     quick: bool = False
     """A small version that shows that everything runs; its figures mean nothing."""
     json: Path | None = None
@@ -97,10 +99,14 @@ class Outcome:
     """Sent by actors for each environment step that was used."""
 
 
+def _file(options: Options, way: Way, count: int, seed: int) -> Path:
+    """What is kept of a training that is finished."""
+    return options.work / f"{way}-{count}-{seed}.json"
+
+
 def trained(options: Options, way: Way, count: int, seed: int) -> Outcome:
     """Train once, or go on with it, and look at what was kept on the way."""
-    name = f"{way}-{count}-{seed}"
-    out, done = options.work / name, options.work / f"{name}.json"
+    out, done = options.work / f"{way}-{count}-{seed}", _file(options, way, count, seed)
     if done.exists():
         return Outcome(**json.loads(done.read_text()))
     is_speed = way == "physics"
@@ -157,6 +163,7 @@ def figures_of(outcomes: dict[str, list[Outcome]]) -> dict[str, Figure]:
     """Medians over the seeds by name, and the ratios of the goals."""
     figures: dict[str, Figure] = {}
     for name, runs in outcomes.items():
+        figures[f"{name}_seeds"] = len(runs)
         unasked = {"walk_steps", "walk_s"} if name.startswith("physics") else set[str]()
         if all(run.clipped_share is None for run in runs):
             unasked.add("clipped_share")
@@ -213,6 +220,9 @@ def main(options: Annotated[Options, tyro.conf.FlagCreatePairsOff]) -> None:
         for way in options.ways:
             for count in _counts(options, way):
                 name = way if way == "ppo" else f"{way}_{count}"
+                finished = _file(options, way, count, seed).exists()
+                if options.only_finished and not finished:
+                    continue
                 console.print(f"seed {seed}: {name}")
                 outcome = trained(options, way, count, seed)
                 outcomes.setdefault(name, []).append(outcome)

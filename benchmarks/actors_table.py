@@ -21,7 +21,8 @@ from .marks import NOT_MEASURED, write_between
 MARK = "actors"
 COLUMNS: tuple[tuple[str, str, str], ...] = (
     ("steps/s", "steps_per_s", "{:,.0f}"),
-    ("walked", "walked", "{:.0f}"),
+    ("seeds", "seeds", "{:.0f}"),
+    ("walk", "walked", "{:.0f}"),
     ("steps to a walk", "walk_steps", "{:,.0f}"),
     ("time to a walk", "walk_s", "{:,.0f} s"),
     ("lag", "lag_mean", "{:.2f}"),
