@@ -93,8 +93,10 @@ def test_engines_stand_side_by_side_in_the_page(tmp_path: Path) -> None:
         "| `vtrace_1_over_ppo_steps_per_s` | not measured | >= 0.9 |"
         in page.read_text()
     )
-    one = {"steps_per_s": 8123.4, "walked": 2, "walk_steps": 600_000.0, "walk_s": 71.6}
+    one = {"steps_per_s": 8123.4, "walk_steps": 600_000.0, "walk_s": 71.6}
     both = {
+        "ppo_seeds": 3,
+        "ppo_walked": 2,
         **{f"ppo_{name}": value for name, value in one.items()},
         "vtrace_2_steps_per_s": 9000.0,
         "vtrace_2_walked": 1,
@@ -106,7 +108,7 @@ def test_engines_stand_side_by_side_in_the_page(tmp_path: Path) -> None:
     actors_table.main(options)
     told = page.read_text().splitlines()
     assert (told[0], told[-1]) == ("before", "after")
-    assert "| ppo | 8,123 | 2 | 600,000 | 72 s |  |  |  |  |  |" in told
-    assert "| vtrace, 2 | 9,000 | 1 | none |  |  |  | 12.5% |  |  |" in told
+    assert "| ppo | 8,123 | 3 | 2 | 600,000 | 72 s |  |  |  |  |  |" in told
+    assert "| vtrace, 2 | 9,000 |  | 1 | none |  |  |  | 12.5% |  |  |" in told
     assert "| `vtrace_2_over_ppo_walk_steps` | 1.25 | <= 1.3 |" in told
     assert not any("sync" in line for line in told)
