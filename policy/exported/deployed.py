@@ -19,10 +19,14 @@ _UNBOUNDED_RAD = 1e6
 
 
 class _ToJoints(nn.Module):
-    """A network, and what the environment does with what it acts."""
+    """The network of a policy, and what the environment does with what it acts."""
 
-    def __init__(self, network: nn.Module, law: Law) -> None:
+    def __init__(self, policy: Policy, law: Law) -> None:
         super().__init__()
+        network = policy.network
+        if isinstance(network, RecipeNetwork):
+            # One that was brought in by an earlier version may compute its shapes.
+            network = settled(network)
         self.network = network
         self.action_limit = law.action_limit
         self.order: Tensor
@@ -49,13 +53,6 @@ class _ToJoints(nn.Module):
 class Deployed(_ToJoints):
     """A policy, up to the joints."""
 
-    def __init__(self, policy: Policy, law: Law) -> None:
-        network = policy.network
-        if isinstance(network, RecipeNetwork):
-            # One that was brought in by an earlier version may compute its shapes.
-            network = settled(network)
-        super().__init__(network, law)
-
     def forward(self, obs: Tensor) -> tuple[Tensor, Tensor]:
         """Actions and joint targets of `obs` [N, D]."""
         return self.moved(self.network(obs))
@@ -63,9 +60,6 @@ class Deployed(_ToJoints):
 
 class DeployedGaits(_ToJoints):
     """One that chooses among gaits, and is told what it remembers."""
-
-    def __init__(self, policy: Policy, law: Law) -> None:
-        super().__init__(policy.network, law)
 
     def forward(self, obs: Tensor, gait: Tensor, steps: Tensor) -> tuple[Tensor, ...]:
         """The same of `obs` [N, D], and the memory [N] and [N] of the next step."""

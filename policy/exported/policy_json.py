@@ -19,7 +19,8 @@ from policy.training.checkpoint import PolicyInfo
 FORMAT_VERSION = 5
 """Version of policy.json. In 1, `kd_nm_s_per_rad` lacked the damping of the joints; in
 2, `law_record` was not there, which names everything a policy is brought in by; in 3,
-`speed_limit_rad_s` and `conventions` were not; in 4, `memory` was not."""
+`speed_limit_rad_s` and `conventions` were not; in 4, `gaits`
+and `memory` were not."""
 CONVENTIONS = {
     "units": "SI: m, s, rad, kg, N m; names end in their unit",
     "base_frame": "x forward, y left, z up, in the body of the free joint",
@@ -41,10 +42,10 @@ CONVENTIONS = {
 }
 """What the numbers of policy.json mean."""
 MEMORY = {
-    "gait": "which of the gaits ran in the step before",
+    "gait": "which of `gaits` ran in the step before, counted from 0",
     "steps": "control steps since it was chosen",
 }
-"""What one that chooses among gaits remembers, and what it is."""
+"""What one that chooses among gaits remembers, int64 [N], and what it is."""
 
 
 def describe(info: PolicyInfo, robot: Robot, sha256: str) -> dict[str, Any]:
@@ -52,7 +53,7 @@ def describe(info: PolicyInfo, robot: Robot, sha256: str) -> dict[str, Any]:
 
     What is infinite, a joint without limits, is None; so is what nobody said.
     """
-    mj_model = robot.mj_model
+    mj_model, gaits = robot.mj_model, info.ppo.gaits
     law = law_of(info, robot)
     order = law.from_canonical
     joints = [
@@ -102,7 +103,11 @@ def describe(info: PolicyInfo, robot: Robot, sha256: str) -> dict[str, Any]:
         },
         "observation": _observation(info.env.law)
         + ([] if info.env.course is None else _ahead(law.obs_dim)),
-        "memory": [] if info.ppo.gaits is None else _memory(info.ppo.gaits.names),
+        "gaits": [] if gaits is None else list(gaits.names),
+        "memory": [
+            {"name": name, "first": 0, "next": f"next_{name}", "is": meaning}
+            for name, meaning in (MEMORY if gaits else {}).items()
+        ],
         "law_record": to_plain(law, whole=True),
         "warnings": unusual_motors(robot),
         "commands": {
@@ -126,15 +131,6 @@ def _ahead(start: int) -> list[dict[str, Any]]:
         parts.append({**of_part, "unit": part.unit, "is": part.meaning})
         start += part.width
     return parts
-
-
-def _memory(gaits: tuple[str, ...]) -> list[dict[str, Any]]:
-    """What goes in beside `obs` and comes out under the same name, as int64 [N]."""
-    return [
-        {"name": name, "first": 0, "next": f"next_{name}", "is": meaning}
-        | ({"gaits": list(gaits)} if name == "gait" else {})
-        for name, meaning in MEMORY.items()
-    ]
 
 
 def _observation(law: Law | None) -> list[dict[str, Any]]:

@@ -92,10 +92,11 @@ class Draws:
     """[N] which then"""
 
     @staticmethod
-    def none(num_envs: int) -> Draws:
-        """No chance: the likelier, and the best."""
-        half = torch.full((num_envs,), 0.5)
-        return Draws(ends=half, explores=torch.ones(num_envs), gait=half)
+    def none(rows: Tensor) -> Draws:
+        """No chance for `rows` [N, D]: the likelier, and the best."""
+        # Made of them: a trace keeps what hangs on their number for what always is.
+        half = torch.full_like(rows[:, 0], 0.5)
+        return Draws(ends=half, explores=2 * half, gait=half)
 
     @staticmethod
     def of(rng: torch.Generator, num_envs: int) -> Draws:

@@ -135,8 +135,8 @@ class GaitsModel(nn.Module):
 
     def choice(self, obs: Tensor, q: Tensor, ends: Tensor) -> Running:
         """Which gaits run in the step from `obs` [N, 54]."""
-        count, rng = len(obs), self.rng
-        draws = Draws.none(count) if rng is None else Draws.of(rng, count)
+        rng = self.rng
+        draws = Draws.none(obs) if rng is None else Draws.of(rng, len(obs))
         if self.wandering is not None:
             # Who does not wander takes the likelier end, whatever others do.
             ends_at = torch.where(self.wandering, draws.ends, 0.5)
@@ -156,8 +156,7 @@ class GaitsModel(nn.Module):
     def act_as(self, obs: Tensor, running: Running) -> Tensor:
         """Actions [N, 12] of `running`, which is remembered."""
         self.running = ran(running)
-        actions = torch.stack([gait(obs[:, :OBS_DIM]) for gait in self.gaits])
-        return actions[running.gait, torch.arange(len(obs))]
+        return _acted(self.gaits, obs, running.gait)
 
     def as_jit(self) -> nn.Module:
         """The same without memory, which goes in and comes out."""
@@ -183,8 +182,6 @@ class GaitsNetwork(nn.Module):
             steps: [N] long, control steps since it was chosen.
         """
         q, ends = self.chooser(seen_by_chooser(obs))
-        # Made of `obs`: a trace keeps what hangs on its length for what always is.
-        half = torch.full_like(obs[:, 0], 0.5)
         now = ran(
             choose(
                 Running(gait=gait, steps=steps, chosen=gait < 0),
@@ -193,9 +190,14 @@ class GaitsNetwork(nn.Module):
                 begins(obs),
                 self._cfg.choosing,
                 control_dt_s=self._cfg.control_dt_s,
-                draws=Draws(ends=half, explores=2 * half, gait=half),
+                draws=Draws.none(obs),
             )
         )
-        actions = torch.stack([each(obs[:, :OBS_DIM]) for each in self.gaits], dim=1)
-        which = now.gait[:, None, None].expand_as(actions[:, :1])
-        return actions.gather(1, which)[:, 0], now.gait, now.steps
+        return _acted(self.gaits, obs, now.gait), now.gait, now.steps
+
+
+def _acted(gaits: nn.ModuleList, obs: Tensor, gait: Tensor) -> Tensor:
+    """Actions [N, 12] of `obs` [N, 54] by the gait [N] that runs."""
+    actions = torch.stack([each(obs[:, :OBS_DIM]) for each in gaits], dim=1)
+    which = gait[:, None, None].expand_as(actions[:, :1])
+    return actions.gather(1, which)[:, 0]

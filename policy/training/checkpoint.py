@@ -90,7 +90,8 @@ class Policy:
 
     @property
     def network(self) -> nn.Module:
-        """Observations [N, D] to actions [N, 12], without noise."""
+        """Observations [N, D] to actions [N, 12], without noise; where it chooses among
+        gaits, with what is remembered (`GaitsNetwork`)."""
         return self._actor.as_jit()
 
     @property

@@ -190,7 +190,7 @@ def gaits_over_time(cfg: ChoosingCfg, lead: float, steps: int) -> list[int]:
             torch.tensor([step == 0]),
             cfg,
             control_dt_s=0.02,
-            draws=Draws.none(1),
+            draws=Draws.none(torch.zeros(1, 1)),
         )
         found.append(int(running.gait))
         running = ran(running)
@@ -598,9 +598,8 @@ def test_exported_it_chooses_and_acts_the_same(
     policy, out = load_policy(file), tmp_path / "out"
     assert main(["export", "--policy", str(file), "--out", str(out)]) == 0
     told = json.loads((out / "policy.json").read_text())
-    (gait_told, _) = told["memory"]
     assert policy.info.ppo.gaits is not None
-    assert gait_told["gaits"] == list(policy.info.ppo.gaits.names)
+    assert told["gaits"] == list(policy.info.ppo.gaits.names)
     assert told["observation"][-1]["start"] == 53
     session = onnxruntime.InferenceSession(str(out / "policy.onnx"))
     script = torch.jit.load(out / "policy.pt")
