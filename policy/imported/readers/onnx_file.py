@@ -40,6 +40,7 @@ def read_onnx(content: bytes, folder: Path | None = None) -> Found:
     if len(graph.node) > MOST_NODES:
         raise NetworkError(f"a network of {len(graph.node)} operations is too long")
     tensors = {each.name: _tensor(each.name, each, onnx) for each in graph.initializer}
+    name, obs_dim = _input(graph, tensors)
     for node in graph.node:
         if node.op_type != "Constant":
             require_known(node.op_type)
@@ -48,7 +49,6 @@ def read_onnx(content: bytes, folder: Path | None = None) -> Found:
                 f"its operation {node.op_type} has no output, each has one or more: "
                 "export the network anew"
             )
-    name, obs_dim = _input(graph, tensors)
     nodes: list[Node] = []
     for node in graph.node:
         if node.op_type == "Constant":
@@ -138,7 +138,10 @@ def _input(graph: Any, tensors: dict[str, Tensor]) -> tuple[str, int]:
             "feed-forward networks of proprioception can be brought in"
         )
     if len(given) != 1:
-        raise NetworkError(f"it takes {len(given)} inputs ({told}), a policy takes one")
+        raise NetworkError(
+            f"it takes {len(given)} inputs ({told}), a policy takes one; one that "
+            "remembers, as among gaits, is brought in by what it was made of"
+        )
     kind = given[0].type.tensor_type
     sizes = [each.dim_value for each in kind.shape.dim]
     if len(sizes) > 2:
