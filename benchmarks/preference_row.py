@@ -110,6 +110,11 @@ def _row(
     *_, before, ended = reports
     fit = before["fit"]
     calibrated = before.get("trust", {}).get("calibrated") or {}
+    alarms = [
+        f"round {number}: {alarm}"
+        for number, report in enumerate(reports)
+        for alarm in report.get("trust", {}).get("alarms", ())
+    ]
     return {
         **asdict(cell),
         "criterion": cfg.criterion,
@@ -127,7 +132,8 @@ def _row(
         "ece_by_chance": calibrated.get("ece_by_chance"),
         "answers_used": fit["answers"],
         "verdict": ended.get("verdict", {}).get("word"),
-        "alarms": sum(len(each.get("trust", {}).get("alarms", ())) for each in reports),
+        "alarms": len(alarms),
+        "alarms_said": alarms,
         **on_fresh_pairs(run, cfg, _criterion(cfg, last)),
         "steps": steps_of(cfg),
         "commit": commit_of(Path(__file__).parents[1]),
