@@ -15,14 +15,13 @@ from rewardmodel.answers.likelihood import HARDLY_LOOKS
 from rewardmodel.models.fit_report import FitReport
 from rewardmodel.trust.alarms import (
     ENOUGH,
-    ENOUGH_NEWEST,
     FAR_SHARE,
     MUCH_DRIFT_NATS,
     MUCH_FALLS,
     MUCH_POWER,
     MUCH_TRACKING_M_S,
-    no_better,
     spelled,
+    surely_low,
     tells,
 )
 from rewardmodel.trust.held_out_report import Accuracy
@@ -84,12 +83,7 @@ def findings_of_trust(trust: dict[str, Any]) -> Findings:
             f"held-out accuracy {accuracy} is hardly better than chance, as of answers "
             f"at random{_cleared(trust)}"
         )
-    if newest and newest.answers < ENOUGH_NEWEST and newest.says_nothing:
-        untold.append(
-            f"{newest.answers} answers prefer one of the newest clips, {ENOUGH_NEWEST} "
-            f"would say whether the reward foresees them"
-        )
-    elif newest and no_better(newest) and not _said(str(newest), alarms):
+    if newest and surely_low(newest) and not _said(str(newest), alarms):
         against.append(f"accuracy on the newest clips is {newest}")
     against += [told for told in _of_policy(trust) if not _said(told, alarms)]
     return Findings(alarms=alarms, against=tuple(against), untold=tuple(untold))

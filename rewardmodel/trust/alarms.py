@@ -23,15 +23,11 @@ ENOUGH = 40
 of four answers is then cleared nine times of ten."""
 LEAST_OPINION = 0.68
 """The share foreseen, with each answer counted by how sure the model was of it: the
-closest questions are asked first, and those it gets wrong may not matter. Fits to 75
-answers of which a fifth is wrong stay below it in 9 of 100 cases, to 150 of which 40 %
-are wrong in 97 or more."""
+closest questions are asked first, and those it gets wrong may not matter.
+`studies.wrong_answers` counts the fits below it that have too low an accuracy too."""
 MOST_BY_CHANCE = 0.1
 """Probability that the answers are random, up to which they are believed to mean
 something: a style keeps its walk even if they do not."""
-ENOUGH_NEWEST = 10
-"""Answers of the newest round from which their share foreseen is a finding, if it does
-not exceed one half."""
 FAR_SHARE = 0.9
 """A policy of which more than this is far from every judged clip, or paid more than any
 of them, has left what was judged: any that learned something has."""
@@ -139,9 +135,10 @@ def alarms(
             f"helps little: {foreseen.opinion or 'it never is'}{_as_well(foreseen)}"
         )
     newest = foreseen.newest if foreseen else None
-    if newest and return_rose and no_better(newest):
+    if newest and return_rose and surely_low(newest):
         found.append(
-            f"the accuracy on the newest clips, {newest}, is no better than chance"
+            f"the accuracy on the newest clips, {newest}, is surely below "
+            f"{LEAST_SHARE:g}"
         )
     drift = reached.drift if reached else None
     left = drift is not None and beyond_judgement(drift)
@@ -176,13 +173,10 @@ def tells(accuracy: Accuracy | None) -> bool:
 
 def disagree(foreseen: Foreseen) -> bool:
     """Whether enough answers were held out to say that they taught too little: it is
-    wrong too often, and also where it is sure. Where answers are known to err only the
-    latter counts; where it explains them better than it would explain random ones,
-    neither does."""
+    wrong too often, and also where it is sure. Where it explains them better than it
+    would explain random ones, neither counts."""
     accuracy, opinion = foreseen.accuracy, foreseen.opinion
-    if accuracy is None or not tells(accuracy):
-        return False
-    if not (accuracy.too_low or foreseen.erring):
+    if accuracy is None or not tells(accuracy) or not accuracy.too_low:
         return False
     if foreseen.by_chance is not None and foreseen.by_chance <= MOST_BY_CHANCE:
         return False
@@ -192,9 +186,7 @@ def disagree(foreseen: Foreseen) -> bool:
 def _too_low(accuracy: Accuracy | None) -> str:
     if accuracy is None or accuracy.says_nothing:
         return "no better than chance"
-    if accuracy.share < LEAST_SHARE:
-        return f"below {LEAST_SHARE:g}"
-    return "low, whatever errors are expected"
+    return f"below {LEAST_SHARE:g}"
 
 
 def _as_well(foreseen: Foreseen) -> str:
@@ -203,9 +195,10 @@ def _as_well(foreseen: Foreseen) -> str:
     return f"; they are random with probability {foreseen.by_chance:.2f}"
 
 
-def no_better(newest: Accuracy) -> bool:
-    """Whether the newest answers, as many as it takes, are foreseen by chance alone."""
-    return newest.answers >= ENOUGH_NEWEST and newest.share <= 0.5
+def surely_low(newest: Accuracy) -> bool:
+    """Whether so few of the newest answers are foreseen that it is no chance: they were
+    asked where the model was in doubt."""
+    return newest.interval[1] < LEAST_SHARE
 
 
 def beyond_judgement(drift: Drift) -> bool:

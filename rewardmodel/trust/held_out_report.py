@@ -92,8 +92,6 @@ class Foreseen:
     by_chance: float | None
     """Probability that the answers are random, see `probably_chance`; None unless it is
     a posterior with too low an accuracy."""
-    erring: bool
-    """Whether more answers are taken to be wrong than can be overlooked."""
     newest: Accuracy | None
     """Answers of the newest round, foreseen without any answer of that round; None
     where there is only one round, or no preference in it."""
@@ -218,7 +216,6 @@ def _summary(
         opinion=opinion_of(lead, target),
         at_random=accuracy_of(lead[at_random], target[at_random]),
         by_chance=None,
-        erring=kind_called(cfg.kind).tells_errors and takes_to_err(cfg),
         newest=newest,
         by_command=_apart(commands, lead, target),
         by_round=_apart([str(r) for r in pairs.rounds] if pairs else [], lead, target),

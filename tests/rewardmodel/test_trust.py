@@ -251,23 +251,16 @@ def test_only_a_posterior_is_held_against_chance(curved: bool) -> None:
     assert (foreseen.by_chance is not None) == curved
 
 
-@pytest.mark.parametrize("erring", [True, False])
-def test_where_answers_err_the_sure_ones_decide(
-    erring: bool, of_sixty: Foreseen
+@pytest.mark.parametrize(
+    ("right", "of", "alarm"), [(0, 3, True), (9, 25, True), (4, 11, False)]
+)
+def test_newest_answers_alarm_where_it_is_no_chance(
+    right: int, of: int, alarm: bool, of_sixty: Foreseen
 ) -> None:
-    """Two thirds are foreseen, of the sure ones as of the others: enough, if they
-    were not known to err; too little where they are."""
-    lead = torch.ones(60)
-    target = (torch.arange(60) % 3 > 0).float()
-    foreseen = replace(
-        of_sixty,
-        accuracy=accuracy_of(lead, target),
-        opinion=opinion_of(lead, target),
-        erring=erring,
-    )
+    target = (torch.arange(of) < right).float()
+    foreseen = replace(of_sixty, newest=accuracy_of(torch.ones(of), target))
     reasons = alarms(foreseen, None)
-    assert bool(reasons) == erring
-    assert all("low, whatever errors are expected" in reason for reason in reasons)
+    assert any("newest" in reason for reason in reasons) == alarm
 
 
 def test_agreeing_answers_raise_no_alarm() -> None:
