@@ -21,7 +21,7 @@ from rewardmodel.trust.alarms import (
     MUCH_POWER,
     MUCH_TRACKING_M_S,
     spelled,
-    surely_low,
+    surely_wrong,
     tells,
 )
 from rewardmodel.trust.held_out_report import Accuracy
@@ -83,7 +83,7 @@ def findings_of_trust(trust: dict[str, Any]) -> Findings:
             f"held-out accuracy {accuracy} is hardly better than chance, as of answers "
             f"at random{_cleared(trust)}"
         )
-    if newest and surely_low(newest) and not _said(str(newest), alarms):
+    if newest and surely_wrong(newest) and not _said(str(newest), alarms):
         against.append(f"accuracy on the newest clips is {newest}")
     against += [told for told in _of_policy(trust) if not _said(told, alarms)]
     return Findings(alarms=alarms, against=tuple(against), untold=tuple(untold))

@@ -135,10 +135,9 @@ def alarms(
             f"helps little: {foreseen.opinion or 'it never is'}{_as_well(foreseen)}"
         )
     newest = foreseen.newest if foreseen else None
-    if newest and return_rose and surely_low(newest):
+    if newest and return_rose and surely_wrong(newest):
         found.append(
-            f"the accuracy on the newest clips, {newest}, is surely below "
-            f"{LEAST_SHARE:g}"
+            f"the accuracy on the newest clips, {newest}, is worse than chance"
         )
     drift = reached.drift if reached else None
     left = drift is not None and beyond_judgement(drift)
@@ -195,10 +194,10 @@ def _as_well(foreseen: Foreseen) -> str:
     return f"; they are random with probability {foreseen.by_chance:.2f}"
 
 
-def surely_low(newest: Accuracy) -> bool:
-    """Whether so few of the newest answers are foreseen that it is no chance: they were
-    asked where the model was in doubt."""
-    return newest.interval[1] < LEAST_SHARE
+def surely_wrong(newest: Accuracy) -> bool:
+    """Whether surely less than half of the newest answers are foreseen. Half of them
+    says nothing: they were asked where the model was in doubt."""
+    return newest.interval[1] < 0.5
 
 
 def beyond_judgement(drift: Drift) -> bool:

@@ -252,7 +252,7 @@ def test_only_a_posterior_is_held_against_chance(curved: bool) -> None:
 
 
 @pytest.mark.parametrize(
-    ("right", "of", "alarm"), [(0, 3, True), (9, 25, True), (4, 11, False)]
+    ("right", "of", "alarm"), [(0, 4, True), (2, 11, True), (9, 25, False)]
 )
 def test_newest_answers_alarm_where_it_is_no_chance(
     right: int, of: int, alarm: bool, of_sixty: Foreseen
