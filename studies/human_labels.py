@@ -31,7 +31,7 @@ from data.datasets.segments import Segments, TableAnswer
 from data.errors import GaitprefError
 from rewardmodel.fitting.tables import TableKind, fit_table
 from rewardmodel.measures.calibration import calibration
-from rewardmodel.models.prediction import Prediction
+from rewardmodel.models.prediction import Prediction, as_answered
 
 from .published_labels import labelled_segments
 from .published_mlp import EPOCHS, published_leads
@@ -139,7 +139,8 @@ def our_leads(segments: Segments, kind: TableKind) -> Leads:
         sides = torch.tensor([[answer.left, answer.right] for answer in asked]).mT
         of_members = worth[:, sides[0]] - worth[:, sides[1]]
         foreseen = Prediction.of(of_members.mean(dim=0), of_members)
-        return foreseen.logit / reward.report.temperature
+        cooled = foreseen.logit / reward.report.temperature
+        return as_answered(cooled, reward.cfg.error_share)
 
     return leads
 

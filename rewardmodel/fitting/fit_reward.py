@@ -230,8 +230,9 @@ def report_of(
     right, preferences = _count_right(fitted.target, lead)
     held_out, at_random = fitted.subset(asked), at_random[asked]
     counts = counting(at_random, held_out.target, erring=takes_to_err(cfg))
-    temperature = fit_temperature(foreseen.logit, held_out.target, counts)
-    cooled = cooled_apart(foreseen.logit, held_out.target, counts, fold[asked])
+    told = (foreseen.logit, held_out.target, counts)
+    temperature = fit_temperature(*told, error_share=cfg.error_share)
+    cooled = cooled_apart(*told, fold[asked], error_share=cfg.error_share)
     found = calibration(cooled, held_out.target, counts)
     drawn_right, drawn = _count_right(
         held_out.target[at_random], foreseen.lead[at_random]

@@ -16,6 +16,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
 
+from rewardmodel.models.prediction import as_answered
+
 _TEMPERATURES = (0.05, 50.0)
 """Range looked at: from nearly certain to nearly no opinion."""
 _PRIOR_STD = 1.5
@@ -78,19 +80,21 @@ def counting(at_random: Tensor, target: Tensor, *, erring: bool) -> Tensor:
     return torch.where(at_random, 1.0, _CHOSEN)
 
 
-def fit_temperature(logit: Tensor, target: Tensor, counts: Tensor) -> float:
+def fit_temperature(
+    logit: Tensor, target: Tensor, counts: Tensor, *, error_share: float = 0.0
+) -> float:
     """The number that held-out logits [B] must be divided by to be calibrated.
 
     The most probable one under `target` [B], of which each answer counts as `counts`
-    [B] says, and a broad prior around 1; 1 without any preference. One number cannot
-    overfit a few dozen answers, and keeps the order.
+    [B] says and a share is random, and a broad prior around 1; 1 without any
+    preference. One number cannot overfit a few dozen answers, and keeps the order.
     """
     kept = target != 0.5
     if not kept.any():
         return 1.0
     low, high = (math.log(limit) for limit in _TEMPERATURES)
     tried = torch.linspace(low, high, 400, dtype=torch.float64)  # [S]
-    logits = logit[kept].double() / tried.exp()[:, None]
+    logits = as_answered(logit[kept].double() / tried.exp()[:, None], error_share)
     wanted = target[kept].double().expand_as(logits)
     loss = binary_cross_entropy_with_logits(logits, wanted, reduction="none")
     cost = loss @ counts[kept].double() + 0.5 * (tried / _PRIOR_STD).square()
@@ -98,17 +102,22 @@ def fit_temperature(logit: Tensor, target: Tensor, counts: Tensor) -> float:
 
 
 def cooled_apart(
-    logit: Tensor, target: Tensor, counts: Tensor, group: Tensor
+    logit: Tensor,
+    target: Tensor,
+    counts: Tensor,
+    group: Tensor,
+    *,
+    error_share: float,
 ) -> Tensor:
-    """Held-out logits [B], each divided by the temperature of the answers of all groups
-    but its own, of `group` [B]: what fits a number is no measure of it."""
+    """Held-out logits [B] of answers, each at the temperature of the answers of all
+    groups but its own, of `group` [B]: what fits a number is no measure of it."""
     cooled = logit.clone()
     for own in group.unique():
         others = group != own
         cooled[~others] /= fit_temperature(
-            logit[others], target[others], counts[others]
+            logit[others], target[others], counts[others], error_share=error_share
         )
-    return cooled
+    return as_answered(cooled, error_share)
 
 
 def calibration(

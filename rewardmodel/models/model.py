@@ -26,7 +26,7 @@ from rewardmodel.scorer import Scorer
 
 from .fit_report import FitReport
 from .kinds import kind_called
-from .prediction import Prediction
+from .prediction import Prediction, as_answered
 
 _MIN_STD = 1e-4
 """Raw rewards, in logits, that vary less than this are no opinion."""
@@ -177,8 +177,9 @@ class RewardModel(nn.Module):
 
     def logit(self, left: ClipBatch, right: ClipBatch) -> Tensor:
         """Calibrated logit [B] that each left clip is called better."""
-        temperature = self.provenance.report.temperature
-        return self.prediction(left, right).logit / temperature
+        made = self.provenance
+        cooled = self.prediction(left, right).logit / made.report.temperature
+        return as_answered(cooled, made.cfg.error_share)
 
     def prediction(self, left: ClipBatch, right: ClipBatch) -> Prediction:
         """On left clips [B] beside the right ones."""

@@ -51,3 +51,12 @@ class Prediction:
     def put(self, where: Tensor, other: Prediction) -> None:
         """Take over `other` for the pairs in `where` [B] bool."""
         self.lead[where], self.variance[where] = other.lead, other.variance
+
+
+def as_answered(logit: Tensor, error_share: float) -> Tensor:
+    """Logit [...] that left is called better, where it is with `logit` [...] and a
+    share of the answers is random: however clear a pair, some are wrong about it."""
+    if error_share == 0.0:
+        return logit
+    meant = (1 - error_share) * logit.double().sigmoid()
+    return (meant + error_share / 2).logit().to(logit.dtype)

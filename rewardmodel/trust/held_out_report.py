@@ -35,7 +35,7 @@ from rewardmodel.measures.rater_reliability import Judged, judge
 from rewardmodel.models.fit_report import wilson_interval
 from rewardmodel.models.kinds import kind_called, prepare
 from rewardmodel.models.model import RewardModel
-from rewardmodel.models.prediction import Prediction
+from rewardmodel.models.prediction import Prediction, as_answered
 from rewardmodel.posterior.fit_posterior import probably_chance
 
 LEAST_SHARE = 0.6
@@ -201,7 +201,7 @@ def _summary(
     cfg: FitCfg,
 ) -> Foreseen:
     """Figures of held-out `pairs`, of which there is an `opinion`."""
-    lead, logit = opinion.lead, opinion.logit
+    lead, logit, share = opinion.lead, opinion.logit, cfg.error_share
     target = pairs.target if pairs else torch.empty(0)
     episodes = pairs.episodes if pairs else ()
     group = folds_of(episodes, cfg)[:, 0]
@@ -220,10 +220,12 @@ def _summary(
         by_command=_apart(commands, lead, target),
         by_round=_apart([str(r) for r in pairs.rounds] if pairs else [], lead, target),
         tie_separation=_tie_separation(lead.abs(), target == 0.5),
-        temperature=fit_temperature(logit, target, counts),
-        uncalibrated=calibration(logit, target, counts),
+        temperature=fit_temperature(logit, target, counts, error_share=share),
+        uncalibrated=calibration(as_answered(logit, share), target, counts),
         calibrated=calibration(
-            cooled_apart(logit, target, counts, group), target, counts
+            cooled_apart(logit, target, counts, group, error_share=share),
+            target,
+            counts,
         ),
     )
 

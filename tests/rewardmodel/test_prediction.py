@@ -8,7 +8,7 @@ from torch import Tensor
 
 from rewardmodel import FitCfg, fit_reward
 from rewardmodel.measures.calibration import calibration, fit_temperature
-from rewardmodel.models.prediction import Prediction
+from rewardmodel.models.prediction import Prediction, as_answered
 from tests.rewardmodel.test_fit import answered
 
 
@@ -70,6 +70,7 @@ def test_a_saved_temperature_is_that_of_the_probabilities() -> None:
     of_all = model.prediction(pairs.left, pairs.right)
     assert (of_all.variance > 0).all()
     assert of_all.lead.equal(model.lead(pairs.left, pairs.right))
-    expected = (of_all.logit / report.temperature).sigmoid()
+    share = model.provenance.cfg.error_share
+    expected = as_answered(of_all.logit / report.temperature, share).sigmoid()
     assert model.logit(pairs.left, pairs.right).sigmoid().equal(expected)
     assert (of_all.logit.abs() < of_all.lead.abs()).all()

@@ -13,6 +13,7 @@ from rewardmodel import FitCfg, fit_reward
 from rewardmodel.measures.calibration import calibration, counting, fit_temperature
 from rewardmodel.measures.held_out import held_out_predictions
 from rewardmodel.models.kinds import prepare
+from rewardmodel.models.prediction import as_answered
 from rewardmodel.trust.alarms import Reach, alarms, reach
 from rewardmodel.trust.held_out_report import Foreseen, accuracy_of, foresee, opinion_of
 from rewardmodel.trust.support import PIECE_STEPS, Drift, support_of
@@ -40,6 +41,22 @@ def test_the_temperature_undoes_overconfidence() -> None:
     assert before.ece > 0.1 > 0.04 > after.ece
     assert after.ece < 3 * after.ece_by_chance
     assert after.brier < before.brier
+
+
+def test_no_answer_is_surer_than_who_gives_it() -> None:
+    """Two fifths are random, of clear pairs as of close ones: one temperature makes
+    the clear ones too sure and the close ones too doubtful; with the share it is 1."""
+    logit = torch.linspace(-6, 6, 4000)
+    target = answers_to(as_answered(logit, 0.4))
+    alike = torch.ones(4000)
+    plain = calibration(logit / fit_temperature(logit, target, alike), target)
+    temperature = fit_temperature(logit, target, alike, error_share=0.4)
+    found = calibration(as_answered(logit / temperature, 0.4), target)
+    assert plain is not None
+    assert found is not None
+    assert temperature == pytest.approx(1.0, abs=0.15)
+    assert found.ece < 0.02 < 0.04 < plain.ece
+    assert as_answered(torch.tensor(50.0), 0.4).sigmoid() == pytest.approx(0.8)
 
 
 def test_answers_without_information_make_it_modest() -> None:
@@ -143,7 +160,9 @@ def test_questions_drawn_at_random_are_told_from_chosen_ones() -> None:
     prepared = prepare(pairs, cfg)
     asked, opinion = held_out_predictions(prepared, pairs.episodes, cfg, 0)
     counts = counting(pairs.at_random[asked], pairs.target[asked], erring=False)
-    expected = fit_temperature(opinion.logit, pairs.target[asked], counts)
+    expected = fit_temperature(
+        opinion.logit, pairs.target[asked], counts, error_share=cfg.error_share
+    )
     assert report.temperature == pytest.approx(expected, rel=1e-3)
 
 
