@@ -23,7 +23,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import torch
 import tyro
@@ -85,7 +85,8 @@ def wasteful(features: Tensor) -> Tensor:
     return 1.0 - low_energy(features)
 
 
-HABITS: dict[str, Habit] = {
+Name = Literal["posture", "feet", "rhythm", "effort", "speed"]
+HABITS: dict[Name, Habit] = {
     "posture": nose_down,
     "feet": front_feet,
     "rhythm": bound,
@@ -99,7 +100,7 @@ HABITS: dict[str, Habit] = {
 class Options:
     """Plant habits, and see what the runs say."""
 
-    habits: tuple[str, ...] = tuple(HABITS)
+    habits: tuple[Name, ...] = tuple(HABITS)
     """Only these."""
     seeds: int = 2
     """Runs of each."""
@@ -161,7 +162,7 @@ def planted_cfg(seed: int, *, quick: bool) -> LoopCfg:
     return replace(tiny(cfg), labels=20) if quick else cfg
 
 
-def run_planted(name: str, seed: int, work: Path, quick: bool) -> None:
+def run_planted(name: Name, seed: int, work: Path, quick: bool) -> None:
     """One run, and its row as a file."""
     torch.set_num_threads(1)
     cfg, habit = planted_cfg(seed, quick=quick), HABITS[name]
