@@ -60,6 +60,9 @@ class Places:
     """One JSON file for every finished row."""
     robot: Path | None = None
     """MJCF of the robot of cells that name one, or a policy.pt that it walks by."""
+    references: Path | None = None
+    """What rows are measured against, one file a task: it is trained once, and not on
+    every machine. None: it is trained among the runs, and kept nowhere else."""
     quick: bool = False
     """A version of thousands of steps; its figures mean nothing."""
 
@@ -101,7 +104,7 @@ def _row(
     last = load_policy(run / f"rounds/{cfg.rounds:02d}/policy/policy.pt")
     score = _score(cfg, last)
     learned = measure(last, last, score, episodes=places.episodes)
-    references = _references(cell, cfg, base, places)
+    references = references_of(cell, cfg, base, places)
     start, true = references["start"]["return_mean"], references["true"]["return_mean"]
     reports = [
         json.loads((run / f"rounds/{number:02d}/report.json").read_text())
@@ -181,7 +184,7 @@ def walking_base(cell: Cell, places: Places) -> Path:
     return _made_once(places.work / cell.of_robot("base"), make) / "policy.pt"
 
 
-def _references(
+def references_of(
     cell: Cell, cfg: LoopCfg, base: Path | None, places: Places
 ) -> dict[str, dict[str, Any]]:
     """Evaluations under the criterion: of the start, and of PPO that sees it.
@@ -190,6 +193,15 @@ def _references(
     as many steps with the same settings.
     """
     name = cell.of_robot(f"true-{cell.task}-{steps_of(cfg)}")
+    of = {
+        "base_sha256": None if base is None else load_policy(base).sha256,
+        "episodes": places.episodes,
+    }
+    kept = None if places.references is None else places.references / f"{name}.json"
+    if kept is not None and kept.exists():
+        known = json.loads(kept.read_text())
+        if known.pop("of") == of:
+            return known
 
     def make(out: Path) -> None:
         # A loop decides by its reward whether noise comes down; here whichever is
@@ -214,7 +226,12 @@ def _references(
         write_atomically(out / "references.json", json.dumps(found).encode())
 
     out = _made_once(places.work / name, make)
-    return json.loads((out / "references.json").read_text())
+    found = json.loads((out / "references.json").read_text())
+    if kept is not None:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        text = json.dumps({"of": of, **found}, indent=1) + "\n"
+        write_atomically(kept, text.encode())
+    return found
 
 
 def _train_on_criterion(

@@ -54,6 +54,8 @@ class Options:
     """Directory of the runs."""
     results: Path = Path("docs/results/preferences")
     """Directory of the finished rows."""
+    references: Path = Path("docs/results/references")
+    """Directory of what rows are measured against, trained once a task and base."""
     earlier: Path = Path("docs/results/earlier")
     """Directory of rows of earlier versions, of which the page tells those that were
     not run again."""
@@ -75,6 +77,7 @@ def run_cells(cells: list[Cell], options: Options) -> int:
         work=options.work,
         results=options.results,
         robot=options.robot[1] if options.robot else None,
+        references=None if options.quick else options.references,
         quick=options.quick,
     )
     places.results.mkdir(parents=True, exist_ok=True)

@@ -26,6 +26,7 @@ from benchmarks import (
     offpolicy_styles,
     options,
     preference_fresh,
+    preference_row,
     preferences,
     robots,
     team,
@@ -38,6 +39,7 @@ from benchmarks.preference_plan import (
     HELD_BACK,
     METHODS,
     SCRATCH_ONLY,
+    Cell,
     cfg_of,
     plan,
 )
@@ -218,6 +220,30 @@ def test_every_line_of_off_policy_is_one(
     assert found["steps_share_worst"] == pytest.approx(1 / 3)
     assert found["return_gain_by_priority_median"] == 0.5
     assert found["answers_share_median"] == 0.5
+
+
+def test_what_rows_are_measured_against_is_trained_once(tmp_path: Path) -> None:
+    """Of the same base and episodes; what is of another base is not taken."""
+    cell = Cell(task="trot", answers=20, rater="perfect", method="default", seed=0)
+    cfg = cfg_of(cell, WALK, quick=True)
+    places = preference_row.Places(
+        work=tmp_path / "work",
+        results=tmp_path / "rows",
+        references=tmp_path / "references",
+        quick=True,
+    )
+    found = preference_row.references_of(cell, cfg, WALK, places)
+    assert {"start", "true"} <= set(found)
+    kept = tmp_path / f"references/true-trot-{preference_row.steps_of(cfg)}.json"
+    elsewhere = replace(places, work=tmp_path / "elsewhere")
+    assert preference_row.references_of(cell, cfg, WALK, elsewhere) == found
+    assert not elsewhere.work.exists()
+    told = json.loads(kept.read_text())
+    told["of"]["base_sha256"] = "another"
+    told["true"]["return_mean"] = -1.0
+    kept.write_text(json.dumps(told))
+    assert preference_row.references_of(cell, cfg, WALK, places) == found
+    assert json.loads(kept.read_text())["true"] == found["true"]
 
 
 def test_robots_of_others(tmp_path: Path) -> None:
