@@ -168,21 +168,17 @@ def run_planted(name: Name, seed: int, work: Path, quick: bool) -> None:
     cfg, habit = planted_cfg(seed, quick=quick), HABITS[name]
     run = work / f"{name}-seed{seed}"
     run_loop(run, cfg, open_page=partial(_let_in, habit=habit, seed=seed))
-    row = {"habit": name, "seed": seed, **_row(run, cfg, habit)}
+    episodes = 8 if quick else EPISODES
+    row = {"habit": name, "seed": seed, **_row(run, cfg, habit, episodes)}
     write_atomically(_row_of(work, name, seed), json.dumps(row, indent=1).encode())
 
 
-def _row(run: Path, cfg: LoopCfg, habit: Habit) -> dict[str, Any]:
+def _row(run: Path, cfg: LoopCfg, habit: Habit, episodes: int) -> dict[str, Any]:
     rounds = [run / f"rounds/{number:02d}" for number in range(cfg.rounds + 1)]
     reports = [read_json(each / "report.json") for each in rounds]
     alarms = [report.get("trust", {}).get("alarms", []) for report in reports]
-    returns = [
-        _return_of(next(_policies(each)), habit, quick=cfg.labels < ANSWERS)
-        for each in rounds
-    ]
-    ends = _return_of(
-        rounds[-1] / "policy/policy.pt", habit, quick=cfg.labels < ANSWERS
-    )
+    returns = [_return_of(_trained(each), habit, episodes) for each in rounds]
+    ends = _return_of(rounds[-1] / "policy/policy.pt", habit, episodes)
     verdict = reports[-1].get("verdict", {}).get("word")
     return {
         "returns": [each / returns[0] for each in returns],
@@ -194,17 +190,15 @@ def _row(run: Path, cfg: LoopCfg, habit: Habit) -> dict[str, Any]:
     }
 
 
-def _policies(round: Path) -> Iterator[Path]:
+def _trained(round: Path) -> Path:
     """What a round trained, though it was not kept, else what it went on with."""
-    for folder in ("candidate", "policy"):
-        if (round / folder / "policy.pt").exists():
-            yield round / folder / "policy.pt"
+    waits = round / "candidate/policy.pt"
+    return waits if waits.exists() else round / "policy/policy.pt"
 
 
-def _return_of(file: Path, habit: Habit, *, quick: bool) -> float:
+def _return_of(file: Path, habit: Habit, episodes: int) -> float:
     policy = load_policy(file)
     score = score_of_criterion(partial(_without, habit))
-    episodes = 8 if quick else EPISODES
     return measure(policy, policy, score, episodes=episodes).return_mean
 
 
